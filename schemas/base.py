@@ -1,0 +1,61 @@
+"""What every message shares: the frozen base, and the vocabulary of its fields."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+__all__ = [
+    "MAX_NAME_LENGTH",
+    "Identifier",
+    "Message",
+    "Name",
+    "Page",
+    "Quantity",
+    "Timestamp",
+    "Vector3",
+]
+
+MAX_NAME_LENGTH = 200
+MAX_MAGNITUDE = 1e12
+"""No quantity of this field comes near it in any unit we accept, and its squares stay finite."""
+
+
+class Message(BaseModel):
+    """Base of all messages: immutable, unknown fields refused, NaN and infinity refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable() or text != text.strip():
+        raise ValueError("must be printable text without leading or trailing blanks")
+    return text
+
+
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterValidator(_printable)]
+"""Text that people read: printable, because databases and pages differ on what else they take."""
+
+Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
+"""The identifier of a stored resource."""
+
+Quantity = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
+"""A finite number whose square is finite too."""
+
+Vector3 = tuple[Quantity, Quantity, Quantity]
+"""Three components along x, y and z."""
+
+Timestamp = Annotated[datetime, Field(description="Time in UTC, ISO 8601.")]
+
+Item = TypeVar("Item", bound=Message)
+
+
+class Page(Message, Generic[Item]):
+    """One page of a listing, newest first."""
+
+    items: list[Item] = Field(description="The resources on this page, newest first.")
+    next: str | None = Field(
+        description="Value of `cursor` for the following page; null on the last page."
+    )

@@ -1,0 +1,139 @@
+"""A robot: its kinematics, and how the controller's angles relate to the model's."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import Identifier, Message, Name, Quantity, Timestamp
+
+__all__ = [
+    "MAX_JOINTS",
+    "DhModel",
+    "DhRow",
+    "Joint",
+    "JointMap",
+    "Robot",
+    "RobotDocument",
+    "RobotSummary",
+    "UrdfModel",
+    "Wrist",
+]
+
+MAX_JOINTS = 32
+MAX_URDF_CHARACTERS = 2 * 1024 * 1024
+
+
+class DhRow(Message):
+    """One row of a Denavit-Hartenberg table."""
+
+    a: Quantity = Field(description="Link length a.", json_schema_extra={"unit": "m"})
+    alpha: Quantity = Field(description="Link twist alpha.", json_schema_extra={"unit": "rad"})
+    d: Quantity = Field(description="Link offset d.", json_schema_extra={"unit": "m"})
+    theta: Quantity = Field(
+        description="Constant added to the joint's angle.", json_schema_extra={"unit": "rad"}
+    )
+    lower: Quantity | None = Field(
+        default=None, description="Lower joint limit, if known.", json_schema_extra={"unit": "rad"}
+    )
+    upper: Quantity | None = Field(
+        default=None, description="Upper joint limit, if known.", json_schema_extra={"unit": "rad"}
+    )
+
+
+class DhModel(Message):
+    """Kinematics as a Denavit-Hartenberg table; joints are named joint_1, joint_2, ..."""
+
+    format: Literal["dh"]
+    convention: Literal["standard", "modified"] = Field(
+        description="`standard`: rotate by theta, move d, move a, rotate alpha. "
+        "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
+    )
+    rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
+        description="One row a joint, from base to flange. All joints are revolute. "
+        "The flange frame is the last frame of the table."
+    )
+
+
+class UrdfModel(Message):
+    """Kinematics as a URDF document; only the chain from base to flange is used, meshes never."""
+
+    format: Literal["urdf"]
+    urdf: str = Field(
+        min_length=1,
+        max_length=MAX_URDF_CHARACTERS,
+        description="The document, xacro already expanded, at most 2 MiB.",
+        examples=['<robot name="arm">…</robot>'],
+    )
+    base: Name = Field(description="Link whose frame is R0, the robot's base frame.")
+    flange: Name = Field(description="Link whose frame is the flange frame.")
+
+
+Model = Annotated[UrdfModel | DhModel, Field(discriminator="format")]
+
+
+class JointMap(Message):
+    """Affine map: model angles = matrix · controller angles + offset."""
+
+    matrix: Annotated[
+        list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
+    ] = Field(description="n × n, invertible; dimensionless.")
+    offset: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] = Field(
+        description="n numbers.", json_schema_extra={"unit": "rad"}
+    )
+
+
+class RobotDocument(Message):
+    """A robot as it is posted, or as it stands in a campaign file."""
+
+    name: Name = Field(description="What people call this robot.", examples=["KR 240 cell 3"])
+    model: Model
+    joint_map: JointMap | None = Field(
+        default=None,
+        description="For coupled axes and flipped signs; the identity if absent.",
+    )
+
+
+class Joint(Message):
+    """One moving joint, in the order of the model."""
+
+    name: Name
+    lower: float | None = Field(
+        description="Lower limit of the model angle; null if unlimited.",
+        json_schema_extra={"unit": "rad"},
+    )
+    upper: float | None = Field(
+        description="Upper limit of the model angle; null if unlimited.",
+        json_schema_extra={"unit": "rad"},
+    )
+
+
+class Wrist(Message):
+    """Whether the last three axes meet in one point, which the decoupled method needs."""
+
+    spherical: bool
+    miss_distance: float | None = Field(
+        description="How far the last three axes pass from their nearest common point; "
+        "null where there is no such point.",
+        json_schema_extra={"unit": "m"},
+    )
+
+
+class RobotSummary(Message):
+    """A robot in a listing."""
+
+    id: Identifier
+    name: Name
+    joints: list[Joint]
+    created_at: Timestamp
+
+
+class Robot(RobotDocument):
+    """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
+
+    id: Identifier
+    joints: list[Joint]
+    wrist: Wrist
+    content_hash: str = Field(description="SHA-256 of the document as it was understood.")
+    created_at: Timestamp

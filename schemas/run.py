@@ -1,0 +1,244 @@
+"""A run: one identification of one measurement set, with its evidence and provenance."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from pydantic.config import JsonDict
+
+from schemas.base import Identifier, Message, Name, Timestamp
+from schemas.measurement_set import SetWarning
+from schemas.problem import Problem
+from schemas.robot import MAX_JOINTS
+
+__all__ = [
+    "Certificate",
+    "CombinationNotObservable",
+    "Goodness",
+    "Identifiability",
+    "JointResult",
+    "Method",
+    "Provenance",
+    "Residual",
+    "Run",
+    "RunOptions",
+    "RunRequest",
+    "RunResult",
+    "RunState",
+    "RunSummary",
+    "Weighting",
+]
+
+Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
+Weighting = Literal["covariance", "characteristic_length", "uniform"]
+RunState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+
+_COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
+_STIFFNESS: JsonDict = {"unit": "N.m/rad"}
+_LENGTH: JsonDict = {"unit": "m"}
+
+PositiveStiffness = Annotated[float, Field(ge=1.0, le=1e15)]
+StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
+
+
+class RunOptions(Message):
+    """How to identify. Every field has a default that suits three targets and a tracker."""
+
+    method: Method = Field(
+        default="partial_pose",
+        description="`complete_pose`: six rows a configuration, from at least three targets. "
+        "`partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm "
+        "from the wrist centre first, then the wrist; needs three targets and a spherical wrist.",
+    )
+    weighting: Weighting = Field(
+        default="covariance",
+        description="`covariance`: each row by what the readings are worth. "
+        "`characteristic_length`: translation divided by a length (complete pose only). "
+        "`uniform`: all rows alike in SI units.",
+    )
+    characteristic_length: Annotated[float, Field(ge=1e-3, le=1e3)] | None = Field(
+        default=None,
+        description="For that weighting; if absent, the length of least condition number.",
+        json_schema_extra=_LENGTH,
+    )
+    positive: bool = Field(
+        default=True, description="Constrain every compliance to be zero or positive."
+    )
+    stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=dict,
+        description="Least and greatest stiffness of a joint by its name, null for none. "
+        "A bounded joint is positive in any case.",
+        examples=[{"joint_2": [1e6, None]}],
+        json_schema_extra=_STIFFNESS,
+    )
+    loss: Literal["squared"] = Field(default="squared", description="Loss of a whitened residual.")
+    elasticity: Literal["joints"] = Field(default="joints", description="What bends.")
+    confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = Field(
+        default=0.95, description="Level of the intervals."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RunOptions:
+        if self.characteristic_length is not None and self.weighting != "characteristic_length":
+            raise ValueError(
+                "`characteristic_length` goes with weighting `characteristic_length` only: "
+                "leave it out or change the weighting"
+            )
+        for name, (least, greatest) in self.stiffness_bounds.items():
+            if least is not None and greatest is not None and least >= greatest:
+                raise ValueError(
+                    f"`stiffness_bounds` of {name}: the least stiffness must lie below the greatest"
+                )
+        return self
+
+
+class RunRequest(RunOptions):
+    """A run as it is posted."""
+
+    measurement_set_id: Identifier
+
+
+class JointResult(Message):
+    """What the readings say of one joint. A joint that is not observable has no numbers."""
+
+    name: Name
+    status: Literal["identified", "at_bound", "not_observable"]
+    compliance: float | None = Field(json_schema_extra=_COMPLIANCE)
+    stiffness: float | None = Field(
+        description="1 / compliance; null where the compliance is zero.",
+        json_schema_extra=_STIFFNESS,
+    )
+    standard_uncertainty: float | None = Field(
+        description="Of the compliance, from the covariance of the estimate without constraints.",
+        json_schema_extra=_COMPLIANCE,
+    )
+    compliance_interval: tuple[float, float] | None = Field(
+        description="Coverage interval from the covariance, cut at the constraints; null for a "
+        "joint at its bound.",
+        json_schema_extra=_COMPLIANCE,
+    )
+    stiffness_interval: tuple[float, float | None] | None = Field(
+        description="The same in stiffness; an upper end of null means: no upper limit.",
+        json_schema_extra=_STIFFNESS,
+    )
+    reason: str | None = Field(
+        description="Why there is no number, or why the joint is at a bound."
+    )
+
+
+class CombinationNotObservable(Message):
+    """Joints whose compliances appear in the readings only together."""
+
+    joints: list[Name]
+    message: str
+
+
+class Identifiability(Message):
+    """What the readings can determine."""
+
+    parameters: int = Field(description="Number of joints.")
+    rank: int = Field(description="Number of joints, or combinations, that are determined.")
+    condition_number: float | None = Field(
+        description="Of the weighted regressor, columns of unit norm, over the joints that the "
+        "readings see; null where it is not finite. Dimensionless."
+    )
+    singular_values: list[float] = Field(
+        description="Of the same matrix, largest first. Dimensionless."
+    )
+    combinations: list[CombinationNotObservable]
+
+
+class Certificate(Message):
+    """Proof of optimality, recomputed from the data. All numbers dimensionless; zero is exact."""
+
+    primal: float = Field(description="Largest violation of a bound, relative.")
+    dual: float = Field(description="Largest wrong-signed gradient, relative.")
+    complementarity: float = Field(description="Largest product of slack and gradient, relative.")
+    solved_by: Literal["least_squares", "clarabel", "active_set"] = Field(
+        description="Which step found the support: least squares without active bounds, Clarabel, "
+        "or the exact active-set method."
+    )
+
+
+class Goodness(Message):
+    """Chi-square of the readings' residuals under sigma."""
+
+    chi_square: float = Field(description="Sum of squared whitened residuals. Dimensionless.")
+    degrees_of_freedom: float
+    sigma_source: Literal["given", "residuals"] = Field(
+        description="Whether sigma was stated with the set or estimated from these residuals."
+    )
+
+
+class Residual(Message):
+    """One target in one observation."""
+
+    observation: Name
+    target: Name
+    deflection: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
+    predicted: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
+    residual: tuple[float, float, float] = Field(
+        description="Measured minus predicted, axes of R0.", json_schema_extra=_LENGTH
+    )
+
+
+class RunResult(Message):
+    """The numbers."""
+
+    joints: list[JointResult]
+    compensation: float = Field(
+        description="Share of the mean deflection that the model predicts: "
+        "1 - mean‖residual‖ / mean‖deflection‖. Dimensionless."
+    )
+    rms_residual: float = Field(
+        description="Root mean square of the residual vectors' lengths.", json_schema_extra=_LENGTH
+    )
+    sigma: float | None = Field(
+        description="Standard uncertainty of one coordinate of one reading; null where it was not "
+        "given and there are no residual degrees of freedom.",
+        json_schema_extra=_LENGTH,
+    )
+    goodness: Goodness
+    identifiability: Identifiability
+    certificate: list[Certificate] = Field(description="One a stage: two for the decoupled method.")
+    characteristic_length: float | None = Field(
+        description="The length that was used, if the weighting needs one.",
+        json_schema_extra=_LENGTH,
+    )
+    residuals: list[Residual]
+    warnings: list[SetWarning] = Field(description="What was noticed when the set was stored.")
+
+
+class Provenance(Message):
+    """What it takes to repeat a run and get the same numbers."""
+
+    versions: dict[str, str] = Field(description="Of this software and of what it computes with.")
+    input_hash: str = Field(description="SHA-256 of robot, readings and request.")
+    created_at: Timestamp
+    started_at: Timestamp | None
+    ended_at: Timestamp | None
+
+
+class RunSummary(Message):
+    """A run in a listing."""
+
+    id: Identifier
+    measurement_set_id: Identifier
+    robot_id: Identifier
+    method: Method
+    weighting: Weighting
+    positive: bool
+    state: RunState
+    created_at: Timestamp
+
+
+class Run(Message):
+    """A stored run. It never changes once ended."""
+
+    id: Identifier
+    state: RunState
+    request: RunRequest
+    result: RunResult | None = Field(description="Present if the run succeeded.")
+    error: Problem | None = Field(description="Present if the run failed.")
+    provenance: Provenance

@@ -1,0 +1,69 @@
+"""Every failure of the numerical core, arranged by what the caller can do about it.
+
+    JointstiffError
+    ├── InputError                 mend the input
+    │   ├── RobotError             ... the robot's description
+    │   └── MeasurementError       ... the measurement set
+    ├── RequestError               ask for something else
+    │   └── UnsupportedMethodError ... another method or weighting: the readings cannot support this one
+    ├── NotObservableError         measure more: no joint can be determined from these readings
+    └── SolverError                nobody's input is wrong: report it with the data
+
+All of them carry `where` (a path into the input, or None), `reason` and `remedy` as data, so that no one
+needs to parse a message.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "InputError",
+    "JointstiffError",
+    "MeasurementError",
+    "NotObservableError",
+    "RequestError",
+    "RobotError",
+    "SolverError",
+    "UnsupportedMethodError",
+]
+
+
+class JointstiffError(Exception):
+    """A failure that says where it happened, why, and what to do about it."""
+
+    def __init__(self, reason: str, *, remedy: str, where: str | None = None) -> None:
+        super().__init__(reason, remedy, where)
+        self.reason = reason
+        self.remedy = remedy
+        self.where = where
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return f"{place}{self.reason}; {self.remedy}"
+
+
+class InputError(JointstiffError):
+    """The input contradicts itself or physics; mend it."""
+
+
+class RobotError(InputError):
+    """The robot's description cannot be used."""
+
+
+class MeasurementError(InputError):
+    """The measurement set cannot be used."""
+
+
+class RequestError(JointstiffError):
+    """The request asks for what does not exist, such as a bound on an unknown joint."""
+
+
+class UnsupportedMethodError(RequestError):
+    """The readings or the robot cannot support the method or weighting that was asked for."""
+
+
+class NotObservableError(JointstiffError):
+    """The readings determine no joint at all."""
+
+
+class SolverError(JointstiffError):
+    """The convex solver or its certificate failed on data that passed every check."""
