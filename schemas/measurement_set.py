@@ -14,12 +14,14 @@ __all__ = [
     "MAX_TARGETS",
     "MeasurementSet",
     "MeasurementSetDocument",
+    "MeasurementSetHeader",
     "MeasurementSetRequest",
     "MeasurementSetSummary",
     "Noise",
     "Observation",
     "Reading",
     "SetWarning",
+    "StoredMeasurementSet",
     "Units",
 ]
 
@@ -100,8 +102,8 @@ class Observation(Message):
     readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS)]
 
 
-class MeasurementSetDocument(Message):
-    """A measurement set as it stands in a campaign file."""
+class MeasurementSetHeader(Message):
+    """What holds for all observations of a set."""
 
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
@@ -121,6 +123,10 @@ class MeasurementSetDocument(Message):
         description="Where the force acts, flange frame, in units.length; an observation may "
         "give its own.",
     )
+
+class MeasurementSetDocument(MeasurementSetHeader):
+    """A measurement set as it stands in a campaign file."""
+
     observations: Annotated[list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS)] = (
         Field(description=f"One to {MAX_OBSERVATIONS} observations.")
     )
@@ -161,10 +167,15 @@ class MeasurementSetSummary(Message):
     created_at: Timestamp
 
 
-class MeasurementSet(MeasurementSetRequest):
-    """A stored measurement set: what was posted, and what was noticed."""
+class StoredMeasurementSet(MeasurementSetHeader):
+    """A stored measurement set without its observations."""
 
+    robot_id: Identifier = Field(description="The robot that was measured.")
     id: Identifier
     warnings: list[SetWarning]
-    content_hash: str = Field(description="SHA-256 of the stored readings.")
+    content_hash: str = Field(description="SHA-256 of everything that was posted.")
     created_at: Timestamp
+
+
+class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
+    """A stored measurement set: what was posted, and what was noticed."""

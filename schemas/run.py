@@ -187,9 +187,9 @@ class RunResult(Message):
     """The numbers."""
 
     joints: list[JointResult]
-    compensation: float = Field(
+    compensation: float | None = Field(
         description="Share of the mean deflection that the model predicts: "
-        "1 - mean‖residual‖ / mean‖deflection‖. Dimensionless."
+        "1 - mean‖residual‖ / mean‖deflection‖; null where nothing moved. Dimensionless."
     )
     rms_residual: float = Field(
         description="Root mean square of the residual vectors' lengths.", json_schema_extra=_LENGTH

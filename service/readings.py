@@ -1,0 +1,188 @@
+"""The observations of a set as arrays: how they are stored, exactly as they were posted.
+
+Numbers keep the units of the set, so that what comes back is what was sent, bit for bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from schemas.measurement_set import MeasurementSetHeader, Observation, Reading
+from solver.exceptions import MeasurementError
+
+__all__ = ["ReadingArrays", "content_hash"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingArrays:
+    """N observations of up to T targets, in the units of their set.
+
+    Attributes:
+        labels: (N,) names of the observations.
+        targets: (T,) names of the targets, in order of first appearance.
+        joints: (N, n) controller angles.
+        force: (N, 3).
+        moment: (N, 3), zero where not given.
+        moment_given: (N,).
+        load_point: (N, 3), zero where not given.
+        load_point_given: (N,).
+        present: (N, T) which targets were read.
+        as_deflection: (N, T) which readings came as a deflection.
+        unloaded: (N, T, 3) positions in R0; zero for deflections.
+        loaded: (N, T, 3) positions in R0, or the deflection itself.
+    """
+
+    labels: npt.NDArray[np.str_]
+    targets: npt.NDArray[np.str_]
+    joints: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    moment_given: BoolArray
+    load_point: FloatArray
+    load_point_given: BoolArray
+    present: BoolArray
+    as_deflection: BoolArray
+    unloaded: FloatArray
+    loaded: FloatArray
+
+    @classmethod
+    def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
+        """Arrange the observations.
+
+        Raises:
+            MeasurementError: joints of different lengths, a label or a target given twice.
+        """
+        _refuse_ragged(observations)
+        _refuse_duplicate_labels(observations)
+        names = dict.fromkeys(r.target for o in observations for r in o.readings)
+        column = {name: i for i, name in enumerate(names)}
+        rows, columns, readings = _flatten(observations, column)
+        shape = (len(observations), len(names))
+        place = rows, columns
+        return cls(
+            labels=np.array([o.label for o in observations]),
+            targets=np.array(list(names)),
+            joints=np.array([o.joints for o in observations], dtype=np.float64),
+            force=np.array([o.force for o in observations], dtype=np.float64),
+            moment=np.array([o.moment or (0, 0, 0) for o in observations], dtype=np.float64),
+            moment_given=np.array([o.moment is not None for o in observations]),
+            load_point=np.array([o.load_point or (0, 0, 0) for o in observations], np.float64),
+            load_point_given=np.array([o.load_point is not None for o in observations]),
+            present=_scatter(shape, place, [True for _ in readings], np.bool_),
+            as_deflection=_scatter(shape, place, [r.deflection is not None for r in readings], np.bool_),
+            unloaded=_scatter((*shape, 3), place, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
+            loaded=_scatter((*shape, 3), place, [r.loaded or r.deflection for r in readings], np.float64),
+        )
+
+    def observations(self) -> list[Observation]:
+        """The observations as they were posted, readings in the order of `targets`."""
+        # The numbers were validated when they came in; validating 10,000 again is the cost of a run.
+        return [
+            Observation.model_construct(
+                label=str(self.labels[i]),
+                joints=self.joints[i].tolist(),
+                force=tuple(self.force[i].tolist()),
+                moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
+                load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
+                readings=[self._reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
+            )
+            for i in range(len(self.labels))
+        ]
+
+    def _reading(self, i: int, t: int) -> Reading:
+        loaded = tuple(self.loaded[i, t].tolist())
+        if self.as_deflection[i, t]:
+            return Reading.model_construct(target=str(self.targets[t]), deflection=loaded)
+        unloaded = tuple(self.unloaded[i, t].tolist())
+        return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded)
+
+    def pack(self) -> bytes:
+        """Serialise as npz, without pickles."""
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **self._arrays())
+        return buffer.getvalue()
+
+    @classmethod
+    def unpack(cls, blob: bytes) -> ReadingArrays:
+        """Read what `pack` wrote."""
+        with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
+            return cls(**{field.name: archive[field.name] for field in fields(cls)})
+
+    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def digest(self) -> bytes:
+        """SHA-256 of names, types, shapes and contents."""
+        digest = hashlib.sha256()
+        for name, array in self._arrays().items():
+            digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.digest()
+
+
+def content_hash(header: MeasurementSetHeader, readings: ReadingArrays) -> str:
+    """SHA-256 of a set: its header and its readings, not its name."""
+    text = header.model_dump_json(
+        include={"units", "encoders", "noise", "flange_targets", "load_point"}
+    )
+    return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
+
+
+def _flatten(
+    observations: list[Observation], column: dict[str, int]
+) -> tuple[list[int], list[int], list[Reading]]:
+    rows, columns, readings = [], [], []
+    seen = set[tuple[int, int]]()
+    for i, observation in enumerate(observations):
+        for k, reading in enumerate(observation.readings):
+            place = i, column[reading.target]
+            if place in seen:
+                raise MeasurementError(
+                    f"target '{reading.target}' is read twice in observation '{observation.label}'",
+                    where=f"observations[{i}].readings[{k}].target",
+                    remedy="give each target once an observation, or rename it",
+                )
+            seen.add(place)
+            rows.append(place[0])
+            columns.append(place[1])
+            readings.append(reading)
+    return rows, columns, readings
+
+
+def _scatter(
+    shape: tuple[int, ...], place: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
+) -> npt.NDArray[Any]:
+    out = np.zeros(shape, dtype=kind)
+    out[place] = values
+    return out
+
+
+def _refuse_ragged(observations: list[Observation]) -> None:
+    length = len(observations[0].joints)
+    for i, observation in enumerate(observations):
+        if len(observation.joints) != length:
+            raise MeasurementError(
+                f"{len(observation.joints)} joint angles where the first observation has {length}",
+                where=f"observations[{i}].joints",
+                remedy="give one angle for each joint of the robot in every observation",
+            )
+
+
+def _refuse_duplicate_labels(observations: list[Observation]) -> None:
+    first: dict[str, int] = {}
+    for i, observation in enumerate(observations):
+        if first.setdefault(observation.label, i) != i:
+            raise MeasurementError(
+                f"label '{observation.label}' is also that of observations[{first[observation.label]}]",
+                where=f"observations[{i}].label",
+                remedy="give every observation a label of its own",
+            )

@@ -1,0 +1,114 @@
+"""What the store takes and returns: one frozen dataclass a table, documents as JSON text.
+
+An *entry* is what a listing shows; a *record* is an entry with its contents. The names and the
+order of the fields are those of the columns in `service.tables`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import ClassVar, Generic, TypeVar
+
+__all__ = [
+    "AnyRecord",
+    "Entry",
+    "IdempotencyKey",
+    "MeasurementSetEntry",
+    "MeasurementSetRecord",
+    "Record",
+    "RecordPage",
+    "RobotRecord",
+    "RunEntry",
+    "RunRecord",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotRecord:
+    """A robot. Its document is small, so that a listing shows the record itself."""
+
+    title: ClassVar[str] = "robot"
+
+    id: str
+    name: str
+    created_at: datetime
+    """Aware, UTC, to the microsecond; so are all times of this module."""
+    content_hash: str
+    document: str
+    """JSON text of `schemas.robot.Robot`."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementSetEntry:
+    """A measurement set in a listing."""
+
+    title: ClassVar[str] = "measurement set"
+
+    id: str
+    robot_id: str
+    name: str
+    encoders: str
+    observation_count: int
+    warning_count: int
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementSetRecord(MeasurementSetEntry):
+    """A measurement set with its readings."""
+
+    content_hash: str
+    document: str
+    """JSON text of everything but the observations."""
+    arrays: bytes
+    """The observations' numbers (npz), which the store does not look into."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEntry:
+    """A run in a listing."""
+
+    title: ClassVar[str] = "run"
+
+    id: str
+    measurement_set_id: str
+    robot_id: str
+    method: str
+    weighting: str
+    positive: bool
+    state: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord(RunEntry):
+    """A run with its result."""
+
+    document: str
+    """JSON text of `schemas.run.Run`."""
+
+
+@dataclass(frozen=True, slots=True)
+class IdempotencyKey:
+    """What a client sent to make a repeated post harmless."""
+
+    key: str
+    """The header as it came, any text; the store keeps its hash only."""
+    body_hash: str
+    """Hash of the body that came with it."""
+
+
+AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord
+
+Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, RunRecord)
+Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, RunEntry)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordPage(Generic[Entry]):
+    """One page of a listing, newest first."""
+
+    records: tuple[Entry, ...]
+    next: str | None
+    """Cursor of the following page; none on the last one."""

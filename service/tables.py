@@ -1,0 +1,156 @@
+"""The tables. `service.migrations` builds them; a test holds the two together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from types import MappingProxyType
+from typing import Any
+
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Column,
+    DateTime,
+    Dialect,
+    ForeignKey,
+    Identity,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+)
+
+from service.records import (
+    AnyRecord,
+    MeasurementSetEntry,
+    MeasurementSetRecord,
+    RobotRecord,
+    RunEntry,
+    RunRecord,
+)
+
+__all__ = ["FILTERS", "PARENTS", "TABLES", "idempotency_keys", "metadata"]
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """An aware time, UTC on both databases: SQLite has no time zones, PostgreSQL has its own."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _: Dialect) -> datetime | None:
+        """Turn an aware time into UTC."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError("a stored time must have a time zone")
+        return value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, _: Dialect) -> datetime | None:
+        """Read UTC back."""
+        if value is None:
+            return None
+        return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
+
+
+def _listed(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table:
+    """A table of records: listed by `sequence`, newest first, within any one filter's value."""
+    return Table(
+        name,
+        metadata,
+        Column(
+            "sequence",
+            BigInteger().with_variant(Integer, "sqlite"),
+            Identity(always=True),
+            primary_key=True,
+        ),
+        Column("id", String, nullable=False, unique=True),
+        *columns,
+        *(Index(None, column, "sequence") for column in filters),
+    )
+
+
+_robots = _listed(
+    "robots",
+    Column("name", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("content_hash", String, nullable=False),
+    Column("document", Text, nullable=False),
+    filters=("name",),
+)
+
+_measurement_sets = _listed(
+    "measurement_sets",
+    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
+    Column("name", String, nullable=False),
+    Column("encoders", String, nullable=False),
+    Column("observation_count", Integer, nullable=False),
+    Column("warning_count", Integer, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("content_hash", String, nullable=False),
+    Column("document", Text, nullable=False),
+    Column("arrays", LargeBinary, nullable=False),
+    filters=("robot_id", "name", "encoders"),
+)
+
+_runs = _listed(
+    "runs",
+    Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
+    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
+    Column("method", String, nullable=False),
+    Column("weighting", String, nullable=False),
+    Column("positive", Boolean, nullable=False),
+    Column("state", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("document", Text, nullable=False),
+    filters=("measurement_set_id", "robot_id", "method", "weighting", "state"),
+)
+
+idempotency_keys = Table(
+    "idempotency_keys",
+    metadata,
+    Column("resource", String, primary_key=True),  # name of the table of what the key created
+    Column("key_hash", String, primary_key=True),  # SHA-256: a key may be any text of any length
+    Column("body_hash", String, nullable=False),
+    Column("resource_id", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+)
+
+TABLES: Mapping[type, Table] = MappingProxyType(
+    {
+        RobotRecord: _robots,
+        MeasurementSetEntry: _measurement_sets,
+        MeasurementSetRecord: _measurement_sets,
+        RunEntry: _runs,
+        RunRecord: _runs,
+    }
+)
+"""Where records and entries live."""
+
+FILTERS: Mapping[type, frozenset[str]] = MappingProxyType(
+    {kind: frozenset(index.columns[0].name for index in table.indexes) for kind, table in TABLES.items()}
+)
+"""The columns by which a listing can be narrowed: those that have an index."""
+
+PARENTS: Mapping[type, Mapping[str, type[AnyRecord]]] = MappingProxyType(
+    {
+        RobotRecord: {},
+        MeasurementSetRecord: {"robot_id": RobotRecord},
+        RunRecord: {"measurement_set_id": MeasurementSetRecord, "robot_id": RobotRecord},
+    }
+)
+"""What must be there before a record can be added: column → kind."""

@@ -1,0 +1,59 @@
+"""QR compression: a least-squares problem of any length becomes a small triangle (METHOD.md §5, step 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Compression"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Compression:
+    """The triangular factor of all rows added so far.
+
+    For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A c − d‖ = ‖T (c, −1)‖`` for
+    every c. Householder QR is backward stable column by column: columns of very different scale do
+    not disturb each other, which the normal equations would let them.
+    """
+
+    def __init__(self, width: int) -> None:
+        """Start without rows.
+
+        Args:
+            width: number of columns of the rows to come.
+        """
+        self._triangle: FloatArray = np.zeros((width, width))
+        self.rows = 0
+
+    def add(self, rows: FloatArray, *, count: int | None = None) -> None:
+        """Take in rows.
+
+        Args:
+            rows: (..., width); leading dimensions are flattened.
+            count: how many of them are readings, if some are padding of zeros; all if None.
+        """
+        flat = rows.reshape(-1, self._triangle.shape[1])
+        self._triangle = _triangle(np.concatenate([self._triangle, flat]))
+        self.rows += len(flat) if count is None else count
+
+    @property
+    def triangle(self) -> FloatArray:
+        """(width, width) upper triangular factor."""
+        return self._triangle
+
+    @property
+    def matrix(self) -> FloatArray:
+        """R (width, width − 1): the compressed regressor."""
+        return self._triangle[:, :-1]
+
+    @property
+    def rhs(self) -> FloatArray:
+        """z (width,): the compressed deflections."""
+        return self._triangle[:, -1]
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    factor: FloatArray = np.linalg.qr(rows, mode="r")
+    return factor

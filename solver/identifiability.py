@@ -1,0 +1,148 @@
+"""What the readings can say of each joint, and in words why they cannot (METHOD.md §6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from solver.regressor import RegressorBlock
+
+__all__ = ["Combination", "Exposure", "Identifiability", "analyse"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+NULL_COLUMN = 1e-9
+"""A column this small beside what the joint's levers allow is rounding, not information."""
+NULL_DIRECTION = 1e-10
+"""Singular values of the equilibrated regressor below this, relative to the first, count as zero."""
+_PARTICIPATES = 1e-6
+
+
+class Exposure:
+    """How far the load reaches each joint and the targets see it, over a whole set.
+
+    For each joint it compares what the load and targets did with what they could have done at the same
+    levers, had the force pulled across them. These ratios need no unit and no frame.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...]) -> None:
+        n = len(joint_names)
+        self._names = joint_names
+        self._torque, self._lever, self._column, self._potential = np.zeros((4, n))
+        self._motion = np.zeros(n)
+        self._deflection = 0.0
+
+    def add(self, block: RegressorBlock) -> None:
+        """Take in a block of observations."""
+        part = block.measurements
+        force = np.linalg.norm(part.force, axis=1)[:, None]
+        moment = np.linalg.norm(part.moment, axis=1)[:, None]
+        lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        motion = np.einsum(
+            "btij,btij,bt->bj", block.jacobian, block.jacobian, part.present.astype(float)
+        )
+        reach = (lever * force + moment) ** 2
+        self._torque += (block.torque**2).sum(axis=0)
+        self._lever += reach.sum(axis=0)
+        self._motion += motion.sum(axis=0)
+        self._column += (block.torque**2 * motion).sum(axis=0)
+        self._potential += (reach * motion).sum(axis=0)
+        self._deflection += float((part.deflection**2).sum())
+
+    @property
+    def null(self) -> BoolArray:
+        """(n,) joints whose columns hold no information: exact zeros up to rounding."""
+        blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
+        return blind | (self._column <= NULL_COLUMN**2 * self._potential)
+
+    @property
+    def reference_compliance(self) -> FloatArray:
+        """(n,) compliance that would explain all deflection by one joint, had it its full lever."""
+        with np.errstate(divide="ignore"):
+            return np.sqrt(np.float64(self._deflection) / self._potential)
+
+    def reason(self, joint: int) -> str:
+        """Say why a null joint is not observable."""
+        name = self._names[joint]
+        greatest = max(self._lever.max(), np.finfo(float).tiny)
+        untwisted = self._torque[joint] <= NULL_COLUMN**2 * max(self._lever[joint], greatest * 1e-6)
+        if untwisted:
+            return f"the load never twists {name}: add loads that twist it"
+        return f"no target moves when {name} turns: place a target away from its axis"
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Joints whose compliances appear in the readings only together."""
+
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Of the equilibrated, weighted regressor over the joints that the readings see.
+
+    Attributes:
+        parameters: number of joints.
+        rank: number of directions determined.
+        condition_number: ratio of the extreme singular values; inf if rank deficient.
+        singular_values: largest first, dimensionless.
+        combinations: groups that appear only together.
+    """
+
+    parameters: int
+    rank: int
+    condition_number: float
+    singular_values: FloatArray
+    combinations: tuple[Combination, ...]
+
+    @property
+    def combined(self) -> frozenset[int]:
+        """The joints that appear only in combination."""
+        return frozenset(joint for group in self.combinations for joint in group.joints)
+
+
+def analyse(R: FloatArray, columns: npt.NDArray[np.intp], parameters: int) -> Identifiability:
+    """Find rank, condition number and the joints that appear only in combination.
+
+    Args:
+        R: (m, p) weighted regressor, compressed, without null columns.
+        columns: (p,) the joint of each column.
+        parameters: number of joints, null ones included.
+
+    Returns:
+        The analysis, with joints numbered as in `columns`.
+    """
+    _, singular, Vt = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=True)
+    singular = np.pad(singular, (0, len(columns) - len(singular)))
+    weak = singular <= NULL_DIRECTION * singular[0]
+    rank = int((~weak).sum())
+    return Identifiability(
+        parameters=parameters,
+        rank=rank,
+        condition_number=float("inf") if weak.any() else float(singular[0] / singular[-1]),
+        singular_values=singular,
+        combinations=tuple(
+            Combination(tuple(int(columns[i]) for i in group)) for group in _groups(Vt[rank:])
+        ),
+    )
+
+
+def _groups(null_space: FloatArray) -> list[list[int]]:
+    """Split the coordinates that take part in a null space (k, p) into independent groups.
+
+    The projector onto the null space does not depend on its basis, and it is block diagonal over
+    groups that do not mix.
+    """
+    if not len(null_space):
+        return []
+    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    _, labels = connected_components(csr_array(linked), directed=False)
+    involved = linked.diagonal()
+    groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
+    return [group.tolist() for group in groups]

@@ -1,0 +1,167 @@
+"""From measurements to joint stiffnesses with their evidence: the whole path of METHOD.md §2-§6."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from solver.compression import Compression
+from solver.exceptions import NotObservableError, UnsupportedMethodError
+from solver.estimate import Estimate, assemble
+from solver.identifiability import Exposure
+from solver.measurements import Measurements
+from solver.methods import (
+    CompletePose,
+    DecoupledPartialPose,
+    LengthOfLeastCondition,
+    MethodAccumulator,
+    PartialPose,
+)
+from solver.pose import refuse_unless_posed
+from solver.problem import Bounds
+from solver.readings import target_readings
+from solver.regressor import regressor_blocks
+from solver.robot import Robot
+from solver.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
+
+__all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported"]
+
+Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
+Weighting = Literal["covariance", "characteristic_length", "uniform"]
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """How to identify.
+
+    Attributes:
+        method: see METHOD.md §4.
+        weighting: see METHOD.md §3; `characteristic_length` goes with the complete pose only.
+        characteristic_length: [m]; None for the length of least condition number.
+        bounds: on the compliances.
+        confidence: level of the intervals, between 0 and 1.
+    """
+
+    method: Method
+    weighting: Weighting
+    bounds: Bounds
+    characteristic_length: float | None = None
+    confidence: float = 0.95
+
+
+def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
+    """Identify the joint compliances.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method, weighting, bounds, confidence.
+
+    Returns:
+        The estimate, with a certificate of optimality.
+
+    Raises:
+        UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
+        NotObservableError: the readings determine no joint.
+        MeasurementError: an array is not what it should be.
+        SolverError: optimality could not be certified.
+    """
+    refuse_unsupported(robot, measurements, settings)
+    length = _characteristic_length(robot, measurements, settings)
+    method = _accumulator(robot, settings, length)
+    exposure, whitened = Exposure(robot.joint_names), Compression(robot.n + 1)
+    for block in regressor_blocks(robot, measurements):
+        exposure.add(block)
+        targets = target_readings(block)
+        whitened.add(targets.whitened(), count=targets.count)
+        method.add(block)
+    _refuse_if_blind(exposure, robot)
+    fit = method.fit(exposure.null, settings.bounds)
+    return assemble(
+        fit,
+        exposure,
+        whitened,
+        names=robot.joint_names,
+        sigma=measurements.sigma,
+        confidence=settings.confidence,
+        bounds=settings.bounds,
+        characteristic_length=length,
+    )
+
+
+def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
+    """Refuse what the readings or the robot cannot support, before any work is done.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: what is asked for.
+
+    Raises:
+        UnsupportedMethodError: saying what is missing.
+    """
+    if settings.method != "partial_pose":
+        refuse_unless_posed(measurements)
+    if settings.method == "decoupled_partial_pose":
+        spherical_wrist(robot)
+    if settings.weighting == "characteristic_length" and settings.method != "complete_pose":
+        raise UnsupportedMethodError(
+            f"{settings.method} has no rotations to weigh against translations",
+            where="weighting",
+            remedy="use weighting covariance, or method complete_pose",
+        )
+
+
+def spherical_wrist(robot: Robot) -> Wrist:
+    """The robot's wrist, which the decoupled method needs.
+
+    Raises:
+        UnsupportedMethodError: if the robot has none, with the miss distance.
+    """
+    wrist = find_wrist(robot)
+    if wrist is None or robot.n == WRIST_JOINTS:
+        raise UnsupportedMethodError(
+            f"{robot.n} joints do not make an arm with a wrist of three axes that meet",
+            where="method",
+            remedy="use method partial_pose",
+        )
+    if not wrist.spherical:
+        raise UnsupportedMethodError(
+            f"the last three axes miss each other by {1e3 * wrist.miss_distance:.3g} mm, more than "
+            f"{1e3 * WRIST_TOLERANCE:g} mm, so there is no wrist centre that stands still",
+            where="method",
+            remedy="use method partial_pose, or mend the robot's model",
+        )
+    return wrist
+
+
+def _accumulator(robot: Robot, settings: Settings, length: float | None) -> MethodAccumulator:
+    uniform = settings.weighting == "uniform"
+    if settings.method == "partial_pose":
+        return PartialPose(robot, uniform=uniform)
+    if settings.method == "complete_pose":
+        return CompletePose(robot, length=1.0 if uniform else length)
+    return DecoupledPartialPose(robot, spherical_wrist(robot), uniform=uniform)
+
+
+def _characteristic_length(
+    robot: Robot, measurements: Measurements, settings: Settings
+) -> float | None:
+    if settings.weighting != "characteristic_length" or settings.characteristic_length is not None:
+        return settings.characteristic_length
+    exposure, search = Exposure(robot.joint_names), LengthOfLeastCondition(robot)
+    for block in regressor_blocks(robot, measurements):
+        exposure.add(block)
+        search.add(block)
+    _refuse_if_blind(exposure, robot)
+    return search.length(exposure.null)
+
+
+def _refuse_if_blind(exposure: Exposure, robot: Robot) -> None:
+    if exposure.null.all():
+        reasons = "; ".join(exposure.reason(j).split(":")[0] for j in range(robot.n))
+        raise NotObservableError(
+            f"the readings determine no joint: {reasons}",
+            where="observations",
+            remedy="add loads that twist the joints, and targets away from their axes",
+        )

@@ -1,0 +1,58 @@
+"""Predicted deflections, and how much of what was measured they explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.measurements import Measurements
+from solver.regressor import regressor_blocks
+from solver.robot import Robot
+
+__all__ = ["Prediction", "predict"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Deflections of N observations of T targets, axes of R0 [m].
+
+    Attributes:
+        predicted: (N, T, 3) by the joint compliances.
+        residual: (N, T, 3) measured minus predicted; zero where a target was not read.
+        compensation: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved.
+        rms_residual: root mean square of ‖residual‖ [m].
+    """
+
+    predicted: FloatArray
+    residual: FloatArray
+    compensation: float | None
+    rms_residual: float
+
+
+def predict(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Prediction:
+    """Predict the deflections of the targets, ``δp_X = A_X c`` (METHOD.md §2).
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) [rad/(N·m)].
+
+    Returns:
+        The prediction beside the measurements.
+    """
+    predicted = np.concatenate(
+        [block.A @ compliance for block in regressor_blocks(robot, measurements)]
+    )
+    residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
+    left = np.linalg.norm(residual[measurements.present], axis=-1)
+    moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+    return Prediction(
+        predicted=predicted,
+        residual=residual,
+        compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
+        rms_residual=float(np.sqrt(np.mean(left**2))),
+    )

@@ -1,0 +1,92 @@
+"""The convex problem as data (METHOD.md §5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.exceptions import RequestError, SolverError
+
+__all__ = ["Bounds", "IdentificationProblem"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds on the compliances [rad/(N·m)]; -inf and inf where there is none.
+
+    Attributes:
+        lower: (n,) least compliances.
+        upper: (n,) greatest compliances.
+
+    Raises:
+        RequestError: if a lower bound is not below its upper bound, or is NaN.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def __post_init__(self) -> None:
+        if not (self.lower < self.upper).all():
+            raise RequestError(
+                "a lower bound is not below its upper bound",
+                where="stiffness_bounds",
+                remedy="give the least stiffness first, then the greatest",
+            )
+
+    @classmethod
+    def unconstrained(cls, n: int) -> Bounds:
+        """No bounds at all."""
+        return cls(np.full(n, -np.inf), np.full(n, np.inf))
+
+    @classmethod
+    def positive(cls, n: int) -> Bounds:
+        """Compliance zero or positive: no joint bends against its load."""
+        return cls(np.zeros(n), np.full(n, np.inf))
+
+    def select(self, columns: npt.NDArray[np.intp]) -> Bounds:
+        """The bounds of some of the parameters."""
+        return Bounds(self.lower[columns], self.upper[columns])
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationProblem:
+    """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper.
+
+    Attributes:
+        R: (m, n) compressed, weighted regressor; every column has a positive norm.
+        z: (m,) compressed, weighted deflections.
+        bounds: of the n compliances.
+
+    Raises:
+        SolverError: if a number is not finite, shapes disagree, or a column is zero.
+    """
+
+    R: FloatArray
+    z: FloatArray
+    bounds: Bounds
+
+    def __post_init__(self) -> None:
+        shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}
+        if len(shapes) != 1 or self.R.shape[:1] != self.z.shape:
+            raise SolverError("shapes disagree", remedy="report this with the data")
+        if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
+            raise SolverError(
+                "the regressor overflows", remedy="check the units and magnitudes of the readings"
+            )
+        if not (self.column_norms > 0).all():
+            raise SolverError(
+                "a parameter has no effect on the readings", remedy="report this with the data"
+            )
+
+    @property
+    def column_norms(self) -> FloatArray:
+        """(n,) norms of the columns of R, which equilibrate it."""
+        largest = np.abs(self.R).max(axis=0, initial=0.0)
+        # Scaled first: the squares of a column in other units may under- or overflow.
+        safe = np.where(largest > 0, largest, 1.0)
+        norms: FloatArray = np.linalg.norm(self.R / safe, axis=0) * largest
+        return norms

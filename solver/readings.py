@@ -1,0 +1,160 @@
+"""What each method makes of the readings: linear functions of them, with their covariance (METHOD.md §4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.compression import Compression
+from solver.pose import RigidDisplacement, skew
+from solver.regressor import RegressorBlock, whitener
+
+__all__ = [
+    "DerivedReadings",
+    "Stage",
+    "pose_readings",
+    "scaled_inverse",
+    "target_readings",
+    "wrist_centre_readings",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedReadings:
+    """K groups of m rows ``y = A c + noise`` derived linearly from the readings.
+
+    Attributes:
+        A: (K, m, n) regressor.
+        y: (K, m) derived reading.
+        whitener: (m, m) or (K, m, m) matrix W with ``cov(y) = (Wᵀ W)⁻¹`` in units of sigma².
+        count: how many of the K m rows are readings, the others being padding of zeros.
+    """
+
+    A: FloatArray
+    y: FloatArray
+    whitener: FloatArray
+    count: int
+
+    def select(self, columns: npt.NDArray[np.intp]) -> DerivedReadings:
+        """The same rows for some of the parameters, in the given order."""
+        return replace(self, A=self.A[..., columns])
+
+    def whitened(self) -> FloatArray:
+        """(K, m, n + 1) rows W [A y], of unit covariance where the model holds."""
+        augmented = np.concatenate([self.A, self.y[..., None]], axis=-1)
+        if self.whitener.ndim == 2:
+            return np.einsum("ij,kjn->kin", self.whitener, augmented)
+        return self.whitener @ augmented
+
+    def weighted(self, root_weight: FloatArray) -> FloatArray:
+        """(K, m, n + 1) rows diag(s) [A y] for the root weights s (m,)."""
+        augmented = np.concatenate([self.A, self.y[..., None]], axis=-1)
+        return augmented * root_weight[:, None]
+
+    def spread(self, root_weight: FloatArray) -> FloatArray:
+        """(K, m, n) rows W⁻ᵀ diag(s²) A, whose Gram matrix is AᵀΩ cov(y) Ω A with Ω = diag(s²)."""
+        scaled: FloatArray = self.A * (root_weight**2)[:, None]
+        inverse_transposed = np.swapaxes(np.linalg.inv(self.whitener), -1, -2)
+        return inverse_transposed @ scaled
+
+
+class Stage:
+    """One least-squares problem over n parameters, compressed as its rows come in.
+
+    With `root_weight` None the rows are weighted by their covariance (METHOD.md §3); otherwise by the
+    given (m,) factors, and the covariance of the estimate is the sandwich that such weights leave.
+    """
+
+    def __init__(self, parameters: int, root_weight: FloatArray | None) -> None:
+        self._root_weight = root_weight
+        self.rows = Compression(parameters + 1)
+        self._spread = Compression(parameters)
+
+    def add(self, readings: DerivedReadings) -> None:
+        """Take in rows."""
+        if self._root_weight is None:
+            self.rows.add(readings.whitened(), count=readings.count)
+        else:
+            self.rows.add(readings.weighted(self._root_weight), count=readings.count)
+            self._spread.add(readings.spread(self._root_weight))
+
+    def covariance(self, columns: npt.NDArray[np.intp]) -> FloatArray:
+        """Covariance of the unconstrained estimate of some columns, the others being known.
+
+        Args:
+            columns: (p,) which parameters are estimated.
+
+        Returns:
+            (p, p) in units of sigma²: (AᵀΣ⁻¹A)⁻¹, or the sandwich for other weights.
+        """
+        inverse = scaled_inverse(self.rows.matrix[:, columns])
+        if self._root_weight is None:
+            return inverse @ inverse.T
+        half = inverse @ inverse.T @ self._spread.triangle[:, columns].T
+        return half @ half.T
+
+
+def scaled_inverse(R: FloatArray) -> FloatArray:
+    """Pseudo-inverse with columns brought to unit norm first, so that units do not decide the rank."""
+    scale = np.linalg.norm(R, axis=0)
+    inverse: FloatArray = np.linalg.pinv(R / scale) / scale[:, None]
+    return inverse
+
+
+def target_readings(block: RegressorBlock) -> DerivedReadings:
+    """Partial pose: three rows a target, positions only."""
+    part = block.measurements
+    _, _, _, n = block.A.shape
+    weights = whitener(part.covariance)
+    return DerivedReadings(
+        A=block.A.reshape(-1, 3, n),
+        y=part.deflection.reshape(-1, 3),
+        whitener=weights if weights.ndim == 2 else weights.reshape(-1, 3, 3),
+        count=3 * int(part.present.sum()),
+    )
+
+
+def pose_readings(block: RegressorBlock, displacement: RigidDisplacement) -> DerivedReadings:
+    """Complete pose: translation of the reference point and rotation, six rows a configuration."""
+    linear = block.configurations.jacobian_at(displacement.reference[:, None])[:, 0]
+    jacobian = np.concatenate([linear, block.configurations.angular_jacobian], axis=1)
+    return DerivedReadings(
+        A=jacobian * block.torque[:, None],
+        y=displacement.x,
+        whitener=displacement.factor,
+        count=displacement.x.size,
+    )
+
+
+def wrist_centre_readings(
+    block: RegressorBlock, displacement: RigidDisplacement, centre: FloatArray
+) -> tuple[DerivedReadings, FloatArray]:
+    """Decoupled, stage 1: the rigid displacement carried to P_wrist, three rows a configuration.
+
+    Args:
+        block: B observations.
+        displacement: of the same observations.
+        centre: (3,) P_wrist in the flange frame [m].
+
+    Returns:
+        The derived readings for all n joints, and (B, 3, 3T) the matrix that makes them of the
+        whitened readings; its columns follow `RigidDisplacement.basis`.
+    """
+    points = block.configurations.to_base(np.broadcast_to(centre, (len(block.torque), 1, 3)))
+    arm = points[:, 0] - displacement.reference
+    extrapolation = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], 2)
+    # y = E x, cov(x) = (RᵀR)⁻¹, hence cov(y) = (E R⁻¹)(E R⁻¹)ᵀ.
+    half = np.linalg.solve(displacement.factor.transpose(0, 2, 1), extrapolation.transpose(0, 2, 1))
+    half = half.transpose(0, 2, 1)
+    jacobian = block.configurations.jacobian_at(points)[:, 0]
+    readings = DerivedReadings(
+        A=jacobian * block.torque[:, None],
+        y=np.einsum("bij,bj->bi", extrapolation, displacement.x),
+        whitener=np.linalg.inv(np.linalg.qr(half.transpose(0, 2, 1), mode="r")).transpose(0, 2, 1),
+        count=3 * len(arm),
+    )
+    return readings, half @ displacement.basis.transpose(0, 2, 1)

@@ -1,0 +1,248 @@
+"""The one door to the solver: cvxpy states the problem, Clarabel solves it, exact algebra polishes it.
+
+The recipe is METHOD.md §5. Columns and right-hand side are brought to unit norm, so that neither the units
+nor twelve decades between the joints matter. A quadratic program's answer is exact once its *support* (the
+parameters away from their bounds) is known: least squares on the support, accepted only if the
+optimality conditions hold in the data.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import cvxpy as cp
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+
+from solver.exceptions import SolverError
+from solver.problem import IdentificationProblem
+
+__all__ = ["CERTIFICATE_TOLERANCE", "Certificate", "Solution", "solve"]
+
+FloatArray = npt.NDArray[np.float64]
+Support = npt.NDArray[np.int8]
+SupportFinder = Literal["least_squares", "clarabel", "active_set"]
+
+CERTIFICATE_TOLERANCE = 1e-12
+"""Greatest relative violation of an optimality condition that is taken for rounding."""
+
+_CLARABEL = {
+    "tol_gap_abs": 1e-13,
+    "tol_gap_rel": 1e-13,
+    "tol_feas": 1e-13,
+    "tol_ktratio": 1e-9,
+    "max_iter": 200,
+}
+"""Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
+
+_FREE, _LOWER, _UPPER = 0, -1, 1
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Violation of the optimality conditions, dimensionless, from the data alone.
+
+    Attributes:
+        primal: greatest violation of a bound, in equilibrated variables.
+        dual: greatest gradient of the wrong sign at a bound, or of any sign off the bounds; a gradient
+            is the cosine between a column and the residual, times ‖residual‖/‖z‖.
+        complementarity: greatest min(multiplier, slack).
+        solved_by: what found the support.
+    """
+
+    primal: float
+    dual: float
+    complementarity: float
+    solved_by: SupportFinder
+
+    @property
+    def holds(self) -> bool:
+        """Whether all violations are rounding."""
+        return max(self.primal, self.dual, self.complementarity) <= CERTIFICATE_TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The optimum of an `IdentificationProblem`.
+
+    Attributes:
+        compliance: (n,) [rad/(N·m)].
+        active: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0.
+        certificate: evidence that it is the optimum.
+    """
+
+    compliance: FloatArray
+    active: Support
+    certificate: Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """The problem in equilibrated variables: unit columns, unit right-hand side."""
+
+    A: FloatArray
+    b: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def solve(problem: IdentificationProblem) -> Solution:
+    """Solve a problem exactly and prove it.
+
+    Args:
+        problem: finite, with non-zero columns.
+
+    Returns:
+        The optimum with its certificate. Where R is rank deficient the fitted R c is unique, but c
+        is one of many; see `solver.identifiability`.
+
+    Raises:
+        SolverError: if no candidate satisfies the optimality conditions.
+    """
+    column_norms = problem.column_norms
+    size = float(np.linalg.norm(problem.z)) or 1.0
+    unit = size / column_norms
+    scaled = _Scaled(
+        problem.R / column_norms,
+        problem.z / size,
+        problem.bounds.lower / unit,
+        problem.bounds.upper / unit,
+    )
+    finders: tuple[tuple[SupportFinder, Callable[[_Scaled], Support | None]], ...] = (
+        ("least_squares", _support_without_bounds),
+        ("clarabel", _support_from_clarabel),
+        ("active_set", _support_from_active_set),
+    )
+    for name, find in finders:
+        active = find(scaled)
+        if active is None:
+            continue
+        x = _polish(scaled, active)
+        certificate = _certify(scaled, x, name)
+        if certificate.holds:
+            return Solution(_exactly_at_bounds(x * unit, active, problem), active, certificate)
+    raise SolverError(
+        f"no solution satisfies the optimality conditions to {CERTIFICATE_TOLERANCE:g} "
+        f"(primal {certificate.primal:.1e}, dual {certificate.dual:.1e})",
+        remedy="report this with the data",
+    )
+
+
+def _exactly_at_bounds(
+    c: FloatArray, active: Support, problem: IdentificationProblem
+) -> FloatArray:
+    """Undo the rounding of the scaling, so that a zero is a zero and no compliance is below it."""
+    bounds = problem.bounds
+    c = np.where(active == _LOWER, bounds.lower, np.where(active == _UPPER, bounds.upper, c))
+    return np.clip(c, bounds.lower, bounds.upper)
+
+
+def _polish(scaled: _Scaled, active: Support) -> FloatArray:
+    """Least squares on the support, the other parameters exactly at their bounds."""
+    x = np.where(active == _LOWER, scaled.lower, np.where(active == _UPPER, scaled.upper, 0.0))
+    free = active == _FREE
+    if free.any():
+        x[free] = np.linalg.lstsq(scaled.A[:, free], scaled.b - scaled.A @ x, rcond=None)[0]
+    return x
+
+
+def _certify(scaled: _Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
+    """Evaluate the conditions of Karush, Kuhn and Tucker at x, whatever led to it."""
+    gradient = scaled.A.T @ (scaled.A @ x - scaled.b)
+    below, above = x - scaled.lower, scaled.upper - x
+    # The multiplier of a lower bound is the positive part of the gradient, of an upper the negative.
+    wrong = np.where(below <= 0, -gradient, np.where(above <= 0, gradient, np.abs(gradient)))
+    product = np.maximum(
+        np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
+    )
+    size = max(1.0, float(np.abs(x).max()))
+    return Certificate(
+        primal=max(0.0, float(-np.minimum(below, above).min())) / size,
+        dual=max(0.0, float(wrong.max())) / size,
+        complementarity=max(0.0, float(product.max())) / size,
+        solved_by=solved_by,
+    )
+
+
+def _support_without_bounds(scaled: _Scaled) -> Support:
+    """If plain least squares respects the bounds it is the optimum, and no cone solver is needed."""
+    return np.zeros(len(scaled.lower), dtype=np.int8)
+
+
+def _support_from_clarabel(scaled: _Scaled) -> Support | None:
+    """A parameter is at a bound where its multiplier exceeds its slack; None if Clarabel fails."""
+    x = _clarabel(scaled)
+    if x is None:
+        return None
+    gradient = scaled.A.T @ (scaled.A @ x - scaled.b)
+    active = np.zeros(len(x), dtype=np.int8)
+    active[gradient > x - scaled.lower] = _LOWER
+    active[-gradient > scaled.upper - x] = _UPPER
+    return active
+
+
+def _support_from_active_set(scaled: _Scaled) -> Support:
+    """Exact active-set least squares (Stark & Parker's BVLS), for ties that an interior point blurs."""
+    outcome = lsq_linear(
+        scaled.A, scaled.b, bounds=(scaled.lower, scaled.upper), method="bvls", tol=1e-15
+    )
+    return np.asarray(outcome.active_mask, dtype=np.int8)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parametrised:
+    """The problem for one size, compiled once by cvxpy; `lock` because a cvxpy problem is mutable."""
+
+    problem: cp.Problem
+    x: cp.Variable
+    A: cp.Parameter
+    b: cp.Parameter
+    below: tuple[cp.Parameter, cp.Parameter]
+    above: tuple[cp.Parameter, cp.Parameter]
+    lock: threading.Lock
+
+
+@lru_cache(maxsize=64)
+def _parametrised(rows: int, columns: int) -> _Parametrised:
+    x, r = cp.Variable(columns), cp.Variable(rows)
+    A, b = cp.Parameter((rows, columns)), cp.Parameter(rows)
+    # A bound that does not exist has selector 0 and limit 0: 0 x ≥ 0 always holds.
+    below = cp.Parameter(columns, nonneg=True), cp.Parameter(columns)
+    above = cp.Parameter(columns, nonneg=True), cp.Parameter(columns)
+    problem = cp.Problem(
+        cp.Minimize(cp.sum_squares(r)),
+        [
+            r == A @ x - b,
+            cp.multiply(below[0], x) >= below[1],
+            cp.multiply(above[0], x) <= above[1],
+        ],
+    )
+    return _Parametrised(problem, x, A, b, below, above, threading.Lock())
+
+
+def _clarabel(scaled: _Scaled) -> FloatArray | None:
+    """Solve by Clarabel; any status but `optimal` is a failure, whatever values it leaves behind."""
+    compiled = _parametrised(*scaled.A.shape)
+    with compiled.lock, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an inaccurate answer is recognised by its status below
+        compiled.A.value, compiled.b.value = scaled.A, scaled.b
+        for (selector, limit), bound in (
+            (compiled.below, scaled.lower),
+            (compiled.above, scaled.upper),
+        ):
+            exists = np.isfinite(bound)
+            selector.value, limit.value = exists.astype(float), np.where(exists, bound, 0.0)
+        try:
+            compiled.problem.solve(solver=cp.CLARABEL, **_CLARABEL)
+        except cp.SolverError:
+            return None
+        status, value = compiled.problem.status, compiled.x.value
+    if status != cp.OPTIMAL or value is None or not np.isfinite(value).all():
+        return None
+    return np.asarray(value, dtype=np.float64)

@@ -1,0 +1,86 @@
+"""Fixtures that several packages' tests share: databases, real ones."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import subprocess
+import tempfile
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psycopg
+import pytest
+
+REQUIRE_POSTGRESQL = "JOINTSTIFF_REQUIRE_POSTGRESQL"
+
+
+@pytest.fixture(scope="session")
+def postgresql_url() -> Iterator[str]:
+    """A PostgreSQL server of our own, reached through a socket in a folder of its own."""
+    binaries = _postgresql_binaries()
+    folder = Path(tempfile.mkdtemp(prefix="jointstiff-pg-"))
+    if os.geteuid() == 0:  # the server refuses to run as root
+        shutil.chown(folder, "postgres", "postgres")
+
+    def run(program: str, *arguments: str) -> None:
+        command = [str(binaries / program), "-D", str(folder / "data"), *arguments]
+        if os.geteuid() == 0:
+            command = ["setpriv", "--reuid=postgres", "--regid=postgres", "--init-groups", *command]
+        log = folder / "log"
+        with log.open("a") as output:  # a file: the server would hold a pipe open
+            done = subprocess.run(command, cwd=folder, stdout=output, stderr=output, check=False, timeout=60)
+        assert done.returncode == 0, log.read_text()
+
+    try:
+        run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
+        run("pg_ctl", "start", "-w", "-o", f"-k {folder} -c listen_addresses=''")
+        try:
+            yield f"postgresql://postgres@/postgres?host={folder}"
+        finally:
+            run("pg_ctl", "stop", "-w", "-m", "immediate")
+    finally:
+        shutil.rmtree(folder)
+
+
+@pytest.fixture(scope="session")
+def new_postgresql_database(postgresql_url: str) -> Callable[..., str]:
+    """Call it for the URL of a fresh, empty database on that server."""
+    numbers = itertools.count(1)
+
+    def create(options: str = "") -> str:
+        name = f"test_{next(numbers)}"
+        with psycopg.connect(postgresql_url, autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name} {options}")
+        return postgresql_url.replace("/postgres?", f"/{name}?")
+
+    return create
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A fresh, empty database, one of each kind.
+
+    On PostgreSQL it is a schema of its own, the only one on the search path: a program sees no
+    difference, and it is there in a millisecond instead of 150.
+    """
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    url: str = request.getfixturevalue("postgresql_url")
+    schema = f"test_{uuid.uuid4().hex}"
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute(f"CREATE SCHEMA {schema}")
+    return f"{url}&options=-csearch_path%3D{schema}"
+
+
+def _postgresql_binaries() -> Path:
+    installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
+    found = installed[-1] if installed else shutil.which("initdb")
+    if found:
+        return Path(found).parent
+    reason = "no PostgreSQL server here: apt-get install postgresql"
+    if os.environ.get(REQUIRE_POSTGRESQL) == "1":
+        pytest.fail(f"{reason} ({REQUIRE_POSTGRESQL}=1)")
+    pytest.skip(reason)

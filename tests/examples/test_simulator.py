@@ -1,0 +1,579 @@
+"""The simulator against physics that it does not contain: energy, closed forms, pinocchio."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+import examples
+from examples.equilibrium import torque_derivative
+from examples.simulator import (
+    LOAD_POINT,
+    TARGETS,
+    EquilibriumError,
+    SpringArm,
+    default_arm,
+    default_targets,
+    deflections,
+    equilibrium,
+    experiment_of,
+    linear_deflections,
+    plan_experiment,
+    random_configurations,
+    simulate_campaign,
+    simulate_positions,
+    torques,
+    truth,
+)
+from examples.urdf import roll_pitch_yaw, urdf_text
+
+NOTHING = (0.0, 0.0, 0.0)
+POINTS = np.array(list(TARGETS.values()))
+FORCE = np.array([900.0, -700.0, -1100.0])
+MOMENT = np.array([300.0, 500.0, -400.0])
+
+
+def skew_arm(joints: int = 5, seed: int = 3) -> SpringArm:
+    """Axes and flange in no particular direction, springs soft enough for large deflections."""
+    rng = np.random.default_rng(seed)
+    directions = rng.standard_normal((joints, 3))
+    return SpringArm(
+        axis_points=rng.uniform(-1.0, 1.0, (joints, 3)),
+        axis_directions=directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        flange_rotation=Rotation.random(rng=rng).as_matrix(),
+        flange_translation=rng.uniform(-1.0, 1.0, 3),
+        stiffnesses=rng.uniform(2e4, 6e4, joints),
+    )
+
+
+def lever(length: float, stiffness: float) -> SpringArm:
+    """A horizontal lever along x that turns about y; positive angles lower its end."""
+    return SpringArm(
+        axis_points=np.zeros((1, 3)),
+        axis_directions=np.array([[0.0, 1.0, 0.0]]),
+        flange_rotation=np.eye(3),
+        flange_translation=np.array([length, 0.0, 0.0]),
+        stiffnesses=np.array([stiffness]),
+    )
+
+
+def planar_arm(stiffnesses: list[float]) -> SpringArm:
+    """Parallel axes along z, a metre apart along x."""
+    n = len(stiffnesses)
+    return SpringArm(
+        axis_points=np.column_stack([np.arange(n), np.zeros(n), np.zeros(n)]).astype(float),
+        axis_directions=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        flange_rotation=np.eye(3),
+        flange_translation=np.array([float(n), 0.0, 0.0]),
+        stiffnesses=np.array(stiffnesses),
+    )
+
+
+ARMS = {
+    "spherical wrist": default_arm(),
+    "secondary encoders": default_arm("secondary"),
+    "offset wrist": default_arm(wrist_offset=0.12),
+    "skew axes": skew_arm(),
+}
+every_arm = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS.keys())
+
+
+def pinocchio_model(arm: SpringArm) -> tuple[pin.Model, pin.Data, int]:
+    model = pin.buildModelFromXML(urdf_text(arm))
+    assert list(model.names)[1:] == list(arm.joint_names)
+    assert model.existFrame("flange")
+    return model, model.createData(), model.getFrameId("flange")
+
+
+def pinocchio_torques(arm, q, force, moment, load_point):
+    """Joint torques from pinocchio's Jacobian, moved from the flange to the load point."""
+    model, data, flange = pinocchio_model(arm)
+    J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL_WORLD_ALIGNED)
+    lever_arm = data.oMf[flange].rotation @ load_point
+    return J[:3].T @ force + J[3:].T @ (moment + np.cross(lever_arm, force))
+
+
+class TestKinematics:
+    @every_arm
+    def test_the_urdf_describes_the_same_arm(self, arm):
+        model, data, flange = pinocchio_model(arm)
+        for q in random_configurations(arm, 10, seed=4):
+            posture = arm.posture(q)
+            pin.framesForwardKinematics(model, data, q)
+            placement = data.oMf[flange]
+            assert posture.flange_rotation == pytest.approx(placement.rotation, abs=1e-13)
+            assert posture.flange_translation == pytest.approx(placement.translation, abs=1e-13)
+
+    def test_the_urdf_states_the_limits(self):
+        arm = default_arm()
+        model, _, _ = pinocchio_model(arm)
+        assert model.lowerPositionLimit == pytest.approx(arm.limits[:, 0])
+        assert model.upperPositionLimit == pytest.approx(arm.limits[:, 1])
+
+    @every_arm
+    def test_torques_are_those_of_pinocchio(self, arm):
+        for q in random_configurations(arm, 5, seed=5):
+            expected = pinocchio_torques(arm, q, FORCE, MOMENT, LOAD_POINT)
+            assert torques(arm, q, FORCE, MOMENT, LOAD_POINT) == pytest.approx(expected, abs=1e-9)
+
+    @pytest.mark.parametrize("pitch", [-np.pi / 2, -0.7, 0.0, 1.1, np.pi / 2])
+    @pytest.mark.parametrize(("roll", "yaw"), [(0.0, 0.0), (0.4, -2.0), (-3.0, 1.5)])
+    def test_roll_pitch_yaw_even_where_they_are_not_unique(self, roll, pitch, yaw):
+        expected = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+        actual = Rotation.from_euler("xyz", roll_pitch_yaw(expected)).as_matrix()
+        assert actual == pytest.approx(expected, abs=1e-14)
+
+    def test_wrist_axes_meet_unless_they_are_offset(self):
+        for offset in (0.0, 0.12):
+            posture = default_arm(wrist_offset=offset).posture([0.3, 0.2, -0.4, 1.0, 0.8, 2.0])
+            across = np.cross(posture.axis_directions[4], posture.axis_directions[5])
+            between = posture.axis_points[5] - posture.axis_points[4]
+            miss = abs(between @ across) / np.linalg.norm(across)
+            assert miss == pytest.approx(offset, abs=1e-14)
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"stiffnesses": np.array([1.0, 0.0])}, "positive"),
+            ({"stiffnesses": np.array([1.0, np.nan])}, "positive"),
+            ({"axis_points": np.full((2, 3), np.nan)}, "finite"),
+            ({"axis_directions": np.ones((2, 3))}, "unit"),
+            ({"flange_rotation": -np.eye(3)}, "rotation"),
+            ({"flange_translation": np.zeros(2)}, "shape"),
+            ({"limits": np.array([1.0, -1.0])}, "ascending"),
+        ],
+    )
+    def test_an_impossible_arm_is_refused(self, change, message):
+        with pytest.raises(ValueError, match=message):
+            dataclasses.replace(planar_arm([1e4, 2e4]), **change)
+
+    def test_an_arm_cannot_be_changed(self):
+        with pytest.raises(ValueError, match="read-only"):
+            default_arm().stiffnesses[0] = 1.0
+
+
+class TestEquilibrium:
+    @pytest.mark.parametrize("start", [0.0, 0.3, -1.2])
+    @pytest.mark.parametrize("ratio", [1e-6, 1e-2, 0.9])
+    def test_a_lever_balances_its_weight(self, start, ratio):
+        length, weight = 1.7, 800.0
+        stiffness = weight * length / ratio
+        expected = brentq(
+            lambda x: x - ratio * np.cos(start + x), -2.0, 2.0, xtol=1e-15, rtol=1e-15
+        )
+        actual = equilibrium(
+            lever(length, stiffness), [start], (0.0, 0.0, -weight), NOTHING, NOTHING
+        )
+        assert actual == pytest.approx([expected], rel=1e-13)
+
+    @every_arm
+    @pytest.mark.parametrize("moment", [np.zeros(3), MOMENT], ids=["force", "force and moment"])
+    def test_springs_balance_the_torques_pinocchio_finds_when_deflected(self, arm, moment):
+        for q in random_configurations(arm, 5, seed=6):
+            twist = equilibrium(arm, q, FORCE, moment, LOAD_POINT)
+            expected = pinocchio_torques(arm, q + twist, FORCE, moment, LOAD_POINT)
+            assert arm.stiffnesses * twist == pytest.approx(expected, rel=1e-10, abs=1e-9)
+
+    @every_arm
+    def test_the_energy_is_least_at_the_balance(self, arm):
+        """½ δθᵀ K δθ − F · p_W is stationary, and grows in every direction away from it."""
+
+        def energy(twist, q):
+            point = arm.posture(q + twist).point_to_base(LOAD_POINT)
+            return 0.5 * twist @ (arm.stiffnesses * twist) - FORCE @ point
+
+        step = 1e-4
+        for q in random_configurations(arm, 3, seed=7):
+            twist = equilibrium(arm, q, FORCE, np.zeros(3), LOAD_POINT)
+            torque_scale = np.linalg.norm(FORCE)  # at a lever of a metre
+            for direction in [*np.eye(len(q)), np.ones(len(q)) / np.sqrt(len(q))]:
+                ahead = energy(twist + step * direction, q)
+                behind = energy(twist - step * direction, q)
+                assert abs(ahead - behind) / (2 * step) < 1e-6 * torque_scale
+                assert ahead + behind > 2 * energy(twist, q)
+
+    def test_virtual_work_vanishes_with_a_moment(self):
+        """k_j δθ_j δq = F · δp + M · δφ, δφ from the logarithm of the turn of the flange."""
+        arm, step = skew_arm(), 1e-5
+        q = random_configurations(arm, 1, seed=8)[0]
+        twist = equilibrium(arm, q, FORCE, MOMENT, LOAD_POINT)
+        for j, stiffness in enumerate(arm.stiffnesses):
+            change = step * np.eye(len(q))[j]
+            ahead, behind = arm.posture(q + twist + change), arm.posture(q + twist - change)
+            turn = ahead.flange_rotation @ behind.flange_rotation.T
+            shift = ahead.point_to_base(LOAD_POINT) - behind.point_to_base(LOAD_POINT)
+            work = FORCE @ shift + MOMENT @ Rotation.from_matrix(turn).as_rotvec()
+            assert work / (2 * step) == pytest.approx(stiffness * twist[j], rel=1e-6, abs=1e-3)
+
+    @every_arm
+    def test_the_derivative_of_the_torques(self, arm):
+        q, step = random_configurations(arm, 1, seed=9)[0], 1e-6
+        actual = torque_derivative(arm, q, FORCE, MOMENT, LOAD_POINT)
+        for k in range(len(q)):
+            change = step * np.eye(len(q))[k]
+            ahead = torques(arm, q + change, FORCE, MOMENT, LOAD_POINT)
+            behind = torques(arm, q - change, FORCE, MOMENT, LOAD_POINT)
+            assert actual[:, k] == pytest.approx((ahead - behind) / (2 * step), abs=1e-4)
+
+    def test_a_moment_turns_parallel_springs_exactly(self):
+        stiffnesses = [3e3, 1e3, 2e3]
+        q, moment = [0.3, -0.8, 1.1], 400.0
+        actual = equilibrium(
+            planar_arm(stiffnesses), q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2)
+        )
+        assert actual == pytest.approx(moment / np.array(stiffnesses), rel=1e-14)
+
+    def test_a_moment_does_not_care_where_it_acts(self):
+        arm, q = skew_arm(), random_configurations(skew_arm(), 1)[0]
+        here = equilibrium(arm, q, NOTHING, MOMENT, NOTHING)
+        there = equilibrium(arm, q, NOTHING, MOMENT, (1.0, -2.0, 3.0))
+        assert np.max(np.abs(here)) > 1e-3
+        assert here == pytest.approx(there, rel=1e-12)
+
+    @every_arm
+    def test_no_load_no_deflection(self, arm):
+        q = random_configurations(arm, 4)
+        assert not equilibrium(arm, q, NOTHING, NOTHING, LOAD_POINT).any()
+        unloaded, loaded = deflections(arm, q, NOTHING, NOTHING, LOAD_POINT, POINTS)
+        assert np.array_equal(unloaded, loaded)
+
+    def test_rigid_joints_do_not_move(self):
+        soft = skew_arm()
+        stiffnesses = soft.stiffnesses.copy()
+        stiffnesses[[1, 3]] = np.inf
+        arm = dataclasses.replace(soft, stiffnesses=stiffnesses)
+        twist = equilibrium(arm, random_configurations(arm, 6), FORCE, MOMENT, LOAD_POINT)
+        assert not twist[:, [1, 3]].any()
+        assert np.all(twist[:, [0, 2, 4]] != 0.0)
+
+    def test_an_arm_without_springs_is_rigid(self):
+        arm = planar_arm([np.inf, np.inf])
+        assert not equilibrium(arm, [0.1, 0.2], FORCE, MOMENT, LOAD_POINT).any()
+
+    def test_a_very_stiff_joint_tends_to_a_rigid_one(self):
+        soft = skew_arm()
+        q = random_configurations(soft, 1)[0]
+        twists = []
+        for stiffness in (1e14, np.inf):
+            stiffnesses = soft.stiffnesses.copy()
+            stiffnesses[2] = stiffness
+            arm = dataclasses.replace(soft, stiffnesses=stiffnesses)
+            twists.append(equilibrium(arm, q, FORCE, MOMENT, LOAD_POINT))
+        assert twists[0] == pytest.approx(twists[1], abs=1e-9)
+
+    def test_many_configurations_at_once_are_as_one_by_one(self):
+        arm = default_arm()
+        plan = plan_experiment(arm, configurations=7, load="pull", moment=200.0)
+        together = deflections(arm, plan.joints, *plan.wrenches, POINTS)
+        assert together[0].shape == together[1].shape == (7, 3, 3)
+        for i, q in enumerate(plan.joints):
+            wrench = (plan.forces[i], plan.moments[i], plan.load_points[i])
+            alone = deflections(arm, q, *wrench, POINTS)
+            assert together[0][i] == pytest.approx(alone[0], abs=1e-15)
+            assert together[1][i] == pytest.approx(alone[1], abs=1e-14)
+
+    def test_one_configuration_under_many_forces(self):
+        arm = default_arm()
+        q = random_configurations(arm, 1)[0]
+        forces = np.outer([1.0, 2.0, 3.0, 4.0], FORCE)
+        twists = equilibrium(arm, q, forces, NOTHING, LOAD_POINT)
+        assert twists.shape == (4, 6)
+        assert twists[2] == pytest.approx(
+            equilibrium(arm, q, forces[2], NOTHING, LOAD_POINT), rel=1e-12
+        )
+        assert linear_deflections(arm, q, forces, NOTHING, LOAD_POINT, POINTS).shape == (4, 3, 3)
+
+    def test_a_column_beyond_its_critical_load_is_refused(self):
+        """A lever pushed along itself buckles at F = k / L."""
+        arm = lever(2.0, 1000.0)
+        below = equilibrium(arm, [0.0], (-499.0, 0.0, 0.0), NOTHING, NOTHING)
+        assert below == pytest.approx([0.0])
+        with pytest.raises(EquilibriumError, match="buckles"):
+            equilibrium(arm, [0.0], (-501.0, 0.0, 0.0), NOTHING, NOTHING)
+
+    def test_a_load_beyond_the_springs_is_refused(self):
+        with pytest.raises(EquilibriumError, match="reduce the load"):
+            equilibrium(default_arm(), np.zeros(6), (0.0, 0.0, -1e9), NOTHING, LOAD_POINT)
+
+    def test_what_is_not_finite_is_refused(self):
+        with pytest.raises(ValueError, match="finite"):
+            equilibrium(default_arm(), np.zeros(6), (0.0, np.nan, 0.0), NOTHING, LOAD_POINT)
+
+
+class TestLinearisation:
+    @pytest.mark.parametrize("moment", [0.0, 500.0])
+    def test_the_relative_difference_halves_with_the_load(self, moment):
+        arm = default_arm()
+        differences = []
+        for share in (1.0, 0.5, 0.25, 0.125):
+            plan = plan_experiment(arm, load="pull", force=2000.0 * share, moment=moment * share)
+            unloaded, loaded = deflections(arm, plan.joints, *plan.wrenches, POINTS)
+            linear = linear_deflections(arm, plan.joints, *plan.wrenches, POINTS)
+            differences.append(np.linalg.norm(loaded - unloaded - linear) / np.linalg.norm(linear))
+        assert 1e-4 < differences[0] < 1e-2
+        ratios = np.divide(differences[1:], differences[:-1])
+        assert ratios == pytest.approx(0.5, abs=2e-3)
+
+    def test_it_is_the_tangent_of_the_exact_deflection(self):
+        """A central difference over the load has no first-order term left."""
+        arm, step = default_arm(), 0.01
+        plan = plan_experiment(arm, load="pull", moment=300.0)
+        forces, moments, load_points = plan.wrenches
+        ends = [
+            deflections(arm, plan.joints, s * forces, s * moments, load_points, POINTS)[1]
+            for s in (step, -step)
+        ]
+        linear = linear_deflections(arm, plan.joints, *plan.wrenches, POINTS)
+        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(linear, abs=1e-11)
+
+
+class TestCampaign:
+    def test_a_seed_always_gives_the_same_document(self):
+        once, again, other = (simulate_campaign(default_arm(), seed=s) for s in (5, 5, 6))
+        assert json.dumps(once) == json.dumps(again)
+        assert json.dumps(once) != json.dumps(other)
+
+    def test_a_seed_keeps_its_configurations(self):
+        few = simulate_campaign(default_arm(), configurations=5)
+        many = simulate_campaign(default_arm(), configurations=9, load="pull", sigma=1e-4)
+        assert np.array_equal(experiment_of(few).joints, experiment_of(many).joints[:5])
+
+    @pytest.mark.parametrize("load", ["dead_weight", "pull"])
+    @pytest.mark.parametrize("readings", ["positions", "deflections"])
+    def test_a_document_is_json_with_finite_numbers(self, load, readings):
+        document = simulate_campaign(default_arm(), load=load, readings=readings, moment=100.0)
+        assert json.loads(json.dumps(document, allow_nan=False)) == document
+        assert "-0.0," not in json.dumps(document)
+
+    def test_a_document_says_what_the_design_asks_for(self):
+        document = simulate_campaign(default_arm(), method="complete_pose", encoders="secondary")
+        measured = document["measurement_set"]
+        assert document.keys() == {"robot", "measurement_set", "run"}
+        assert document["run"] == {"method": "complete_pose"}
+        model = document["robot"]["model"]
+        assert (model["format"], model["base"], model["flange"]) == ("urdf", "base_link", "flange")
+        assert measured["units"] == {"length": "m", "angle": "rad", "force": "N"}
+        assert measured["encoders"] == "secondary"
+        assert measured["noise"] == {"sigma": 2e-5}
+        assert measured["load_point"] == list(LOAD_POINT)
+        assert len(measured["observations"]) == 19
+        for observation in measured["observations"]:
+            assert observation.keys() == {"label", "joints", "force", "moment", "readings"}
+            assert observation["force"] == [0.0, 0.0, -1500.0]
+            assert [r["target"] for r in observation["readings"]] == ["P10", "P11", "P12"]
+            assert observation["readings"][0].keys() == {"target", "unloaded", "loaded"}
+
+    def test_without_noise_the_document_is_the_exact_arm(self):
+        arm = default_arm(wrist_offset=0.1)
+        document = simulate_campaign(arm, sigma=0.0, load="pull", moment=150.0)
+        plan = experiment_of(document)
+        unloaded, loaded = deflections(arm, plan.joints, *plan.wrenches, POINTS)
+        assert read_array(document, "unloaded") == pytest.approx(unloaded, abs=1e-14)
+        assert read_array(document, "loaded") == pytest.approx(loaded, abs=1e-14)
+        assert "noise" not in document["measurement_set"]
+
+    def test_noise_has_the_sigma_that_is_stated(self):
+        arm, sigma = default_arm(), 3e-5
+        plan = plan_experiment(arm, configurations=300, load="pull")
+        exact = simulate_positions(arm, plan, TARGETS)
+        read = simulate_positions(arm, plan, TARGETS, sigma=sigma)
+        residuals = np.array(read) - np.array(exact)
+        expected = pytest.approx(sigma, rel=4.0 / np.sqrt(2 * residuals[0].size))
+        assert np.std(residuals[0]) == expected
+        assert np.std(residuals[1]) == expected
+        assert abs(np.corrcoef(residuals[0].ravel(), residuals[1].ravel())[0, 1]) < 0.08
+
+    @pytest.mark.parametrize("sigma", [1e-9, 1e-6, 2e-5, 1e-3])
+    def test_rounding_is_far_below_the_noise(self, sigma):
+        read = simulate_positions(
+            default_arm(), plan_experiment(default_arm()), TARGETS, sigma=sigma
+        )
+        steps = np.array(read) / (10.0 ** np.floor(np.log10(sigma / 100)))
+        assert steps == pytest.approx(np.round(steps), abs=1e-3)
+
+    def test_sigma_can_be_left_out(self):
+        stated, silent = (simulate_campaign(default_arm(), noise=n) for n in (True, False))
+        del stated["measurement_set"]["noise"]
+        assert stated == silent
+
+    def test_deflections_are_the_differences_of_the_positions(self):
+        positions = simulate_campaign(default_arm())
+        document = simulate_campaign(default_arm(), readings="deflections")
+        expected = read_array(positions, "loaded") - read_array(positions, "unloaded")
+        assert read_array(document, "deflection") == pytest.approx(expected, abs=1e-13)
+        targets = document["measurement_set"]["flange_targets"]
+        assert targets == {name: list(point) for name, point in TARGETS.items()}
+
+    def test_each_observation_can_have_its_load_point(self):
+        load_points = np.linspace([0.0, 0.1, 0.2], [0.3, -0.1, 0.4], 4).round(3)
+        document = simulate_campaign(default_arm(), configurations=4, load_point=load_points)
+        assert "load_point" not in document["measurement_set"]
+        assert np.array_equal(experiment_of(document).load_points, load_points)
+
+    @pytest.mark.parametrize("count", [1, 2, 3, 8])
+    def test_any_number_of_targets(self, count):
+        targets = default_targets(count)
+        document = simulate_campaign(default_arm(), configurations=3, targets=targets)
+        assert read_array(document, "loaded").shape == (3, count, 3)
+        assert len(set(targets.values())) == count
+
+    def test_three_targets_span_a_plane(self):
+        sides = POINTS[1:] - POINTS[0]
+        assert np.linalg.norm(np.cross(*sides)) > 0.02
+
+    def test_configurations_stay_well_inside_the_limits_and_above_the_floor(self):
+        arm = default_arm()
+        q = random_configurations(arm, 2000)
+        margin = 0.24 * np.ptp(arm.limits, axis=1)
+        assert np.all(q > arm.limits[:, 0] + margin)
+        assert np.all(q < arm.limits[:, 1] - margin)
+        posture = arm.posture(q)
+        positions = posture.targets_to_base(POINTS)
+        assert positions[..., 2].min() > 0.0
+        assert np.linalg.norm(positions[..., :2], axis=-1).min() > 0.25
+
+    def test_the_default_experiments_determine_every_joint_they_twist(self):
+        """Condition number of the equilibrated linear model, one column per joint."""
+        for load, observable in (("dead_weight", 5), ("pull", 6)):
+            plan = plan_experiment(default_arm(), load=load)
+            columns = [linear_column(plan, j) for j in range(6)]
+            columns = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 0.0]
+            assert len(columns) == observable
+            assert np.linalg.cond(np.column_stack(columns)) < 10.0
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"configurations": 0}, "configurations"),
+            ({"targets": {}}, "targets"),
+            ({"force": -1.0}, "force"),
+            ({"sigma": np.nan}, "sigma"),
+            ({"load": "push"}, "dead_weight, pull"),
+            ({"readings": "angles"}, "positions, deflections"),
+            ({"encoders": "both"}, "motor, secondary"),
+            ({"units": {"length": "inch", "angle": "rad", "force": "N"}}, "inch"),
+            ({"units": {"length": "m"}}, "expected length, angle, force"),
+        ],
+    )
+    def test_senseless_arguments_are_refused(self, change, message):
+        with pytest.raises(ValueError, match=message):
+            simulate_campaign(default_arm(), **change)
+
+
+class TestUnits:
+    def test_other_units_say_the_same(self):
+        options = {"load": "pull", "moment": 120.0, "load_point": np.full((19, 3), 0.1)}
+        options["load_point"][3] = 0.2
+        si = simulate_campaign(default_arm(), **options)
+        shop = simulate_campaign(
+            default_arm(),
+            **options,
+            units={"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
+        )
+        assert si["measurement_set"]["units"]["moment"] == "N.m"
+        assert shop["robot"] == si["robot"]
+        assert shop["measurement_set"]["noise"] == {"sigma": 0.02}
+        for reading in ("unloaded", "loaded"):
+            expected = 1000.0 * read_array(si, reading)
+            assert read_array(shop, reading) == pytest.approx(expected, rel=1e-14)
+        first, same = (d["measurement_set"]["observations"][0] for d in (si, shop))
+        assert same["joints"] == pytest.approx(np.degrees(first["joints"]), rel=1e-14)
+        assert same["force"] == pytest.approx(np.array(first["force"]) / 1e3, rel=1e-14)
+        assert same["moment"] == pytest.approx(np.array(first["moment"]) * 1e3, rel=1e-14)
+        assert same["load_point"] == pytest.approx([100.0, 100.0, 100.0])
+
+    def test_kilograms_force(self):
+        document = simulate_campaign(
+            default_arm(),
+            force=9.80665,
+            moment=19.6133,
+            units={"length": "m", "angle": "rad", "force": "kgf", "moment": "kgf.m"},
+        )
+        observation = document["measurement_set"]["observations"][0]
+        assert observation["force"] == [0.0, 0.0, -1.0]
+        assert np.linalg.norm(observation["moment"]) == pytest.approx(2.0, rel=1e-5)
+
+    def test_deflections_and_flange_targets_convert(self):
+        units = {"length": "mm", "angle": "deg", "force": "N"}
+        si = simulate_campaign(default_arm(), readings="deflections")
+        shop = simulate_campaign(default_arm(), readings="deflections", units=units)
+        assert read_array(shop, "deflection") == pytest.approx(
+            1000.0 * read_array(si, "deflection"), rel=1e-12
+        )
+        assert shop["measurement_set"]["flange_targets"]["P10"] == pytest.approx(1000.0 * POINTS[0])
+        assert shop["measurement_set"]["load_point"] == pytest.approx(1000.0 * np.array(LOAD_POINT))
+
+    @pytest.mark.parametrize("length", ["m", "mm"])
+    @pytest.mark.parametrize("angle", ["rad", "deg"])
+    @pytest.mark.parametrize(("force", "moment"), [("N", "N.m"), ("kN", "kN.m"), ("kgf", "N.mm")])
+    def test_an_experiment_survives_its_document(self, length, angle, force, moment):
+        plan = plan_experiment(default_arm(), load="pull", moment=70.0, seed=2)
+        units = {"length": length, "angle": angle, "force": force, "moment": moment}
+        document = simulate_campaign(default_arm(), load="pull", moment=70.0, seed=2, units=units)
+        back = experiment_of(document)
+        assert back.joints == pytest.approx(plan.joints, rel=1e-13)
+        assert back.forces == pytest.approx(plan.forces, rel=1e-13)
+        assert back.moments == pytest.approx(plan.moments, rel=1e-13)
+        assert back.load_points == pytest.approx(plan.load_points, rel=1e-13)
+
+
+class TestTruth:
+    def test_a_dead_weight_does_not_twist_a_vertical_axis(self):
+        arm = default_arm()
+        found = truth(arm, simulate_campaign(arm))
+        assert found["not_observable"] == ["joint_1"]
+        assert found["stiffness"] == arm.stiffnesses.tolist()
+        plan = plan_experiment(arm)
+        assert not equilibrium(arm, plan.joints, *plan.wrenches)[:, 0].any()
+
+    @pytest.mark.parametrize("change", [{"load": "pull"}, {"moment": 10.0}])
+    def test_other_loads_twist_every_axis(self, change):
+        arm = default_arm()
+        assert truth(arm, simulate_campaign(arm, **change))["not_observable"] == []
+
+    def test_no_load_twists_nothing(self):
+        arm = default_arm()
+        found = truth(arm, simulate_campaign(arm, force=0.0))
+        assert found["not_observable"] == list(arm.joint_names)
+
+    def test_a_rigid_joint_has_no_number_for_its_stiffness(self):
+        arm = dataclasses.replace(default_arm(), stiffnesses=[1e6, np.inf, 1e6, 1e5, 1e5, 1e5])
+        found = json.loads(json.dumps(truth(arm, simulate_campaign(arm)), allow_nan=False))
+        assert found["stiffness"][1] is None
+        assert found["compliance"][1] == 0.0
+
+    def test_secondary_encoders_never_make_a_joint_softer(self):
+        motor, secondary = default_arm("motor"), default_arm("secondary")
+        assert np.all(secondary.compliances <= motor.compliances)
+
+
+def test_the_simulator_imports_nothing_that_it_tests():
+    allowed = {"__future__", "collections", "dataclasses", "examples", "numpy", "types", "typing"}
+    for path in Path(examples.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                assert {name.name.split(".")[0] for name in node.names} <= allowed, path
+            if isinstance(node, ast.ImportFrom):
+                assert str(node.module).split(".")[0] in allowed, path
+
+
+def read_array(document, reading):
+    """Readings of a document, in its unit of length, (N, T, 3)."""
+    observations = document["measurement_set"]["observations"]
+    return np.array([[r[reading] for r in o["readings"]] for o in observations])
+
+
+def linear_column(plan, joint):
+    """Linear deflections of all targets when only one joint is elastic, as one column."""
+    stiffnesses = np.full(6, np.inf)
+    stiffnesses[joint] = 1e6
+    arm = dataclasses.replace(default_arm(), stiffnesses=stiffnesses)
+    return linear_deflections(arm, plan.joints, *plan.wrenches, POINTS).ravel()
