@@ -86,9 +86,7 @@ class SpringArm:
         rotation: FloatArray = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
         translation: FloatArray = np.zeros((*angles.shape[:-1], 3))
         points, directions = [], []
-        for j, (point, direction) in enumerate(
-            zip(self.axis_points, self.axis_directions, strict=True)
-        ):
+        for j, (point, direction) in enumerate(zip(self.axis_points, self.axis_directions, strict=True)):
             points.append(rotation @ point + translation)
             directions.append(rotation @ direction)
             rotation = rotation @ _rotation_about(direction, angles[..., j])
@@ -200,9 +198,7 @@ def _check_arm(arm: SpringArm) -> None:
         "axis_directions must be unit vectors": np.allclose(
             np.linalg.norm(arm.axis_directions, axis=-1), 1.0, rtol=0.0, atol=1e-12
         ),
-        "flange_rotation must be a rotation matrix": np.allclose(
-            R.T @ R, np.eye(3), rtol=0.0, atol=1e-12
-        )
+        "flange_rotation must be a rotation matrix": np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-12)
         and np.linalg.det(R) > 0.0,
         "stiffnesses must be positive": np.all(arm.stiffnesses > 0.0),
         "limits must be finite and in ascending order": np.all(np.isfinite(arm.limits))

@@ -114,9 +114,7 @@ def _observations(experiment: Experiment, scales: Scales) -> list[Document]:
     ]
 
 
-def _reading(
-    unloaded: FloatArray, loaded: FloatArray, readings: Readings, length: float
-) -> Document:
+def _reading(unloaded: FloatArray, loaded: FloatArray, readings: Readings, length: float) -> Document:
     """One target's reading, in a unit of length worth so many metres."""
     if readings == "positions":
         return {"unloaded": in_unit(unloaded, length), "loaded": in_unit(loaded, length)}

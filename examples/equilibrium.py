@@ -49,9 +49,7 @@ def torques(
     posture = arm.posture(q)
     velocities = posture.velocities(posture.point_to_base(load_point))
     of_force: FloatArray = np.einsum("...ji,...i->...j", velocities, np.asarray(force, float))
-    of_moment: FloatArray = np.einsum(
-        "...ji,...i->...j", posture.axis_directions, np.asarray(moment, float)
-    )
+    of_moment: FloatArray = np.einsum("...ji,...i->...j", posture.axis_directions, np.asarray(moment, float))
     return of_force + of_moment
 
 
@@ -95,9 +93,7 @@ def equilibrium(
     for _ in range(MAX_NEWTON_STEPS):
         wrench = (q + deflection, force, moment, load_point)
         residual = deflection - arm.compliances * torques(arm, *wrench)
-        derivative = np.eye(q.shape[-1]) - arm.compliances[:, None] * torque_derivative(
-            arm, *wrench
-        )
+        derivative = np.eye(q.shape[-1]) - arm.compliances[:, None] * torque_derivative(arm, *wrench)
         if np.all(np.abs(residual) <= _rounding(arm, *wrench)):
             _require_stable(deflection, derivative)
             return deflection

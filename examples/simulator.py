@@ -174,9 +174,7 @@ def truth(arm: SpringArm, document: Document) -> Document:
         "joints": list(arm.joint_names),
         "stiffness": [float(k) if np.isfinite(k) else None for k in arm.stiffnesses],
         "compliance": arm.compliances.tolist(),
-        "not_observable": [
-            name for name, none in zip(arm.joint_names, untwisted, strict=True) if none
-        ],
+        "not_observable": [name for name, none in zip(arm.joint_names, untwisted, strict=True) if none],
     }
 
 

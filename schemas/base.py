@@ -56,6 +56,4 @@ class Page(Message, Generic[Item]):
     """One page of a listing, newest first."""
 
     items: list[Item] = Field(description="The resources on this page, newest first.")
-    next: str | None = Field(
-        description="Value of `cursor` for the following page; null on the last page."
-    )
+    next: str | None = Field(description="Value of `cursor` for the following page; null on the last page.")

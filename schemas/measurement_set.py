@@ -65,9 +65,7 @@ class Reading(Message):
     unloaded: Vector3 | None = Field(
         default=None, description="Position in R0 before the load, in units.length."
     )
-    loaded: Vector3 | None = Field(
-        default=None, description="Position in R0 under load, in units.length."
-    )
+    loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     deflection: Vector3 | None = Field(
         default=None,
         description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's place "
@@ -111,24 +109,22 @@ class MeasurementSetHeader(Message):
         description="Which encoders close the position loop: those of the motors, or secondary "
         "encoders behind the gearboxes."
     )
-    noise: Noise | None = Field(
-        default=None, description="If absent, sigma is estimated from the residuals."
-    )
+    noise: Noise | None = Field(default=None, description="If absent, sigma is estimated from the residuals.")
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
         description="Targets in the flange frame, in units.length; needed for deflections.",
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Where the force acts, flange frame, in units.length; an observation may "
-        "give its own.",
+        description="Where the force acts, flange frame, in units.length; an observation may give its own.",
     )
+
 
 class MeasurementSetDocument(MeasurementSetHeader):
     """A measurement set as it stands in a campaign file."""
 
-    observations: Annotated[list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS)] = (
-        Field(description=f"One to {MAX_OBSERVATIONS} observations.")
+    observations: Annotated[list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS)] = Field(
+        description=f"One to {MAX_OBSERVATIONS} observations."
     )
 
 

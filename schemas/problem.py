@@ -29,6 +29,4 @@ class Problem(Message):
     detail: str = Field(description="This problem in a sentence.")
     where: str | None = Field(default=None, description="Path of the field, if there is one.")
     remedy: str | None = Field(default=None, description="How to mend it.")
-    errors: list[ProblemItem] = Field(
-        default_factory=list, description="The faults found, the first twenty."
-    )
+    errors: list[ProblemItem] = Field(default_factory=list, description="The faults found, the first twenty.")

@@ -14,7 +14,6 @@ from schemas.robot import MAX_JOINTS
 
 __all__ = [
     "Certificate",
-    "CombinationNotObservable",
     "Goodness",
     "Identifiability",
     "JointResult",
@@ -62,9 +61,7 @@ class RunOptions(Message):
         description="For that weighting; if absent, the length of least condition number.",
         json_schema_extra=_LENGTH,
     )
-    positive: bool = Field(
-        default=True, description="Constrain every compliance to be zero or positive."
-    )
+    positive: bool = Field(default=True, description="Constrain every compliance to be zero or positive.")
     stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=dict,
         description="Least and greatest stiffness of a joint by its name, null for none. "
@@ -122,31 +119,22 @@ class JointResult(Message):
         description="The same in stiffness; an upper end of null means: no upper limit.",
         json_schema_extra=_STIFFNESS,
     )
-    reason: str | None = Field(
-        description="Why there is no number, or why the joint is at a bound."
-    )
-
-
-class CombinationNotObservable(Message):
-    """Joints whose compliances appear in the readings only together."""
-
-    joints: list[Name]
-    message: str
+    reason: str | None = Field(description="Why there is no number, or why the joint is at a bound.")
 
 
 class Identifiability(Message):
     """What the readings can determine."""
 
-    parameters: int = Field(description="Number of joints.")
-    rank: int = Field(description="Number of joints, or combinations, that are determined.")
+    parameters: int = Field(description="Number of joints of the robot.")
+    rank: int = Field(description="How many compliances, or combinations, are determined.")
     condition_number: float | None = Field(
         description="Of the weighted regressor, columns of unit norm, over the joints that the "
         "readings see; null where it is not finite. Dimensionless."
     )
-    singular_values: list[float] = Field(
-        description="Of the same matrix, largest first. Dimensionless."
+    singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
+    combinations: list[list[Name]] = Field(
+        description="Groups of joints whose compliances show in the readings only together."
     )
-    combinations: list[CombinationNotObservable]
 
 
 class Certificate(Message):
@@ -155,9 +143,9 @@ class Certificate(Message):
     primal: float = Field(description="Largest violation of a bound, relative.")
     dual: float = Field(description="Largest wrong-signed gradient, relative.")
     complementarity: float = Field(description="Largest product of slack and gradient, relative.")
-    solved_by: Literal["least_squares", "clarabel", "active_set"] = Field(
-        description="Which step found the support: least squares without active bounds, Clarabel, "
-        "or the exact active-set method."
+    solved_by: Literal["least_squares", "projection", "clarabel", "active_set"] = Field(
+        description="What found the joints at their bounds: least squares (none), its projection on "
+        "the bounds, Clarabel, or the exact active-set method."
     )
 
 
@@ -200,8 +188,10 @@ class RunResult(Message):
         json_schema_extra=_LENGTH,
     )
     goodness: Goodness
-    identifiability: Identifiability
-    certificate: list[Certificate] = Field(description="One a stage: two for the decoupled method.")
+    identifiability: list[Identifiability] = Field(
+        description="One a stage of the method: two for the decoupled one, arm then wrist."
+    )
+    certificate: list[Certificate] = Field(description="One a stage of the method.")
     characteristic_length: float | None = Field(
         description="The length that was used, if the weighting needs one.",
         json_schema_extra=_LENGTH,

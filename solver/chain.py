@@ -56,16 +56,16 @@ class ChainJoint:
     joint angle q lies at `rotation @ exp(q [axis]×) @ x + translation` in the parent link's frame.
 
     Attributes:
-        name: Name of the joint.
+        name: name of the joint.
         kind: `revolute` moves, `fixed` does not.
         rotation: (3, 3), from the joint's frame to the parent link's frame.
         translation: (3,) origin of the joint's frame in the parent link's frame [m].
         axis: (3,) unit vector in the joint's frame; of no meaning for a fixed joint.
-        limits: Least and greatest joint angle [rad], None without limits.
-        child: Name of the link that the joint carries.
+        limits: least and greatest joint angle [rad], None without limits.
+        child: name of the link that the joint carries.
 
     Raises:
-        RobotError: A name, number, axis, rotation or limit that cannot be one.
+        RobotError: a name, number, axis, rotation or limit that cannot be one.
     """
 
     name: str
@@ -100,13 +100,13 @@ class KinematicChain:
     """The joints from the base link to the flange link, in order, each carrying the next link.
 
     Attributes:
-        name: Name of the robot.
-        base: Name of the base link; its frame is R0.
-        flange: Name of the flange link, which the last joint carries.
-        joints: All joints, fixed ones included.
+        name: name of the robot.
+        base: name of the base link; its frame is R0.
+        flange: name of the flange link, which the last joint carries.
+        joints: all joints, fixed ones included.
 
     Raises:
-        RobotError: An empty chain, one without moving joints, too many joints, duplicate or empty
+        RobotError: an empty chain, one without moving joints, too many joints, duplicate or empty
             names.
     """
 

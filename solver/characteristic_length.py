@@ -16,6 +16,9 @@ _DECADES = (-3.0, 3.0)
 def least_condition_length(linear: FloatArray, angular: FloatArray) -> float:
     """The length L that minimises the condition number of the rows [A_v / L; A_ω] (Khan & Angeles).
 
+    Columns are brought to unit norm first, as for the solve: otherwise the spread of the torques
+    between arm and wrist decides, and the least condition number lies at an infinite length.
+
     Args:
         linear: (k, p) compressed regressor of the translations [m/(rad/(N·m))].
         angular: (k, p) compressed regressor of the rotations [rad/(rad/(N·m))].
@@ -26,7 +29,7 @@ def least_condition_length(linear: FloatArray, angular: FloatArray) -> float:
 
     def log_condition(decade: float) -> float:
         stacked = np.concatenate([linear / 10.0**decade, angular])
-        singular = np.linalg.svd(stacked, compute_uv=False)
+        singular = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
         return float(np.log(singular[0] / max(singular[-1], np.finfo(float).tiny)))
 
     # The condition number has several local minima where singular values cross: scan, then refine.

@@ -50,10 +50,9 @@ class Compression:
 
     @property
     def rhs(self) -> FloatArray:
-        """z (width,): the compressed deflections."""
+        """The compressed deflections z (width,)."""
         return self._triangle[:, -1]
 
 
 def _triangle(rows: FloatArray) -> FloatArray:
-    factor: FloatArray = np.linalg.qr(rows, mode="r")
-    return factor
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from solver.compression import Compression
-from solver.identifiability import Exposure, Identifiability
+from solver.identifiability import Identifiability, Visibility
 from solver.methods import Fit
 from solver.problem import Bounds
 from solver.solve import Certificate
@@ -82,7 +82,7 @@ class _Scale:
 
 def assemble(
     fit: Fit,
-    exposure: Exposure,
+    visibility: Visibility,
     whitened: Compression,
     *,
     names: tuple[str, ...],
@@ -95,7 +95,7 @@ def assemble(
 
     Args:
         fit: outcome of the method.
-        exposure: of the same blocks.
+        visibility: of the same observations.
         whitened: compressed rows of all targets, whitened in units of sigma.
         names: of the n joints.
         sigma: as stated with the readings [m], or None.
@@ -109,8 +109,7 @@ def assemble(
     scale = _scale(fit, whitened, sigma, confidence)
     covariance = None if scale.sigma is None else scale.sigma**2 * fit.covariance
     joints = tuple(
-        _verdict(j, names, fit, exposure, covariance, scale.quantile, bounds)
-        for j in range(len(names))
+        _verdict(j, names, fit, visibility, covariance, scale.quantile, bounds) for j in range(len(names))
     )
     return Estimate(
         joints=joints,
@@ -139,32 +138,32 @@ def _scale(fit: Fit, whitened: Compression, sigma: float | None, confidence: flo
     freedom = max(0.0, whitened.rows - 2 * parameters + information)
     tail = 0.5 + confidence / 2
     if sigma is not None:
-        return _Scale(sigma, squares / sigma**2, freedom, float(stats.norm.ppf(tail)))
+        return _Scale(sigma, squares / sigma**2, freedom, float(special.ndtri(tail)))
     if freedom < 0.5:
         return _Scale(None, 0.0, freedom, float("inf"))
     estimated = float(np.sqrt(squares / freedom))
-    return _Scale(estimated, freedom, freedom, float(stats.t.ppf(tail, freedom)))
+    return _Scale(estimated, freedom, freedom, float(special.stdtrit(freedom, tail)))
 
 
 def _verdict(
     j: int,
     names: tuple[str, ...],
     fit: Fit,
-    exposure: Exposure,
+    visibility: Visibility,
     covariance: FloatArray | None,
     quantile: float,
     bounds: Bounds,
 ) -> JointCompliance:
     name = names[j]
     uncertainty = None if covariance is None else float(np.sqrt(covariance[j, j]))
-    hidden = _hidden(j, names, fit, exposure, uncertainty)
+    hidden = _hidden(j, names, fit, visibility, uncertainty)
     if hidden is not None:
         return JointCompliance(name, "not_observable", reason=hidden)
     value = float(fit.compliance[j])
     if fit.active[j]:
         bound = "greatest" if fit.active[j] < 0 else "least"
         why = (
-            "its compliance is at zero: it is stiffer than these readings can resolve"
+            "its compliance is at zero: these readings cannot tell it from rigid"
             if value == 0.0
             else f"it is held by the {bound} stiffness that was asked for"
         )
@@ -182,12 +181,12 @@ def _hidden(
     j: int,
     names: tuple[str, ...],
     fit: Fit,
-    exposure: Exposure,
+    visibility: Visibility,
     uncertainty: float | None,
 ) -> str | None:
     """Why joint j has no number, or None if it has one."""
-    if exposure.null[j]:
-        return exposure.reason(j)
+    if visibility.null[j]:
+        return visibility.reasons[j]
     for analysis in fit.identifiability:
         for group in analysis.combinations:
             if j in group.joints:
@@ -196,7 +195,7 @@ def _hidden(
                     f"only a combination of {together} shows in the readings: add postures in which "
                     "their axes differ"
                 )
-    reference = float(exposure.reference_compliance[j])
+    reference = float(visibility.reference_compliance[j])
     if uncertainty is not None and uncertainty > reference:
         return (
             f"the noise hides {names[j]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) "

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from solver.regressor import RegressorBlock
 
-__all__ = ["Combination", "Exposure", "Identifiability", "analyse"]
+__all__ = ["Combination", "Exposure", "Identifiability", "Visibility", "analyse"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -21,6 +21,22 @@ NULL_COLUMN = 1e-9
 NULL_DIRECTION = 1e-10
 """Singular values of the equilibrated regressor below this, relative to the first, count as zero."""
 _PARTICIPATES = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """Which joints leave a trace in the readings at all.
+
+    Attributes:
+        null: (n,) joints whose columns hold no information: exact zeros up to rounding.
+        reference_compliance: (n,) compliance with which the joint alone, at its full lever, would
+            explain all deflection [rad/(N·m)].
+        reasons: (n,) for null joints why, with a remedy; None for the others.
+    """
+
+    null: BoolArray
+    reference_compliance: FloatArray
+    reasons: tuple[str | None, ...]
 
 
 class Exposure:
@@ -43,9 +59,7 @@ class Exposure:
         force = np.linalg.norm(part.force, axis=1)[:, None]
         moment = np.linalg.norm(part.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        motion = np.einsum(
-            "btij,btij,bt->bj", block.jacobian, block.jacobian, part.present.astype(float)
-        )
+        motion = np.einsum("btij,btij,bt->bj", block.jacobian, block.jacobian, part.present.astype(float))
         reach = (lever * force + moment) ** 2
         self._torque += (block.torque**2).sum(axis=0)
         self._lever += reach.sum(axis=0)
@@ -54,24 +68,22 @@ class Exposure:
         self._potential += (reach * motion).sum(axis=0)
         self._deflection += float((part.deflection**2).sum())
 
-    @property
-    def null(self) -> BoolArray:
-        """(n,) joints whose columns hold no information: exact zeros up to rounding."""
+    def visibility(self) -> Visibility:
+        """Judge what has come in so far."""
         blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
-        return blind | (self._column <= NULL_COLUMN**2 * self._potential)
+        null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
+        potential = np.where(self._potential > 0, self._potential, np.inf)
+        return Visibility(
+            null=null,
+            reference_compliance=np.sqrt(self._deflection / potential),
+            reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
+        )
 
-    @property
-    def reference_compliance(self) -> FloatArray:
-        """(n,) compliance that would explain all deflection by one joint, had it its full lever."""
-        with np.errstate(divide="ignore"):
-            return np.sqrt(np.float64(self._deflection) / self._potential)
-
-    def reason(self, joint: int) -> str:
-        """Say why a null joint is not observable."""
+    def _reason(self, joint: int) -> str:
         name = self._names[joint]
-        greatest = max(self._lever.max(), np.finfo(float).tiny)
-        untwisted = self._torque[joint] <= NULL_COLUMN**2 * max(self._lever[joint], greatest * 1e-6)
-        if untwisted:
+        # A load on the joint's own axis has no lever: it is measured against the greatest one.
+        lever = max(self._lever[joint], 1e-6 * self._lever.max())
+        if self._torque[joint] <= NULL_COLUMN**2 * lever:
             return f"the load never twists {name}: add loads that twist it"
         return f"no target moves when {name} turns: place a target away from its axis"
 
@@ -142,7 +154,7 @@ def _groups(null_space: FloatArray) -> list[list[int]]:
     if not len(null_space):
         return []
     linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
-    _, labels = connected_components(csr_array(linked), directed=False)
+    _, labels = connected_components(coo_array(linked), directed=False)
     involved = linked.diagonal()
     groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
     return [group.tolist() for group in groups]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver.compression import Compression
-from solver.exceptions import NotObservableError, UnsupportedMethodError
 from solver.estimate import Estimate, assemble
-from solver.identifiability import Exposure
+from solver.exceptions import NotObservableError, UnsupportedMethodError
+from solver.identifiability import Exposure, Visibility
 from solver.measurements import Measurements
 from solver.methods import (
     CompletePose,
@@ -75,11 +75,11 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         targets = target_readings(block)
         whitened.add(targets.whitened(), count=targets.count)
         method.add(block)
-    _refuse_if_blind(exposure, robot)
-    fit = method.fit(exposure.null, settings.bounds)
+    visibility = _visibility(exposure)
+    fit = method.fit(visibility.null, settings.bounds)
     return assemble(
         fit,
-        exposure,
+        visibility,
         whitened,
         names=robot.joint_names,
         sigma=measurements.sigma,
@@ -144,24 +144,23 @@ def _accumulator(robot: Robot, settings: Settings, length: float | None) -> Meth
     return DecoupledPartialPose(robot, spherical_wrist(robot), uniform=uniform)
 
 
-def _characteristic_length(
-    robot: Robot, measurements: Measurements, settings: Settings
-) -> float | None:
+def _characteristic_length(robot: Robot, measurements: Measurements, settings: Settings) -> float | None:
     if settings.weighting != "characteristic_length" or settings.characteristic_length is not None:
         return settings.characteristic_length
     exposure, search = Exposure(robot.joint_names), LengthOfLeastCondition(robot)
     for block in regressor_blocks(robot, measurements):
         exposure.add(block)
         search.add(block)
-    _refuse_if_blind(exposure, robot)
-    return search.length(exposure.null)
+    return search.length(_visibility(exposure).null)
 
 
-def _refuse_if_blind(exposure: Exposure, robot: Robot) -> None:
-    if exposure.null.all():
-        reasons = "; ".join(exposure.reason(j).split(":")[0] for j in range(robot.n))
+def _visibility(exposure: Exposure) -> Visibility:
+    visibility = exposure.visibility()
+    if visibility.null.all():
+        reasons = "; ".join(str(reason).split(":")[0] for reason in visibility.reasons)
         raise NotObservableError(
             f"the readings determine no joint: {reasons}",
             where="observations",
             remedy="add loads that twist the joints, and targets away from their axes",
         )
+    return visibility

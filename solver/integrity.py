@@ -10,7 +10,6 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from solver.configuration import Configurations
 from solver.measurements import Measurements
 from solver.robot import Robot
 
@@ -76,7 +75,7 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
         _size(measurements),
         _below_noise(measurements),
         _against_force(measurements),
-        _rigidity(robot, measurements),
+        _rigidity(measurements),
     )
     return [finding for check in checks for finding in _shortened(check)]
 
@@ -181,7 +180,7 @@ def _against_force(measurements: Measurements) -> Iterator[Finding]:
         )
 
 
-def _rigidity(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
+def _rigidity(measurements: Measurements) -> Iterator[Finding]:
     """Distances between measured targets must be those of a rigid triangle, loaded or not."""
     measured = measurements.present & ~measurements.in_flange
     if measured.shape[1] < 2 or not measured.any():

@@ -103,7 +103,5 @@ def _check(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) ->
             remedy="give one entry for each observation and target",
         )
     if array.dtype != np.bool_ and not np.isfinite(array).all():
-        raise MeasurementError(
-            "a number is not finite", where=name, remedy="remove or repeat the reading"
-        )
+        raise MeasurementError("a number is not finite", where=name, remedy="remove or repeat the reading")
     array.setflags(write=False)

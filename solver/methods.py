@@ -121,9 +121,7 @@ class LengthOfLeastCondition:
 
     def length(self, null: BoolArray) -> float:
         """The length [m], over the joints that the readings see."""
-        return least_condition_length(
-            self._linear.triangle[:, ~null], self._angular.triangle[:, ~null]
-        )
+        return least_condition_length(self._linear.triangle[:, ~null], self._angular.triangle[:, ~null])
 
 
 class DecoupledPartialPose:
@@ -185,9 +183,7 @@ class DecoupledPartialPose:
         covariance = self._covariance(arm, wrist, n)
         return Fit(compliance, active, covariance, tuple(analyses), tuple(certificates))
 
-    def _covariance(
-        self, arm: npt.NDArray[np.intp], wrist: npt.NDArray[np.intp], n: int
-    ) -> FloatArray:
+    def _covariance(self, arm: npt.NDArray[np.intp], wrist: npt.NDArray[np.intp], n: int) -> FloatArray:
         """Exact covariance of both stages: ĉ = H d, hence H Σ Hᵀ (METHOD.md §4).
 
         With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two

@@ -44,9 +44,7 @@ def predict(robot: Robot, measurements: Measurements, compliance: FloatArray) ->
     Returns:
         The prediction beside the measurements.
     """
-    predicted = np.concatenate(
-        [block.A @ compliance for block in regressor_blocks(robot, measurements)]
-    )
+    predicted = np.concatenate([block.A @ compliance for block in regressor_blocks(robot, measurements)])
     residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
     left = np.linalg.norm(residual[measurements.present], axis=-1)
     moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()

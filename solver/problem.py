@@ -78,9 +78,7 @@ class IdentificationProblem:
                 "the regressor overflows", remedy="check the units and magnitudes of the readings"
             )
         if not (self.column_norms > 0).all():
-            raise SolverError(
-                "a parameter has no effect on the readings", remedy="report this with the data"
-            )
+            raise SolverError("a parameter has no effect on the readings", remedy="report this with the data")
 
     @property
     def column_norms(self) -> FloatArray:

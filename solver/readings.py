@@ -47,8 +47,10 @@ class DerivedReadings:
         """(K, m, n + 1) rows W [A y], of unit covariance where the model holds."""
         augmented = np.concatenate([self.A, self.y[..., None]], axis=-1)
         if self.whitener.ndim == 2:
-            return np.einsum("ij,kjn->kin", self.whitener, augmented)
-        return self.whitener @ augmented
+            rows: FloatArray = np.einsum("ij,kjn->kin", self.whitener, augmented)
+        else:
+            rows = self.whitener @ augmented
+        return rows
 
     def weighted(self, root_weight: FloatArray) -> FloatArray:
         """(K, m, n + 1) rows diag(s) [A y] for the root weights s (m,)."""

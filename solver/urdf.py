@@ -113,7 +113,7 @@ def _few(robot: XmlElement, tag: str, most: int) -> list[XmlElement]:
     elements = robot.named(tag)
     if len(elements) > most:
         raise RobotError(
-            f"{len(elements)} {tag}s",
+            f"the robot has {len(elements)} {tag}s",
             remedy=f"at most {most} are read: send only the arm",
             where="<robot>",
         )

@@ -45,7 +45,7 @@ def check_inertial(inertial: XmlElement, link: str) -> None:
     if mass == 0.0 and inertia.any():
         raise RobotError(
             "an inertia without a mass",
-            remedy="give the mass in kg, or remove <inertial>",
+            remedy="give the mass in kg, or remove <inertial>, which is not used here",
             where=f"{link} <mass>",
         )
     moments = np.linalg.eigvalsh(inertia)  # ascending
@@ -56,7 +56,7 @@ def check_inertial(inertial: XmlElement, link: str) -> None:
             + ", ".join(f"{moment:.3g}" for moment in moments)
             + " kg·m²",
             remedy="correct it so that none is negative or exceeds the sum of the others, "
-            "or remove <inertial>",
+            "or remove <inertial>, which is not used here",
             where=f"{link} <inertia>",
         )
 
@@ -88,7 +88,7 @@ def _attribute(inertial: XmlElement, tag: str, name: str, link: str) -> str:
     if len(elements) != 1 or name not in elements[0].attributes:
         raise RobotError(
             f"<inertial> needs one <{tag}> with {name}",
-            remedy="complete <inertial>, or remove it",
+            remedy="complete <inertial>, or remove it: it is not used here",
             where=f"{link} <{tag}>",
         )
     return elements[0].attributes[name]

@@ -1,0 +1,1 @@
+"""Routes: thin, with their parts passed in."""

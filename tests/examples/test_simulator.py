@@ -166,12 +166,8 @@ class TestEquilibrium:
     def test_a_lever_balances_its_weight(self, start, ratio):
         length, weight = 1.7, 800.0
         stiffness = weight * length / ratio
-        expected = brentq(
-            lambda x: x - ratio * np.cos(start + x), -2.0, 2.0, xtol=1e-15, rtol=1e-15
-        )
-        actual = equilibrium(
-            lever(length, stiffness), [start], (0.0, 0.0, -weight), NOTHING, NOTHING
-        )
+        expected = brentq(lambda x: x - ratio * np.cos(start + x), -2.0, 2.0, xtol=1e-15, rtol=1e-15)
+        actual = equilibrium(lever(length, stiffness), [start], (0.0, 0.0, -weight), NOTHING, NOTHING)
         assert actual == pytest.approx([expected], rel=1e-13)
 
     @every_arm
@@ -226,9 +222,7 @@ class TestEquilibrium:
     def test_a_moment_turns_parallel_springs_exactly(self):
         stiffnesses = [3e3, 1e3, 2e3]
         q, moment = [0.3, -0.8, 1.1], 400.0
-        actual = equilibrium(
-            planar_arm(stiffnesses), q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2)
-        )
+        actual = equilibrium(planar_arm(stiffnesses), q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2))
         assert actual == pytest.approx(moment / np.array(stiffnesses), rel=1e-14)
 
     def test_a_moment_does_not_care_where_it_acts(self):
@@ -286,9 +280,7 @@ class TestEquilibrium:
         forces = np.outer([1.0, 2.0, 3.0, 4.0], FORCE)
         twists = equilibrium(arm, q, forces, NOTHING, LOAD_POINT)
         assert twists.shape == (4, 6)
-        assert twists[2] == pytest.approx(
-            equilibrium(arm, q, forces[2], NOTHING, LOAD_POINT), rel=1e-12
-        )
+        assert twists[2] == pytest.approx(equilibrium(arm, q, forces[2], NOTHING, LOAD_POINT), rel=1e-12)
         assert linear_deflections(arm, q, forces, NOTHING, LOAD_POINT, POINTS).shape == (4, 3, 3)
 
     def test_a_column_beyond_its_critical_load_is_refused(self):
@@ -393,9 +385,7 @@ class TestCampaign:
 
     @pytest.mark.parametrize("sigma", [1e-9, 1e-6, 2e-5, 1e-3])
     def test_rounding_is_far_below_the_noise(self, sigma):
-        read = simulate_positions(
-            default_arm(), plan_experiment(default_arm()), TARGETS, sigma=sigma
-        )
+        read = simulate_positions(default_arm(), plan_experiment(default_arm()), TARGETS, sigma=sigma)
         steps = np.array(read) / (10.0 ** np.floor(np.log10(sigma / 100)))
         assert steps == pytest.approx(np.round(steps), abs=1e-3)
 

@@ -6,8 +6,10 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,10 +17,12 @@ import psycopg
 import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
 from service import database as database_module
+from service import migrations
 from service.database import Database
 from service.migrations import configuration
 from service.records import RobotRecord
@@ -82,16 +86,42 @@ def test_a_migration_that_fails_leaves_nothing(database_url: str) -> None:
     Store.open(database_url).close()
 
 
-def test_threads_open_a_fresh_database_together(database_url: str) -> None:
-    barrier = threading.Barrier(8)
+def open_together(urls: list[str]) -> None:
+    barrier = threading.Barrier(len(urls))
 
-    def work(_: int) -> str:
+    def work(url: str) -> str:
         barrier.wait(30)
-        with Store.open(database_url) as store:
+        with Store.open(url) as store:
             return store.ping()
 
-    with ThreadPoolExecutor(8) as pool:
-        assert len(list(pool.map(work, range(8)))) == 8
+    with ThreadPoolExecutor(len(urls)) as pool:
+        assert len(list(pool.map(work, urls))) == len(urls)
+
+
+def test_threads_open_a_fresh_database_together(database_url: str) -> None:
+    open_together([database_url] * 8)
+
+
+def test_threads_open_many_fresh_databases_together(tmp_path: Path) -> None:
+    open_together([f"sqlite:///{tmp_path}/{number}.db" for number in range(8)])
+
+
+def test_a_migration_locks_others_out_by_the_database_alone(
+    database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Like processes, which do not share the lock in memory, but meeting without fail."""
+    calls: list[str] = []
+
+    def slow_upgrade(config: Config, revision: str) -> None:
+        upgrade(config, revision)
+        calls.append(revision)
+        time.sleep(0.2)
+
+    upgrade = command.upgrade
+    monkeypatch.setattr(command, "upgrade", slow_upgrade)
+    monkeypatch.setattr(migrations, "_alembic_lock", nullcontext())
+    open_together([database_url] * 4)
+    assert calls == ["head"]
 
 
 def test_processes_open_a_fresh_database_together(database_url: str) -> None:
@@ -186,6 +216,15 @@ class TestSqlite:
             Store.open(f"sqlite:///{path}")
         assert path.read_text() == "These are notes. " * 100
 
+    def test_opening_waits_for_a_writer(self, tmp_path: Path) -> None:
+        path = tmp_path / "jointstiff.db"
+        other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        other.execute("BEGIN IMMEDIATE")  # before the file has a write-ahead log
+        release = threading.Timer(0.2, other.close)
+        release.start()
+        Store.open(f"sqlite:///{path}").close()
+        release.join()
+
     def test_a_writer_that_never_ends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(database_module, "_BUSY_SECONDS", 0.2)
         path = tmp_path / "jointstiff.db"
@@ -195,6 +234,9 @@ class TestSqlite:
             record = RobotRecord("r1", "n", TIME, "h", "{}")
             with pytest.raises(StoreUnavailableError, match="locked"):
                 store.add(record)
+            with ThreadPoolExecutor(4) as pool:
+                futures = [pool.submit(store.add, record) for _ in range(4)]
+            assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
             assert store.page(RobotRecord, limit=1).records == (), "readers do not wait"
             other.close()
             assert store.add(record) == record

@@ -1,4 +1,4 @@
-"""The one translator between messages (schemas) and the numerical core (solver)."""
+"""Measurement sets: from messages and stored arrays to SI units."""
 
 from __future__ import annotations
 
@@ -8,31 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas import measurement_set as sets
-from schemas import robot as robots
-from schemas.run import RunOptions
-from service.readings import ReadingArrays
-from solver.chain import KinematicChain
-from solver.dh import DhRow, dh_chain
-from solver.exceptions import MeasurementError, RequestError
-from solver.identification import Settings
+from service.conversion.readings import ReadingArrays
+from solver.exceptions import MeasurementError
 from solver.integrity import Finding
 from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.robot import JointMap, Robot
-from solver.wrist import find_wrist
+from solver.robot import Robot
 
-__all__ = [
-    "build_robot",
-    "describe_joints",
-    "describe_wrist",
-    "dh_kinematics",
-    "to_measurements",
-    "to_settings",
-    "to_warnings",
-]
+__all__ = ["KGF", "to_measurements", "to_warnings"]
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""
@@ -43,50 +27,7 @@ _FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF}
 _MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
 
 
-def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
-    """The chain of a DH table.
-
-    Raises:
-        RobotError: a row that makes no robot.
-    """
-    rows = [DhRow(row.a, row.alpha, row.d, row.theta, row.lower, row.upper) for row in model.rows]
-    return dh_chain(rows, model.convention, name)
-
-
-def build_robot(chain: KinematicChain, joint_map: robots.JointMap | None) -> Robot:
-    """A robot of a checked chain.
-
-    Raises:
-        RobotError: the joint map does not fit.
-    """
-    if joint_map is None:
-        return Robot(chain)
-    return Robot(chain, JointMap.from_rows(joint_map.matrix, joint_map.offset))
-
-
-def describe_joints(robot: Robot) -> list[robots.Joint]:
-    """The moving joints with their limits."""
-    return [
-        robots.Joint(
-            name=name,
-            lower=float(lower) if np.isfinite(lower) else None,
-            upper=float(upper) if np.isfinite(upper) else None,
-        )
-        for name, (lower, upper) in zip(robot.joint_names, robot.limits, strict=True)
-    ]
-
-
-def describe_wrist(robot: Robot) -> robots.Wrist:
-    """Whether the decoupled method applies."""
-    wrist = find_wrist(robot)
-    if wrist is None:
-        return robots.Wrist(spherical=False, miss_distance=None)
-    return robots.Wrist(spherical=wrist.spherical, miss_distance=wrist.miss_distance)
-
-
-def to_measurements(
-    header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot
-) -> Measurements:
+def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
     """Bring a set to SI units and check that it is complete.
 
     Raises:
@@ -156,34 +97,6 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
             )
     in_flange = np.array([header.flange_targets.get(name, (0.0, 0.0, 0.0)) for name in names])
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)
-
-
-def to_settings(options: RunOptions, robot: Robot) -> Settings:
-    """How to identify, with stiffness bounds turned into bounds on the compliances.
-
-    Raises:
-        RequestError: a bound on a joint that the robot does not have.
-    """
-    n = robot.n
-    bounds = Bounds.positive(n) if options.positive else Bounds.unconstrained(n)
-    lower, upper = bounds.lower.copy(), bounds.upper.copy()
-    for name, (least, greatest) in options.stiffness_bounds.items():
-        if name not in robot.joint_names:
-            raise RequestError(
-                f"the robot has no joint '{name}'",
-                where=f"stiffness_bounds.{name}",
-                remedy=f"use one of {', '.join(robot.joint_names)}",
-            )
-        j = robot.joint_names.index(name)
-        lower[j] = 0.0 if greatest is None else 1.0 / greatest
-        upper[j] = np.inf if least is None else 1.0 / least
-    return Settings(
-        method=options.method,
-        weighting=options.weighting,
-        characteristic_length=options.characteristic_length,
-        bounds=Bounds(lower, upper),
-        confidence=options.confidence,
-    )
 
 
 def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.SetWarning]:

@@ -131,9 +131,7 @@ class ReadingArrays:
 
 def content_hash(header: MeasurementSetHeader, readings: ReadingArrays) -> str:
     """SHA-256 of a set: its header and its readings, not its name."""
-    text = header.model_dump_json(
-        include={"units", "encoders", "noise", "flange_targets", "load_point"}
-    )
+    text = header.model_dump_json(include={"units", "encoders", "noise", "flange_targets", "load_point"})
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
 
 

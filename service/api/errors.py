@@ -1,0 +1,63 @@
+"""Every error leaves as problem details, and none of them as a page of someone else's making."""
+
+from __future__ import annotations
+
+import logging
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+
+from schemas.problem import Problem
+from service.problems import http_problem, invalid_request, problem_of
+from service.store_errors import StoreError
+from solver.exceptions import JointstiffError
+
+__all__ = ["install_error_handlers"]
+
+_logger = logging.getLogger(__name__)
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Give the application its error handlers."""
+    app.add_exception_handler(JointstiffError, _refused)
+    app.add_exception_handler(StoreError, _refused)
+    app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    return Response(
+        problem.model_dump_json(exclude_none=True),
+        problem.status,
+        media_type="application/problem+json",
+        headers=headers,
+    )
+
+
+def _refused(_: Request, error: Exception) -> Response:
+    if not isinstance(error, JointstiffError | StoreError):
+        raise error
+    problem = problem_of(error)
+    if problem.status >= 500:
+        _logger.error("%s: %s", type(error).__name__, error)
+    return _answer(problem)
+
+
+def _malformed(_: Request, error: Exception) -> Response:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    return _answer(invalid_request(error.errors()))
+
+
+def _http(_: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):
+        raise error
+    headers = dict(error.headers) if error.headers else None
+    return _answer(http_problem(error.status_code, str(error.detail)), headers)
+
+
+def _unexpected(_: Request, error: Exception) -> Response:
+    _logger.error("unexpected failure", exc_info=error)
+    return _answer(http_problem(500, "an unexpected failure", "report it; the log has the details"))

@@ -1,0 +1,89 @@
+"""Examples for the OpenAPI description, small enough to read and complete enough to send."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+__all__ = ["MEASUREMENT_SETS", "ROBOTS", "RUNS"]
+
+_QUARTER: Final = 1.5707963267948966
+
+ROBOTS: Final[dict[str, Any]] = {
+    "modified DH": {
+        "name": "six-axis arm, cell 3",
+        "model": {
+            "format": "dh",
+            "convention": "modified",
+            "rows": [
+                {"a": 0.0, "alpha": 0.0, "d": 0.675, "theta": 0.0},
+                {"a": 0.35, "alpha": -_QUARTER, "d": 0.0, "theta": -_QUARTER},
+                {"a": 1.15, "alpha": 0.0, "d": 0.0, "theta": 0.0},
+                {"a": 0.041, "alpha": -_QUARTER, "d": 1.2, "theta": 0.0},
+                {"a": 0.0, "alpha": _QUARTER, "d": 0.0, "theta": 0.0},
+                {"a": 0.0, "alpha": -_QUARTER, "d": 0.215, "theta": 0.0},
+            ],
+        },
+    },
+    "URDF": {
+        "name": "one joint",
+        "model": {
+            "format": "urdf",
+            "urdf": '<robot name="lever"><link name="base_link"/><link name="flange"/>'
+            '<joint name="joint_1" type="continuous"><parent link="base_link"/>'
+            '<child link="flange"/><axis xyz="0 0 1"/></joint></robot>',
+            "base": "base_link",
+            "flange": "flange",
+        },
+    },
+}
+
+MEASUREMENT_SETS: Final[dict[str, Any]] = {
+    "positions": {
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "name": "cell 3, dead weight",
+        "units": {"length": "mm", "angle": "deg", "force": "kgf"},
+        "encoders": "motor",
+        "noise": {"sigma": 0.02},
+        "load_point": [0.0, 0.0, 120.0],
+        "observations": [
+            {
+                "label": "c01",
+                "joints": [0.0, -30.0, 45.0, 0.0, 60.0, 0.0],
+                "force": [0.0, 0.0, -150.0],
+                "readings": [
+                    {
+                        "target": "P10",
+                        "unloaded": [1562.104, 151.336, 1120.48],
+                        "loaded": [1561.871, 151.339, 1119.012],
+                    }
+                ],
+            }
+        ],
+    },
+    "deflections": {
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "name": "cable pulls",
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": "secondary",
+        "flange_targets": {"tcp": [0.0, 0.1, 0.3]},
+        "load_point": [0.0, 0.1, 0.3],
+        "observations": [
+            {
+                "label": "1",
+                "joints": [0.1, -0.4, 0.5, 0.0, 1.0, 0.0],
+                "force": [-120.2, -78.2, -14.7],
+                "readings": [{"target": "tcp", "deflection": [-0.000686, -0.000396, -0.000025]}],
+            }
+        ],
+    },
+}
+
+RUNS: Final[dict[str, Any]] = {
+    "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
+    "decoupled, bounded": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "method": "decoupled_partial_pose",
+        "weighting": "covariance",
+        "stiffness_bounds": {"joint_2": [1e6, None]},
+    },
+}

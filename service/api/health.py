@@ -1,0 +1,33 @@
+"""Whether the service can do its work."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from schemas.health import Health
+from service.api.parts import PartsOf, problems
+from service.versions import JOINTSTIFF_VERSION
+
+__all__ = ["router"]
+
+router = APIRouter(tags=["health"])
+
+
+@router.get("/health", response_model=Health, responses=problems(503))
+def get_health(parts: PartsOf) -> Health:
+    """Ask the database, and say which versions answer."""
+    return Health(status="ok", version=JOINTSTIFF_VERSION, database=parts.store.ping())
+
+
+@router.get("/", include_in_schema=False)
+def get_index() -> dict[str, str]:
+    """Where to go from here, for people who open the address in a browser."""
+    return {
+        "name": "Jointstiff",
+        "version": JOINTSTIFF_VERSION,
+        "description": "/openapi.json",
+        "health": "/health",
+        "robots": "/v1/robots",
+        "measurement_sets": "/v1/measurement-sets",
+        "runs": "/v1/runs",
+    }

@@ -1,0 +1,70 @@
+"""Measurement sets: loads, and what the tracker read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Path, Query, Response
+
+from schemas.base import Page
+from schemas.measurement_set import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
+from service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
+from service.api.examples import MEASUREMENT_SETS
+from service.api.parts import (
+    Cursor,
+    Limit,
+    NameFilter,
+    PartsOf,
+    created,
+    filters,
+    json_response,
+    problems,
+)
+from service.measurement_sets import assembled
+from service.records import MeasurementSetEntry
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"])
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=MeasurementSet,
+    responses=problems(413, 415, 422),
+    openapi_extra=describe_body(MeasurementSetRequest, MEASUREMENT_SETS),
+)
+def post_measurement_set(
+    parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_SET_BYTES))]
+) -> Response:
+    """Store a measurement set.
+
+    What cannot be right is refused with its place and the remedy, and nothing is stored. What is
+    suspicious (targets that did not move as one body, deflection against the force, angles that look
+    like the other unit, …) is stored with a warning, which every run of the set shows.
+    """
+    record = parts.sets.create(body.parse(MeasurementSetRequest), body.key)
+    return created("measurement-sets", record.id, assembled(record).model_dump_json())
+
+
+@router.get("", response_model=Page[MeasurementSetSummary], responses=problems(422))
+def list_measurement_sets(
+    parts: PartsOf,
+    limit: Limit = 50,
+    cursor: Cursor = None,
+    robot_id: Annotated[str | None, Query(max_length=64)] = None,
+    name: NameFilter = None,
+    encoders: Annotated[Literal["motor", "secondary"] | None, Query()] = None,
+) -> Page[MeasurementSetSummary]:
+    """List measurement sets without their observations, newest first."""
+    chosen = filters(robot_id=robot_id, name=name, encoders=encoders)
+    page = parts.store.page(MeasurementSetEntry, limit=limit, cursor=cursor, filters=chosen)
+    items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
+    return Page(items=items, next=page.next)
+
+
+@router.get("/{set_id}", response_model=MeasurementSet, responses=problems(404, 422))
+def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """One measurement set as it was posted, with what was noticed."""
+    return json_response(parts.sets.document(set_id).model_dump_json())

@@ -1,0 +1,100 @@
+"""What the routes are handed: the parts of the application, and the vocabulary of their parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, cast
+
+from fastapi import Depends, Query, Request, Response
+
+from schemas.base import MAX_NAME_LENGTH
+from schemas.problem import Problem
+from service.measurement_sets import MeasurementSets
+from service.robots import Robots
+from service.runs import Runs
+from service.store import Store
+
+__all__ = [
+    "MAX_PAGE",
+    "Cursor",
+    "Limit",
+    "NameFilter",
+    "Parts",
+    "PartsOf",
+    "created",
+    "filters",
+    "json_response",
+    "problems",
+]
+
+MAX_PAGE: Final = 100
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The application's parts, composed once."""
+
+    store: Store
+    robots: Robots
+    sets: MeasurementSets
+    runs: Runs
+
+    @classmethod
+    def of(cls, store: Store) -> Parts:
+        """Compose the parts on a store."""
+        robots = Robots(store)
+        sets = MeasurementSets(store, robots)
+        return cls(store, robots, sets, Runs(store, sets))
+
+
+def _parts(request: Request) -> Parts:
+    return cast("Parts", request.app.state.parts)
+
+
+PartsOf = Annotated[Parts, Depends(_parts)]
+
+Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Resources on a page.")]
+Cursor = Annotated[
+    str | None, Query(max_length=64, description="`next` of the page before; none for the newest.")
+]
+NameFilter = Annotated[
+    str | None, Query(max_length=MAX_NAME_LENGTH, description="Only those of exactly this name.")
+]
+
+
+def filters(**values: str | None) -> dict[str, str]:
+    """The filters that were given."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def json_response(text: str, status: int = 200) -> Response:
+    """A stored document as it is, without parsing it again."""
+    return Response(text, status, media_type="application/json")
+
+
+def created(collection: str, identifier: str, text: str) -> Response:
+    """201 with the resource and its address."""
+    response = json_response(text, 201)
+    response.headers["Location"] = f"/v1/{collection}/{identifier}"
+    return response
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """The OpenAPI description of the errors a route may answer with."""
+    return {
+        status: {
+            "model": Problem,
+            "description": _DESCRIPTIONS[status],
+            "content": {"application/problem+json": {}},
+        }
+        for status in statuses
+    }
+
+
+_DESCRIPTIONS: Final = {
+    404: "There is no such resource.",
+    413: "The body is too large.",
+    415: "The body is not declared as JSON.",
+    422: "The request cannot be carried out; `where` names the field and `remedy` how to mend it.",
+    503: "The database does not answer.",
+}

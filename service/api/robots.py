@@ -1,0 +1,62 @@
+"""Robots: kinematics from URDF or DH tables."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Response
+
+from schemas.base import Page
+from schemas.robot import Robot, RobotDocument, RobotSummary
+from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
+from service.api.examples import ROBOTS
+from service.api.parts import (
+    Cursor,
+    Limit,
+    NameFilter,
+    PartsOf,
+    created,
+    filters,
+    json_response,
+    problems,
+)
+from service.records import RobotRecord
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/robots", tags=["robots"])
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=Robot,
+    responses=problems(413, 415, 422),
+    openapi_extra=describe_body(RobotDocument, ROBOTS),
+)
+def post_robot(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_ROBOT_BYTES))]) -> Response:
+    """Store a robot.
+
+    The description is vetted: anything that a kinematics library would silently misread (mimic joints,
+    unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
+    revolute joints from `base` to `flange` is kept; meshes are never opened.
+    """
+    record = parts.robots.create(body.parse(RobotDocument), body.key)
+    return created("robots", record.id, record.document)
+
+
+@router.get("", response_model=Page[RobotSummary], responses=problems(422))
+def list_robots(
+    parts: PartsOf, limit: Limit = 50, cursor: Cursor = None, name: NameFilter = None
+) -> Page[RobotSummary]:
+    """List robots, newest first."""
+    page = parts.store.page(RobotRecord, limit=limit, cursor=cursor, filters=filters(name=name))
+    stored = [Robot.model_validate_json(record.document) for record in page.records]
+    items = [RobotSummary(id=r.id, name=r.name, joints=r.joints, created_at=r.created_at) for r in stored]
+    return Page(items=items, next=page.next)
+
+
+@router.get("/{robot_id}", response_model=Robot, responses=problems(404, 422))
+def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """One robot, with its kinematics as they were understood."""
+    return json_response(parts.store.get(RobotRecord, robot_id).document)

@@ -1,0 +1,85 @@
+"""The composition root: parts in, application out. Nothing happens on import."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+import anyio.to_thread
+from fastapi import FastAPI
+from pydantic.json_schema import models_json_schema
+
+from schemas.measurement_set import MeasurementSetRequest
+from schemas.robot import RobotDocument
+from schemas.run import RunRequest
+from service.api import health, measurement_sets, robots, runs
+from service.api.errors import install_error_handlers
+from service.api.parts import Parts
+from service.store import Store
+from service.versions import JOINTSTIFF_VERSION
+
+__all__ = ["create_app"]
+
+CONCURRENT_REQUESTS: Final = 8
+"""Requests worked on at once; others wait. A large body takes up to a few hundred MB while it is parsed."""
+
+_DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
+
+Post a **robot**, then a **measurement set** of it, then a **run**: the answer holds the stiffness of each
+joint with its uncertainty, or the reason why the readings cannot say it. Numbers are in SI units unless a
+set declares others in its `units`; each field's unit stands in its schema as `unit`.
+
+Every error is a problem details document (RFC 9457) whose `where` names the field and whose `remedy` says
+how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
+"""
+
+
+def create_app(store: Store) -> FastAPI:
+    """Compose the service on an open store, which stays the caller's to close.
+
+    Args:
+        store: where robots, measurement sets and runs are kept.
+
+    Returns:
+        The ASGI application.
+    """
+    app = FastAPI(
+        title="Jointstiff",
+        version=JOINTSTIFF_VERSION,
+        description=_DESCRIPTION,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        docs_url=None,  # its page loads scripts from other hosts
+        redoc_url=None,
+        lifespan=_lifespan,
+    )
+    app.state.parts = Parts.of(store)
+    for module in (robots, measurement_sets, runs, health):
+        app.include_router(module.router)
+    install_error_handlers(app)
+    _describe_bodies(app)
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
+    anyio.to_thread.current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
+    yield
+
+
+def _describe_bodies(app: FastAPI) -> None:
+    """Add the schemas of the bodies, which FastAPI does not see as it does not parse them."""
+    _, definitions = models_json_schema(
+        [(message, "validation") for message in (RobotDocument, MeasurementSetRequest, RunRequest)],
+        ref_template="#/components/schemas/{model}",
+    )
+    generate = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        document = generate()
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        for name, schema in definitions["$defs"].items():
+            schemas.setdefault(name, schema)
+        return document
+
+    app.openapi = openapi  # type: ignore[method-assign]

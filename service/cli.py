@@ -1,0 +1,218 @@
+"""The command line: `jointstiff`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+from examples.simulator import default_arm, simulate_campaign
+from schemas.run import RunOptions
+from service import campaigns
+from service.campaigns import CampaignError, read_campaign
+from service.demo import run_demo
+from service.problems import invalid_request
+from service.server import ServerError, run_server
+from service.store_errors import StoreError
+from service.terminal import comparison_table, console, problem_text, run_report
+
+__all__ = ["main"]
+
+app = typer.Typer(
+    name="jointstiff",
+    help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
+    "Start with [bold]jointstiff simulate campaign.json[/], then "
+    "[bold]jointstiff identify campaign.json[/].",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+CampaignFile = Annotated[
+    Path,
+    typer.Argument(
+        exists=True,
+        dir_okay=False,
+        readable=True,
+        metavar="FILE",
+        help="Campaign: robot, measurement set and run in one JSON document.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+DatabaseUrl = Annotated[
+    str,
+    typer.Option(
+        envvar="JOINTSTIFF_DATABASE",
+        metavar="URL",
+        help="sqlite:///FILE, or postgresql://USER:PASSWORD@HOST/NAME.",
+    ),
+]
+
+
+class MethodChoice(StrEnum):
+    """Methods of METHOD.md §4."""
+
+    COMPLETE = "complete_pose"
+    PARTIAL = "partial_pose"
+    DECOUPLED = "decoupled_partial_pose"
+
+
+class WeightingChoice(StrEnum):
+    """Weightings of METHOD.md §3."""
+
+    COVARIANCE = "covariance"
+    LENGTH = "characteristic_length"
+    UNIFORM = "uniform"
+
+
+class LoadChoice(StrEnum):
+    """How the simulated robot is loaded."""
+
+    DEAD_WEIGHT = "dead_weight"
+    PULL = "pull"
+
+
+class EncoderChoice(StrEnum):
+    """Which encoders close the position loop."""
+
+    MOTOR = "motor"
+    SECONDARY = "secondary"
+
+
+@app.command()
+def identify(
+    file: CampaignFile,
+    *,
+    method: Annotated[MethodChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    weighting: Annotated[WeightingChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    characteristic_length: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="For that weighting; least condition number if absent."),
+    ] = None,
+    positive: Annotated[
+        bool | None,
+        typer.Option("--positive/--unconstrained", help="Compliance zero or positive, or free."),
+    ] = None,
+    confidence: Annotated[
+        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Identify the joint stiffnesses of a campaign, without a server."""
+    chosen = {
+        "method": method,
+        "weighting": weighting,
+        "characteristic_length": characteristic_length,
+        "positive": positive,
+        "confidence": confidence,
+    }
+    changes = {name: value for name, value in chosen.items() if value is not None}
+    try:
+        campaign = read_campaign(file)
+        run = campaigns.identify(campaign, _changed(campaign.run, changes))
+    except CampaignError as error:
+        raise _refused(error) from error
+    if as_json:
+        typer.echo(run.model_dump_json(indent=2))
+    else:
+        console().print(run_report(run))
+    if run.state != "succeeded":
+        raise typer.Exit(1)
+
+
+@app.command()
+def compare(file: CampaignFile, *, as_json: AsJson = False) -> None:
+    """Compare the three methods on a campaign, unconstrained and constrained."""
+    try:
+        rows = campaigns.compare(read_campaign(file))
+    except CampaignError as error:
+        raise _refused(error) from error
+    if as_json:
+        dumped = [row.outcome.model_dump(mode="json") for row in rows]
+        typer.echo(json.dumps(dumped, indent=2))
+        return
+    console().print(comparison_table(rows))
+
+
+@app.command()
+def serve(
+    *,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
+    database: DatabaseUrl = "sqlite:///jointstiff.db",
+) -> None:
+    """Start the service."""
+    try:
+        run_server(host, port, database)
+    except (StoreError, ServerError) as error:
+        console(stderr=True).print(f"{error.reason}\n  remedy: {error.remedy}", style="red", markup=False)
+        raise typer.Exit(2) from error
+
+
+@app.command()
+def simulate(
+    file: Annotated[Path, typer.Argument(dir_okay=False, metavar="FILE", help="Where to write it.")],
+    *,
+    load: Annotated[
+        LoadChoice, typer.Option(help="Weight on the flange, or pulls all around.")
+    ] = LoadChoice.PULL,
+    configurations: Annotated[int, typer.Option(min=1, max=10_000)] = 19,
+    force: Annotated[float, typer.Option(min=0.0, max=1e5, help="Size of the force [N].")] = 1500.0,
+    sigma: Annotated[float, typer.Option(min=0.0, max=1e-2, help="Noise of a coordinate [m].")] = 2e-5,
+    encoders: EncoderChoice = EncoderChoice.MOTOR,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same file.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+) -> None:
+    """Write an example campaign, made by springs that balance the load exactly."""
+    if file.exists() and not overwrite:
+        console(stderr=True).print(
+            f"{file} exists\n  remedy: choose another name, or --overwrite", style="red"
+        )
+        raise typer.Exit(2)
+    document = simulate_campaign(
+        default_arm(encoders.value),
+        configurations=configurations,
+        load=load.value,
+        force=force,
+        sigma=sigma,
+        encoders=encoders.value,
+        seed=seed,
+    )
+    file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    console().print(
+        f"wrote {file}: {configurations} configurations, {force:g} N; now: jointstiff identify {file}"
+    )
+
+
+@app.command()
+def demo(
+    *,
+    once: Annotated[bool, typer.Option("--once", help="End after the tables.")] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
+    database: DatabaseUrl = "sqlite:///jointstiff.db",
+) -> None:
+    """Start the service, post an example campaign over HTTP, and show what it answers."""
+    raise typer.Exit(run_demo(port=port, database=database, once=once))
+
+
+def _changed(options: RunOptions, changes: Mapping[str, object]) -> RunOptions:
+    try:
+        return RunOptions.model_validate({**options.model_dump(), **changes})
+    except ValidationError as error:
+        raise CampaignError(invalid_request(error.errors())) from None
+
+
+def _refused(error: CampaignError) -> typer.Exit:
+    console(stderr=True).print(problem_text(error.problem))
+    return typer.Exit(2)
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()

@@ -1,0 +1,152 @@
+"""One table from error class to status, and the problem details that say what to do (RFC 9457)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from types import MappingProxyType
+from typing import Any, Final
+
+from schemas.problem import Problem, ProblemItem
+from service.store_errors import (
+    CursorError,
+    IdempotencyConflictError,
+    NotFoundError,
+    StoreError,
+    StoreUnavailableError,
+)
+from solver.exceptions import (
+    JointstiffError,
+    MeasurementError,
+    NotObservableError,
+    RequestError,
+    RobotError,
+    SolverError,
+    UnsupportedMethodError,
+)
+
+__all__ = ["MAX_ITEMS", "MAX_PROBLEM_BYTES", "http_problem", "invalid_request", "problem_of", "status_of"]
+
+MAX_ITEMS: Final = 20
+"""Faults listed in one answer."""
+MAX_PROBLEM_BYTES: Final = 8_000
+"""Size of an error body, whatever was sent."""
+_LONGEST: Final = 300
+
+_KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
+    {
+        UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
+        RequestError: (422, "invalid-request", "The request cannot be carried out"),
+        RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
+        MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),
+        NotObservableError: (422, "not-observable", "The readings determine no joint"),
+        SolverError: (500, "solver", "The optimum could not be certified"),
+        IdempotencyConflictError: (422, "idempotency-conflict", "The idempotency key was used before"),
+        CursorError: (422, "invalid-cursor", "The cursor is not one of ours"),
+        NotFoundError: (404, "not-found", "There is no such resource"),
+        StoreUnavailableError: (503, "store-unavailable", "The database does not answer"),
+        StoreError: (500, "store", "The database cannot be used"),
+    }
+)
+
+_REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "missing": "add this field",
+        "extra_forbidden": "remove it, or check its spelling",
+        "finite_number": "give a finite number",
+        "json_invalid": "send valid JSON, numbers finite, nested no deeper than 200",
+        "union_tag_invalid": "give one of the formats named",
+        "too_long": "send less, or split it into several resources",
+        "float_type": "give a number, without quotes",
+    }
+)
+
+
+def status_of(error: Exception) -> int:
+    """HTTP status of one of the project's errors."""
+    return _kind(error)[0]
+
+
+def problem_of(error: JointstiffError | StoreError) -> Problem:
+    """Problem details of one of the project's errors."""
+    status, slug, title = _kind(error)
+    return Problem(
+        type=_urn(slug),
+        title=title,
+        status=status,
+        detail=_short(error.reason, 2 * _LONGEST),
+        where=_short(error.where) if isinstance(error, JointstiffError) and error.where else None,
+        remedy=_short(error.remedy, 2 * _LONGEST),
+    )
+
+
+def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem:
+    """Problem details of a plain HTTP status."""
+    phrase = HTTPStatus(status).phrase
+    return Problem(
+        type=_urn(phrase.lower().replace(" ", "-")),
+        title=phrase,
+        status=status,
+        detail=_short(detail),
+        remedy=remedy,
+    )
+
+
+def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
+    """Problem details of pydantic's errors: the first faults, short, without what was sent."""
+    items = [
+        ProblemItem(
+            where=_short(_path(error["loc"])) or "body",
+            reason=_short(str(error["msg"]).removeprefix("Value error, ")),
+            remedy=_REMEDIES.get(str(error["type"])),
+        )
+        for error in errors[:MAX_ITEMS]
+    ]
+    return _fitted(
+        Problem(
+            type=_urn("invalid-request"),
+            title="The request does not have the form that the API describes",
+            status=422,
+            detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; "
+            f"first: {items[0].where}: {items[0].reason}",
+            where=items[0].where,
+            remedy=items[0].remedy or "compare it with the OpenAPI description at /openapi.json",
+            errors=items,
+        )
+    )
+
+
+def _kind(error: Exception) -> tuple[int, str, str]:
+    for ancestor in type(error).__mro__:
+        if ancestor in _KINDS:
+            return _KINDS[ancestor]
+    return 500, "internal", "An unexpected failure"
+
+
+def _urn(slug: str) -> str:
+    return f"urn:jointstiff:problem:{slug}"
+
+
+def _fitted(problem: Problem) -> Problem:
+    """Drop the last faults until the body is short enough."""
+    while len(problem.model_dump_json()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
+        problem = problem.model_copy(update={"errors": problem.errors[:-1]})
+    return problem
+
+
+def _short(text: str, longest: int = _LONGEST) -> str:
+    printable = "".join(c if c.isprintable() else "�" for c in text[: longest + 1])
+    return printable if len(printable) <= longest else printable[:longest] + "…"
+
+
+def _path(location: Sequence[int | str]) -> str:
+    """observations[3].force[0]; the tag of a model's format is no field and is left out."""
+    path = ""
+    for i, part in enumerate(location):
+        if i and location[i - 1] == "model" and part in {"urdf", "dh"}:
+            continue
+        if isinstance(part, int):
+            path += f"[{part}]"
+        else:
+            path += f".{part}" if path else str(part)
+    return path

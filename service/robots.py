@@ -1,0 +1,95 @@
+"""Robots as resources: vetted when they come in, built when they are needed."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from functools import lru_cache
+from uuid import uuid4
+
+from schemas import robot as messages
+from service.conversion import build_robot, describe_joints, describe_wrist, dh_kinematics
+from service.records import IdempotencyKey, RobotRecord
+from service.sandbox import vet_urdf
+from service.store import Store
+from solver.exceptions import RobotError
+from solver.robot import Robot
+from solver.urdf import read_urdf
+
+__all__ = ["Robots"]
+
+_CACHED = 64
+
+
+class Robots:
+    """The robots of a store."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._stored = lru_cache(_CACHED)(self._load)
+
+    def create(self, document: messages.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
+        """Vet a robot and store it.
+
+        Raises:
+            RobotError: the description cannot be used.
+            IdempotencyConflictError: the key came before with another body.
+        """
+        if key is not None and (before := self._store.find(RobotRecord, key)) is not None:
+            return before
+        vetted, robot = _vetted(document)
+        created_at = datetime.now(UTC)
+        stored = messages.Robot(
+            **vetted.model_dump(exclude={"model"}),
+            model=vetted.model,
+            id=uuid4().hex,
+            joints=describe_joints(robot),
+            wrist=describe_wrist(robot),
+            content_hash=_content_hash(vetted),
+            created_at=created_at,
+        )
+        record = RobotRecord(
+            id=stored.id,
+            name=stored.name,
+            created_at=created_at,
+            content_hash=stored.content_hash,
+            document=stored.model_dump_json(),
+        )
+        return self._store.add(record, key)
+
+    def load(self, robot_id: str) -> tuple[Robot, str]:
+        """The robot ready for computation, and the hash of its content.
+
+        Raises:
+            NotFoundError: there is no such robot.
+        """
+        return self._stored(robot_id)
+
+    def _load(self, robot_id: str) -> tuple[Robot, str]:
+        record = self._store.get(RobotRecord, robot_id)
+        stored = messages.Robot.model_validate_json(record.document)
+        model = stored.model
+        if isinstance(model, messages.DhModel):
+            chain = dh_kinematics(model, stored.name)
+        else:  # vetted when it came in, and re-serialised by ourselves
+            chain = read_urdf(model.urdf, model.base, model.flange)
+        return build_robot(chain, stored.joint_map), record.content_hash
+
+
+def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, Robot]:
+    """The document as it was understood, and the robot it describes."""
+    model = document.model
+    if isinstance(model, messages.DhModel):
+        return document, build_robot(dh_kinematics(model, document.name), document.joint_map)
+    try:
+        chain = vet_urdf(model.urdf, model.base, model.flange)
+    except RobotError as error:
+        place = f"model.urdf: {error.where}" if error.where else "model.urdf"
+        raise RobotError(error.reason, remedy=error.remedy, where=place) from error
+    understood = model.model_copy(update={"urdf": chain.to_urdf()})
+    return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)
+
+
+def _content_hash(document: messages.RobotDocument) -> str:
+    """SHA-256 of the kinematics and the joint map, not of the name."""
+    return hashlib.sha256(document.model_dump_json(exclude={"name"}).encode()).hexdigest()

@@ -1,0 +1,57 @@
+"""The service as a process: one store, one application, one listening socket."""
+
+from __future__ import annotations
+
+import socket
+
+import uvicorn
+
+from service.app import create_app
+from service.store import Store
+from service.terminal import console
+from service.versions import JOINTSTIFF_VERSION
+
+__all__ = ["ServerError", "run_server"]
+
+
+class ServerError(Exception):
+    """The service cannot start."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.remedy = remedy
+
+
+def run_server(host: str, port: int, database: str) -> None:
+    """Serve until interrupted.
+
+    Args:
+        host: address to listen on.
+        port: TCP port, 0 for a free one.
+        database: URL of the store.
+
+    Raises:
+        StoreError: the database cannot be used.
+        ServerError: the address cannot be listened on.
+    """
+    with Store.open(database) as store, _listen(host, port) as listener:
+        address = f"http://{host}:{listener.getsockname()[1]}"
+        console().print(
+            f"Jointstiff {JOINTSTIFF_VERSION} at {address} (API description at {address}/openapi.json); "
+            "Ctrl-C ends it",
+            soft_wrap=True,
+        )
+        config = uvicorn.Config(create_app(store), log_level="warning", access_log=False, server_header=False)
+        uvicorn.Server(config).run(sockets=[listener])
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=128)
+    except OSError as error:
+        raise ServerError(
+            f"cannot listen on {host}:{port}: {error.strerror or error}",
+            "choose another --port or --host, or end the program that uses it",
+        ) from error

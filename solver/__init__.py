@@ -1,0 +1,1 @@
+"""The numerical core: from kinematics and readings to certified joint compliances. No I/O, no messages."""
