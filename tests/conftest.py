@@ -36,7 +36,7 @@ def postgresql_url() -> Iterator[str]:
 
     try:
         run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
-        run("pg_ctl", "start", "-w", "-o", f"-k {folder} -c listen_addresses=''")
+        run("pg_ctl", "start", "-w", "-o", f"-k {folder} -c listen_addresses='' -c lock_timeout=20s")
         try:
             yield f"postgresql://postgres@/postgres?host={folder}"
         finally:
