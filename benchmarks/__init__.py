@@ -1,0 +1,15 @@
+"""Jointstiff beside its peers, measured in one run on one machine.
+
+    python -m benchmarks                  everything, about five minutes
+    python -m benchmarks small post       only these
+    python -m benchmarks --quick          tiny sizes, a smoke test that judges nothing
+    python -m benchmarks --json FILE      the same numbers, and every single time, for other programs
+
+Candidates take turns (A B A B ...) and their medians are compared, so what counts is a *ratio*: it
+carries over to other machines, seconds do not. Beside each figure that is asked for stands what was
+measured, and whether it is met; the exit status does not depend on it. The data are made by
+`examples.simulator`, from seeds.
+
+Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,000,000), `post` (a run over
+HTTP), `exactness` (against exact rational arithmetic).
+"""

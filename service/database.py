@@ -126,8 +126,8 @@ def _parse(url: str) -> URL:
         raise StoreError("the URL of the database cannot be read", _URLS) from error
     if parsed.drivername not in _DIALECTS:
         raise StoreError(f"{parsed.drivername} is not a database that can be used here", _URLS)
-    if parsed.drivername == "sqlite" and (parsed.host or parsed.query):
-        raise StoreError(f"the URL {parsed} has more than a path", _URLS)
+    if parsed.drivername == "sqlite" and parsed != URL.create("sqlite", database=parsed.database):
+        raise StoreError("the URL of an SQLite database has more than a path", _URLS)
     return parsed
 
 
@@ -185,7 +185,9 @@ def _is_busy(error: OperationalError) -> bool:
 
 
 def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
-    connect_args: dict[str, Any] = {} if "connect_timeout" in url.query else {"connect_timeout": 10}
+    connect_args: dict[str, Any] = {"client_encoding": "utf8"}
+    if "connect_timeout" not in url.query:
+        connect_args["connect_timeout"] = 10
     writer = create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,

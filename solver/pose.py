@@ -25,7 +25,7 @@ class RigidDisplacement:
     """Displacement ``x = (δp_b, δφ)`` of each of B configurations about its reference point b.
 
     Attributes:
-        reference: (B, 3) reference point b in R0 [m]: the barycentre of the targets.
+        reference: (B, 3) reference point b in R0 [m].
         x: (B, 6) translation of b [m], then rotation [rad], axes of R0.
         factor: (B, 6, 6) upper triangular factor R of the whitened G, ``cov(x) = (Rᵀ R)⁻¹``
             in units of sigma².
@@ -56,11 +56,13 @@ def refuse_unless_posed(measurements: Measurements) -> None:
         )
 
 
-def fit_displacement(block: RegressorBlock) -> RigidDisplacement:
+def fit_displacement(block: RegressorBlock, reference: FloatArray | None = None) -> RigidDisplacement:
     """Fit ``δp_X = δp_b + δφ × (P1X − b)`` by whitened least squares.
 
     Args:
         block: B observations with at least three targets each.
+        reference: (B, 3) the points b in R0 [m]; the barycentres of the targets if None. Weighted by
+            covariance, an estimate does not depend on them.
 
     Returns:
         The displacements with their covariance.
@@ -70,9 +72,11 @@ def fit_displacement(block: RegressorBlock) -> RigidDisplacement:
     """
     present = block.measurements.present[..., None]
     weight = present / present.sum(axis=1, keepdims=True)
-    reference = (block.points * weight).sum(axis=1)
+    barycentre = (block.points * weight).sum(axis=1)
+    _refuse_collinear(np.where(present, block.points - barycentre[:, None], 0.0))
+    if reference is None:
+        reference = barycentre
     arm = np.where(present, block.points - reference[:, None], 0.0)
-    _refuse_collinear(arm)
     W = np.where(present[..., None], whitener(block.measurements.covariance), 0.0)
     G = np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1)
     Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))

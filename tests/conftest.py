@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import httpx
 import psycopg
 import pytest
 
@@ -84,3 +87,59 @@ def _postgresql_binaries() -> Path:
     if os.environ.get(REQUIRE_POSTGRESQL) == "1":
         pytest.fail(f"{reason} ({REQUIRE_POSTGRESQL}=1)")
     pytest.skip(reason)
+
+
+class Service:
+    """A service process of our own, on a real socket and a real database."""
+
+    def __init__(self, database_url: str) -> None:
+        command = [sys.executable, "-m", "service", "serve", "--port", "0", "--database", database_url]
+        self._log = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )
+        line = self.process.stdout.readline()
+        found = re.search(r"http://\S+", line)
+        assert found, self.log()
+        self.url = found[0]
+
+    def log(self) -> str:
+        """What it wrote to its standard error."""
+        self._log.seek(0)
+        return self._log.read()
+
+    def stop(self) -> None:
+        """End it as a service manager would."""
+        self.process.terminate()
+        try:
+            self.process.wait(timeout=20)
+        finally:
+            self.process.kill()
+            self.process.stdout.close()
+            self._log.close()
+
+
+@pytest.fixture(scope="session", params=["sqlite", "postgresql"])
+def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """The running service, once on each database; no test may expect it to be empty."""
+    if request.param == "sqlite":
+        url = f"sqlite:///{tmp_path_factory.mktemp('service') / 'jointstiff.db'}"
+    else:
+        url = request.getfixturevalue("new_postgresql_database")()
+    running = Service(url)
+    try:
+        yield running
+        assert running.process.poll() is None, running.log()
+    finally:
+        running.stop()
+
+
+@pytest.fixture
+def client(service: Service) -> Iterator[httpx.Client]:
+    """An HTTP client of the running service."""
+    with httpx.Client(base_url=service.url, timeout=60.0) as session:
+        yield session

@@ -160,6 +160,7 @@ def test_processes_open_a_fresh_database_together(database_url: str) -> None:
         "postgresql+asyncpg://user@host/database",
         "postgresql://user@host:port/database",
         "sqlite://host/path",
+        "sqlite://user@/path",
         "sqlite:///path?mode=ro",
     ],
 )
@@ -173,7 +174,9 @@ def test_errors_do_not_show_the_password(tmp_path: Path) -> None:
     for url in (
         "postgresql://user:secret@127.0.0.1:1/database",
         f"postgresql://user:secret@/database?host={tmp_path}",
+        f"postgresql://user:secret@/database?host={tmp_path}&nonsense=1",
         "mysql://user:secret@host/database",
+        "sqlite://user:secret@host/path",
         "postgresql://user:secret@host:port/database",
     ):
         with pytest.raises(StoreError) as caught:

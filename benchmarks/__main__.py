@@ -1,0 +1,87 @@
+"""Run the benchmarks: `python -m benchmarks`; see the package's docstring."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+import benchmarks
+from benchmarks import exactness, large, memory, post, small
+from benchmarks.report import Section, print_figures, print_section
+
+RUNNERS: dict[str, Callable[..., list[Section]]] = {
+    # Memory before large, which leaves this process big.
+    "small": small.run,
+    "post": post.run,
+    "memory": memory.run,
+    "large": large.run,
+    "exactness": exactness.run,
+}
+PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
+_WIDTH = 130  # where the output is no terminal
+
+
+def main() -> None:
+    """Run what is asked for and print what was found."""
+    arguments = _arguments()
+    console = Console() if sys.stdout.isatty() else Console(width=_WIDTH)
+    machine = _machine()
+    console.print(f"{machine['processors']} processors, load {machine['load']:.2f}; {machine['versions']}\n")
+    sections = []
+    for name in arguments.benchmarks:
+        with Console(stderr=True).status(f"{name} …"):
+            found = RUNNERS[name](quick=arguments.quick)
+        for section in found:
+            print_section(console, section)
+        sections += found
+    figures = [figure for section in sections for figure in section.figures]
+    print_figures(console, figures, judged=not arguments.quick)
+    if arguments.json is not None:
+        document = {"quick": arguments.quick, "machine": machine, "sections": [_plain(s) for s in sections]}
+        arguments.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description=benchmarks.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(RUNNERS)}; all if none"
+    )
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.benchmarks) - set(RUNNERS):
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(RUNNERS)}")
+    arguments.benchmarks = arguments.benchmarks or list(RUNNERS)
+    return arguments
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "processors": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "platform": platform.platform(),
+        "versions": ", ".join(f"{name} {version(name)}" for name in PACKAGES),
+    }
+
+
+def _plain(section: Section) -> dict[str, Any]:
+    figures = [asdict(figure) | {"met": figure.met} for figure in section.figures]
+    return asdict(section) | {"figures": figures}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""What a benchmark found: a table for people, numbers for programs, figures that were asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.timing import Times
+
+__all__ = ["Figure", "Section", "print_figures", "print_section", "seconds_text", "times_table"]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number that is asked for beside the one that was measured.
+
+    Attributes:
+        what: what is measured, against what.
+        measured: the number.
+        relation: on which side of `required` it should lie.
+        required: the number asked for.
+        unit: of both.
+    """
+
+    what: str
+    measured: float
+    relation: Literal["at least", "at most"]
+    required: float
+    unit: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether it lies there."""
+        if self.relation == "at least":
+            return self.measured >= self.required
+        return self.measured <= self.required
+
+
+@dataclass(frozen=True)
+class Section:
+    """The outcome of one benchmark.
+
+    Attributes:
+        title: what was compared.
+        columns: headings of the table.
+        rows: its cells.
+        figures: that were asked for.
+        notes: what a reader needs to know to judge the numbers.
+        data: the numbers behind them.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    figures: tuple[Figure, ...] = ()
+    notes: tuple[str, ...] = ()
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def times_table(
+    times: Times, ours: str, extra: Sequence[tuple[str, dict[str, str]]] = ()
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Columns and rows of a comparison; a ratio above 1 means slower than ours.
+
+    Args:
+        times: of all candidates.
+        ours: which candidate they are compared with.
+        extra: further columns, each with its cells by candidate.
+
+    Returns:
+        Columns and rows.
+    """
+    columns = ("candidate", "time / ours", "middle half", "median", *(title for title, _ in extra))
+    rows = []
+    for name in times.seconds:
+        lower, upper = times.spread(name, ours)
+        cells = [cells.get(name, "") for _, cells in extra]
+        ratio = f"{times.ratio(name, ours):.2f}"
+        rows.append((name, ratio, f"{lower:.2f} … {upper:.2f}", seconds_text(times.median(name)), *cells))
+    return columns, tuple(rows)
+
+
+def seconds_text(seconds: float) -> str:
+    """A time in a unit that suits it."""
+    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.2f} ms"
+
+
+def print_section(console: Console, section: Section) -> None:
+    """Print table and notes."""
+    table = Table(title=section.title, title_justify="left", title_style="bold")
+    for number, column in enumerate(section.columns):
+        table.add_column(column, justify="right" if number else "left")
+    for row in section.rows:
+        table.add_row(*row)
+    console.print(table)
+    for note in section.notes:
+        console.print(f"  {note}", style="dim", highlight=False)
+    console.print()
+
+
+def print_figures(console: Console, figures: Sequence[Figure], *, judged: bool) -> None:
+    """Print the figures that were asked for beside the measured ones.
+
+    Args:
+        console: where to.
+        figures: of all sections.
+        judged: False for sizes that the figures are not about.
+    """
+    table = Table(title="Figures", title_justify="left", title_style="bold")
+    for number, column in enumerate(("what", "required", "measured", "")):
+        table.add_column(column, justify="right" if number in {1, 2} else "left")
+    for figure in figures:
+        sign = "≥" if figure.relation == "at least" else "≤"
+        verdict = ("[green]met[/]" if figure.met else "[red]NOT met[/]") if judged else "not judged"
+        required, measured = f"{figure.required:g}{figure.unit}", f"{figure.measured:.3g}{figure.unit}"
+        table.add_row(figure.what, f"{sign} {required}", measured, verdict)
+    console.print(table)

@@ -1,0 +1,64 @@
+"""Times of candidates that take turns, and their ratios."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from statistics import median, quantiles
+from typing import Any
+
+__all__ = ["Times", "interleaved"]
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds that each candidate took, round by round.
+
+    Attributes:
+        seconds: of each candidate, in the order of the rounds.
+        results: what each candidate returned in the last round.
+    """
+
+    seconds: dict[str, list[float]]
+    results: dict[str, Any]
+
+    def median(self, candidate: str) -> float:
+        """Median over the rounds [s]."""
+        return median(self.seconds[candidate])
+
+    def ratio(self, candidate: str, reference: str) -> float:
+        """Median of the candidate over the median of the reference."""
+        return self.median(candidate) / self.median(reference)
+
+    def spread(self, candidate: str, reference: str) -> tuple[float, float]:
+        """Middle half of the ratios within single rounds: how far the ratio is to be trusted."""
+        rounds = zip(self.seconds[candidate], self.seconds[reference], strict=True)
+        ratios = [first / second for first, second in rounds]
+        if len(ratios) < 2:
+            return ratios[0], ratios[0]
+        lower, _, upper = quantiles(ratios, n=4, method="inclusive")
+        return lower, upper
+
+
+def interleaved(candidates: Mapping[str, Callable[[], object]], *, rounds: int, warm_up: int = 1) -> Times:
+    """Let the candidates take turns: A B A B ...
+
+    Args:
+        candidates: by name.
+        rounds: how often each is timed.
+        warm_up: rounds before that which do not count.
+
+    Returns:
+        The times, and what the candidates returned.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in candidates}
+    results: dict[str, Any] = {}
+    for number in range(warm_up + rounds):
+        for name, call in candidates.items():
+            start = time.perf_counter()
+            results[name] = call()
+            elapsed = time.perf_counter() - start
+            if number >= warm_up:
+                seconds[name].append(elapsed)
+    return Times(seconds, results)

@@ -1,0 +1,73 @@
+"""The contract: what the OpenAPI description promises is what the service does, whatever is sent."""
+
+from __future__ import annotations
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, settings
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from schemas.measurement_set import MeasurementSetRequest
+from schemas.robot import RobotDocument
+from schemas.run import RunRequest
+from service.api.examples import MEASUREMENT_SETS, ROBOTS, RUNS
+from service.app import create_app
+from service.store import Store
+
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
+
+
+def _application():
+    return create_app(Store.open("sqlite://"))
+
+
+schema = schemathesis.openapi.from_dict(_application().openapi())
+
+
+@schema.parametrize()
+@settings(
+    max_examples=60,
+    deadline=None,
+    phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+def test_the_service_keeps_its_contract(case, service):
+    case.call_and_validate(base_url=service.url, checks=CHECKS)
+
+
+@pytest.mark.parametrize("name", ["/v1/robots", "/v1/measurement-sets", "/v1/runs"])
+def test_bodies_and_errors_are_described(name):
+    operation = _application().openapi()["paths"][name]["post"]
+    content = operation["requestBody"]["content"]["application/json"]
+    assert content["examples"]
+    assert content["schema"]["$ref"].split("/")[-1] in _application().openapi()["components"]["schemas"]
+    assert {"201", "413", "415", "422"} <= operation["responses"].keys()
+    assert operation["description"]
+
+
+def test_examples_are_valid():
+    for model, examples in (
+        (RobotDocument, ROBOTS),
+        (MeasurementSetRequest, MEASUREMENT_SETS),
+        (RunRequest, RUNS),
+    ):
+        for example in examples.values():
+            model.model_validate(example)
+
+
+def test_numbers_carry_their_unit():
+    schemas = _application().openapi()["components"]["schemas"]
+    for name in ("compliance", "stiffness", "standard_uncertainty", "compliance_interval"):
+        assert schemas["JointResult"]["properties"][name]["unit"], name
+    assert schemas["RunResult"]["properties"]["rms_residual"]["unit"] == "m"
+    assert schemas["DhRow"]["properties"]["alpha"]["unit"] == "rad"
