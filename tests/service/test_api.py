@@ -69,7 +69,11 @@ class TestWholePath:
         expected = estimate(robot, measurements, method=method, positive=positive)
         assert run.state == "succeeded"
         for joint, truth in zip(run.result.joints, expected.joints, strict=True):
-            assert (joint.name, joint.status, joint.compliance) == (truth.name, truth.status, truth.compliance)
+            assert (joint.name, joint.status, joint.compliance) == (
+                truth.name,
+                truth.status,
+                truth.compliance,
+            )
         prediction = predict(robot, measurements, expected.compliance)
         assert run.result.rms_residual == prediction.rms_residual
         assert len(run.result.residuals) == 8 * 3
@@ -190,8 +194,16 @@ class TestMeasurementSets:
             (_edit(["observations", 2, "joints"], [0.0] * 5), "observations[2].joints", "5 joint angles"),
             (_edit(["observations", 1, "label"], "c01"), "observations[1].label", "also that of"),
             (_edit(["observations", 1, "readings"], []), "observations[1].readings", "at least 1"),
-            (_edit(["observations", 0, "readings", 1, "target"], "P10"), "observations[0].readings[1].target", "twice"),
-            (_edit(["observations", 0, "readings", 0], {"target": "P10"}), "observations[0].readings[0]", "either"),
+            (
+                _edit(["observations", 0, "readings", 1, "target"], "P10"),
+                "observations[0].readings[1].target",
+                "twice",
+            ),
+            (
+                _edit(["observations", 0, "readings", 0], {"target": "P10"}),
+                "observations[0].readings[0]",
+                "either",
+            ),
             (
                 _edit(["observations", 0, "readings", 0], {"target": "P10", "deflection": [0, 0, 0.001]}),
                 "observations[0].readings",
@@ -275,7 +287,11 @@ class TestRuns:
 class TestIdempotency:
     @pytest.mark.parametrize("kind", ["robots", "measurement-sets", "runs"])
     def test_the_same_key_gives_one_resource(self, client, campaign, readings, set_id, kind):
-        body = {"robots": campaign["robot"], "measurement-sets": readings, "runs": {"measurement_set_id": set_id}}
+        body = {
+            "robots": campaign["robot"],
+            "measurement-sets": readings,
+            "runs": {"measurement_set_id": set_id},
+        }
         key = {"Idempotency-Key": uuid.uuid4().hex}
         first = post(client, f"/v1/{kind}", body[kind], **key)
         assert post(client, f"/v1/{kind}", body[kind], **key) == first
@@ -309,7 +325,9 @@ class TestIdempotency:
 class TestListings:
     def test_pages_newest_first_and_filters(self, client, robot_id, set_id):
         sent = [
-            post(client, "/v1/runs", {"measurement_set_id": set_id, "method": method, "positive": positive})["id"]
+            post(client, "/v1/runs", {"measurement_set_id": set_id, "method": method, "positive": positive})[
+                "id"
+            ]
             for method in METHODS
             for positive in (True, False)
         ]

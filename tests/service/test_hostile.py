@@ -86,7 +86,9 @@ def test_bad_idempotency_keys(client, key):
     assert send(client, "/v1/runs", b"{}", **{"Idempotency-Key": key}).status_code == 422
 
 
-@pytest.mark.parametrize("identifier", ["%00", "..%2f..%2fetc", "a" * 2_000, "%F0%9F%92%A9", "'; DROP TABLE run"])
+@pytest.mark.parametrize(
+    "identifier", ["%00", "..%2f..%2fetc", "a" * 2_000, "%F0%9F%92%A9", "'; DROP TABLE run"]
+)
 @pytest.mark.parametrize("path", PATHS)
 def test_identifiers(client, path, identifier):
     answer = client.get(f"{path}/{identifier}")

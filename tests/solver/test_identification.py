@@ -290,9 +290,7 @@ class TestObservability:
         """Two joints on one axis: their sum is determined, the other joints are not disturbed."""
         robot, measurements = pulls
         joints = list(robot.chain.joints)
-        twin = replace(
-            joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=np.zeros(3)
-        )
+        twin = replace(joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=np.zeros(3))
         chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (joints[0], twin, *joints[1:]))
         extended = replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
         found = estimate(Robot(chain), extended)

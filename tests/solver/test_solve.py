@@ -70,9 +70,9 @@ def test_clarabel_that_does_not_say_optimal_is_not_believed(monkeypatch):
     rng = np.random.default_rng(0)
     for _ in range(20):
         A, b = random_problem(rng)
-        assert solve(
-            IdentificationProblem(A, b, Bounds.positive(len(A[0])))
-        ).certificate.solved_by != "clarabel"
+        assert (
+            solve(IdentificationProblem(A, b, Bounds.positive(len(A[0])))).certificate.solved_by != "clarabel"
+        )
 
 
 @pytest.mark.parametrize("finder", ["clarabel", "active_set"])

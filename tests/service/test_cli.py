@@ -1,0 +1,185 @@
+"""The command line as a newcomer uses it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+from campaigns import shared
+from typer.testing import CliRunner
+
+from schemas.run import Run
+from service.cli import app
+
+
+@pytest.fixture
+def run(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def invoke(*arguments):
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    return invoke
+
+
+@pytest.fixture
+def campaign(run, tmp_path):
+    path = tmp_path / "campaign.json"
+    assert run("simulate", path, "--load", "dead_weight", "--seed", 2).exit_code == 0
+    return path
+
+
+def test_help_names_every_command_and_where_to_start(run):
+    shown = run("--help").output
+    for command in ("identify", "compare", "serve", "simulate", "demo"):
+        assert command in shown
+        assert run(command, "--help").exit_code == 0
+    assert "jointstiff simulate campaign.json" in shown
+
+
+def test_identify_prints_a_table_with_units_and_reasons(run, campaign):
+    shown = run("identify", campaign)
+    assert shown.exit_code == 0, shown.output
+    assert "10⁶ N·m/rad" in shown.stdout
+    assert "not observable" in shown.stdout
+    assert "the load never twists joint_1" in shown.stdout
+    assert "95 % interval" in shown.stdout
+
+
+def test_identify_json_is_the_run(run, campaign):
+    found = Run.model_validate_json(run("identify", campaign, "--json", "--method", "complete_pose").stdout)
+    assert found.state == "succeeded"
+    assert found.request.method == "complete_pose"
+    assert found.provenance.versions["jointstiff"]
+
+
+def test_options_override_the_file(run, campaign):
+    shown = run("identify", campaign, "--json", "--unconstrained", "--confidence", "0.9")
+    request = Run.model_validate_json(shown.stdout).request
+    assert not request.positive
+    assert request.confidence == 0.9
+
+
+def test_compare_shows_three_methods_twice(run, campaign):
+    shown = run("compare", campaign).stdout
+    for column in ("CP free", "CP ≥ 0", "PP free", "PP ≥ 0", "DPP free", "DPP ≥ 0"):
+        assert column in shown
+    assert "explained" in shown
+    assert len(json.loads(run("compare", campaign, "--json").stdout)) == 6
+
+
+def test_compare_says_why_a_method_is_missing(run, tmp_path):
+    path = tmp_path / "fanuc.json"
+    path.write_text(json.dumps(shared("fanuc_r2000ic/campaign")))
+    shown = run("compare", path)
+    assert shown.exit_code == 0
+    assert "needs 3 targets" in shown.stdout
+    assert "81.0 %" in shown.stdout
+
+
+def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
+    document = shared("fanuc_r2000ic/campaign")
+    del document["robot"]["joint_map"]
+    path = tmp_path / "fanuc.json"
+    path.write_text(json.dumps(document))
+    assert "-1.86" in run("identify", path, "--unconstrained").stdout
+    constrained = run("identify", path).stdout
+    assert "rigid" in constrained
+    assert "cannot tell it from rigid" in constrained
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "Invalid JSON"),
+        ("{}", "robot: Field required"),
+        ("[1, 2", "Invalid JSON"),
+        ('{"robot": {}, "measurement_set": {}}', "robot.name: Field required"),
+    ],
+)
+def test_files_that_are_no_campaign(run, tmp_path, text, expected):
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    shown = run("identify", path)
+    assert shown.exit_code == 2
+    assert expected in shown.stderr
+    assert "Traceback" not in shown.output
+
+
+def test_faults_in_the_readings_name_the_place(run, campaign):
+    document = json.loads(campaign.read_text())
+    document["measurement_set"]["observations"][4]["joints"].pop()
+    campaign.write_text(json.dumps(document))
+    shown = run("identify", campaign)
+    assert shown.exit_code == 2
+    assert "measurement_set.observations[4].joints" in shown.stderr
+    assert "remedy" in shown.stderr
+
+
+def test_simulate_does_not_overwrite(run, campaign):
+    before = campaign.read_bytes()
+    assert run("simulate", campaign).exit_code == 2
+    assert campaign.read_bytes() == before
+    assert run("simulate", campaign, "--overwrite", "--load", "dead_weight", "--seed", 2).exit_code == 0
+    assert campaign.read_bytes() == before
+
+
+def test_missing_file(run, tmp_path):
+    assert run("identify", tmp_path / "nothing.json").exit_code == 2
+
+
+@pytest.mark.parametrize("url", ["mysql://x/y", "nonsense", "sqlite:////proc/nothing/x.db"])
+def test_serve_with_a_database_that_cannot_be(run, url):
+    shown = run("serve", "--database", url, "--port", "0")
+    assert shown.exit_code == 2
+    assert "remedy" in shown.stderr
+
+
+def test_serve_on_a_port_in_use(run, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        shown = run("serve", "--port", port, "--database", f"sqlite:///{tmp_path / 'x.db'}")
+    assert shown.exit_code == 2
+    assert f"cannot listen on 127.0.0.1:{port}" in shown.stderr
+
+
+def test_demo_shows_the_whole_path_and_ends(tmp_path):
+    command = [sys.executable, "-m", "service", "demo", "--once", "--port", "0"]
+    done = subprocess.run(
+        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Joint stiffness, partial pose" in done.stdout
+    assert "DPP ≥ 0" in done.stdout
+
+
+def test_demo_leaves_the_service_running_until_interrupted(tmp_path):
+    command = [sys.executable, "-m", "service", "demo", "--port", "0"]
+    process = subprocess.Popen(
+        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        for line in process.stdout:
+            if "The service runs at" in line:
+                break
+        else:
+            pytest.fail("it ended")
+        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C does
+        assert process.wait(timeout=30) == 0
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
