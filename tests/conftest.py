@@ -94,7 +94,7 @@ class Service:
 
     def __init__(self, database_url: str) -> None:
         command = [sys.executable, "-m", "service", "serve", "--port", "0", "--database", database_url]
-        self._log = tempfile.TemporaryFile("w+")
+        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed by stop
         self.process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from schemas.measurement_set import MeasurementSetHeader, Observation, Reading
+from schemas.measurement_set import MAX_TARGETS, MeasurementSetHeader, Observation, Reading
 from solver.exceptions import MeasurementError
 
 __all__ = ["ReadingArrays", "content_hash"]
@@ -59,11 +60,13 @@ class ReadingArrays:
         """Arrange the observations.
 
         Raises:
-            MeasurementError: joints of different lengths, a label or a target given twice.
+            MeasurementError: joints of different lengths, a label or a target given twice, too many
+                different targets.
         """
         _refuse_ragged(observations)
         _refuse_duplicate_labels(observations)
         names = dict.fromkeys(r.target for o in observations for r in o.readings)
+        _refuse_crowd(names)
         column = {name: i for i, name in enumerate(names)}
         rows, columns, readings = _flatten(observations, column)
         shape = (len(observations), len(names))
@@ -162,6 +165,16 @@ def _scatter(
     out = np.zeros(shape, dtype=kind)
     out[place] = values
     return out
+
+
+def _refuse_crowd(names: Collection[str]) -> None:
+    """Arrays are dense: a name of its own for every reading would take their square in memory."""
+    if len(names) > MAX_TARGETS:
+        raise MeasurementError(
+            f"{len(names)} different targets, more than {MAX_TARGETS}",
+            where="observations",
+            remedy="give the same target the same name in every observation",
+        )
 
 
 def _refuse_ragged(observations: list[Observation]) -> None:

@@ -11,8 +11,8 @@ import httpx
 import numpy as np
 import pytest
 from campaigns import METHODS, estimate, prepare, shared
-from examples.simulator import default_arm, simulate_campaign
 
+from examples.simulator import default_arm, simulate_campaign
 from schemas.problem import Problem
 from schemas.robot import Robot
 from schemas.run import Run
@@ -223,6 +223,13 @@ class TestMeasurementSets:
         assert problem.remedy
         listed = client.get("/v1/measurement-sets", params={"name": readings["name"]}).json()
         assert listed["items"] == []
+
+    def test_a_name_of_its_own_for_every_reading(self, client, readings):
+        for i, observation in enumerate(readings["observations"]):
+            for reading in observation["readings"]:
+                reading["target"] += f" {i}"
+        problem = post(client, "/v1/measurement-sets", readings, 422)
+        assert "24 different targets, more than 16" in problem["detail"]
 
     def test_joints_of_the_wrong_number_everywhere(self, client, readings):
         for observation in readings["observations"]:

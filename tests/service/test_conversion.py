@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 from campaigns import estimate, prepare
-from examples.simulator import default_arm, simulate_campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from examples.simulator import default_arm, simulate_campaign
 from schemas.measurement_set import MeasurementSetDocument, Observation
 from service.conversion import ReadingArrays, content_hash
 from service.conversion.results import _stiffness_interval

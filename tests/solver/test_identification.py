@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import METHODS, estimate, prepare, shared
+
 from examples.equilibrium import deflections, linear_deflections
 from examples.simulator import default_arm, plan_experiment, simulate_campaign
-
 from solver import regressor
 from solver.chain import ChainJoint, KinematicChain
 from solver.exceptions import NotObservableError, UnsupportedMethodError
@@ -249,12 +249,9 @@ class TestUncertainty:
             chi_squares.append(given.chi_square / given.degrees_of_freedom)
             sigmas.append(free.sigma)
             for result in (given, free):
-                covered.append(
-                    [
-                        j.interval[0] <= c <= j.interval[1]
-                        for j, c in zip(result.joints, arm.compliances, strict=True)
-                    ]
-                )
+                truth = zip(result.joints, arm.compliances, strict=True)
+                inside = [j.interval[0] <= c <= j.interval[1] for j, c in truth]
+                covered.append(inside)
         freedom = given.degrees_of_freedom
         assert np.mean(chi_squares) == pytest.approx(1, abs=5 * np.sqrt(2 / freedom / trials))
         assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(sigma, rel=0.01)

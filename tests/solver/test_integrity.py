@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import prepare, shared
-from examples.simulator import default_arm, simulate_campaign
 
+from examples.simulator import default_arm, simulate_campaign
 from solver.integrity import MAX_FINDINGS_PER_CODE, inspect
 
 

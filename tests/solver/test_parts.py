@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from campaigns import estimate, prepare, shared
-from examples.simulator import default_arm, simulate_campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from examples.simulator import default_arm, simulate_campaign
 from solver.compression import Compression
 from solver.configuration import Configurations
 from solver.exceptions import JointstiffError, MeasurementError, UnsupportedMethodError

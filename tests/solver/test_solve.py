@@ -81,7 +81,7 @@ def test_each_finder_alone_solves(monkeypatch, finder):
     names = ["_support_without_bounds", "_support_from_projection"]
     names += ["_support_from_clarabel"] if finder == "active_set" else []
     for name in names:
-        monkeypatch.setattr(module, name, lambda scaled: None)
+        monkeypatch.setattr(module, name, lambda _: None)
     rng = np.random.default_rng(3)
     for _ in range(200):
         A, b = random_problem(rng)
