@@ -1,6 +1,6 @@
 """Jointstiff beside its peers, measured in one run on one machine.
 
-    python -m benchmarks                  everything, about five minutes
+    python -m benchmarks                  everything, about two minutes
     python -m benchmarks small post       only these
     python -m benchmarks --quick          tiny sizes, a smoke test that judges nothing
     python -m benchmarks --json FILE      the same numbers, and every single time, for other programs

@@ -167,7 +167,7 @@ def _equilibrated(rng: np.random.Generator, n: int, rows: int) -> FloatArray:
     V = np.linalg.qr(rng.standard_normal((n, n)))[0]
     spread = rng.uniform(0.0, np.log10(WORST_CONDITION))
     A: FloatArray = U * 10.0 ** -rng.permutation(np.linspace(0.0, spread, n)) @ V.T
-    return A / np.linalg.norm(A, axis=0)
+    return np.asarray(A / np.linalg.norm(A, axis=0))
 
 
 def _of_size(vector: FloatArray, size: float) -> FloatArray:

@@ -60,8 +60,8 @@ def run(*, quick: bool) -> list[Section]:
             rows=rows,
             figures=(Figure(what, abs(growth), "at most", 300.0, " MB"),),
             notes=(
-                "all libraries and the making of the inputs count; inputs are made in blocks, and where "
-                "the peak before identify is the lower one it hides nothing",
+                "all libraries and the making of the inputs, block by block, count, so that the peak after "
+                "identify can only be too large",
             ),
             data={"peaks": [asdict(small), asdict(large)]},
         )

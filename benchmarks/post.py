@@ -21,7 +21,7 @@ import httpx
 from benchmarks.campaigns import Campaign, small_campaign
 from benchmarks.peers import cvxpy_clarabel, stacked_rows
 from benchmarks.report import Figure, Section, times_table
-from benchmarks.timing import interleaved
+from benchmarks.timing import Times, interleaved
 
 __all__ = ["run"]
 
@@ -38,6 +38,27 @@ class ServerError(Exception):
 
 def run(*, quick: bool) -> list[Section]:
     """Compare a run over HTTP with cvxpy alone. Each POST is a new run: there is no Idempotency-Key."""
+    times = _times(3 if quick else 200)
+    size = len(times.results[POST])
+    columns, rows = times_table(times, POST)
+    what = "POST of a run, 19 configurations: time / fresh cvxpy solve in process"
+    return [
+        Section(
+            title="POST of a run, 19 configurations × 3 targets: computed, stored in SQLite, answered",
+            columns=columns,
+            rows=rows,
+            figures=(Figure(what, times.ratio(POST, NAIVE), "at most", 1.5, "×"),),
+            notes=(
+                f"the answer has {size / 1000:.0f} kB, with all residuals and the provenance",
+                "a health check shows what any request costs; the database is a file, synchronised at each "
+                "commit",
+            ),
+            data={"seconds": times.seconds, "answer_bytes": size},
+        )
+    ]
+
+
+def _times(rounds: int) -> Times:
     campaign = small_campaign()
     A, d = stacked_rows(campaign.robot, campaign.measurements)
     with ExitStack() as stack:
@@ -49,30 +70,7 @@ def run(*, quick: bool) -> list[Section]:
             SLOW_CLIENT: partial(_httpx_post, stack.enter_context(httpx.Client(base_url=address)), body),
             HEALTH: partial(_get, _connection(stack, address), "/health"),
         }
-        times = interleaved(candidates, rounds=3 if quick else 200, warm_up=5)
-    size = len(times.results[POST])
-    columns, rows = times_table(times, POST)
-    return [
-        Section(
-            title="POST of a run, 19 configurations × 3 targets: computed, stored in SQLite, answered",
-            columns=columns,
-            rows=rows,
-            figures=(
-                Figure(
-                    "POST of a run, 19 configurations: time / fresh cvxpy solve in process",
-                    times.ratio(POST, NAIVE),
-                    "at most",
-                    1.5,
-                    "×",
-                ),
-            ),
-            notes=(
-                f"the answer has {size / 1000:.0f} kB, with all residuals and the provenance; a health check "
-                "shows what any request costs; the database is a file, synchronised at each commit",
-            ),
-            data={"seconds": times.seconds, "answer_bytes": size},
-        )
-    ]
+        return interleaved(candidates, rounds=rounds, warm_up=5)
 
 
 @contextmanager

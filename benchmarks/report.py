@@ -77,10 +77,11 @@ def times_table(
     columns = ("candidate", "time / ours", "middle half", "median", *(title for title, _ in extra))
     rows = []
     for name in times.seconds:
-        lower, upper = times.spread(name, ours)
+        spread = times.spread(name, ours)
+        middle = "" if spread is None else f"{spread[0]:.2f} … {spread[1]:.2f}"
         cells = [cells.get(name, "") for _, cells in extra]
         ratio = f"{times.ratio(name, ours):.2f}"
-        rows.append((name, ratio, f"{lower:.2f} … {upper:.2f}", seconds_text(times.median(name)), *cells))
+        rows.append((name, ratio, middle, seconds_text(times.median(name)), *cells))
     return columns, tuple(rows)
 
 

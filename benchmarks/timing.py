@@ -31,12 +31,15 @@ class Times:
         """Median of the candidate over the median of the reference."""
         return self.median(candidate) / self.median(reference)
 
-    def spread(self, candidate: str, reference: str) -> tuple[float, float]:
-        """Middle half of the ratios within single rounds: how far the ratio is to be trusted."""
-        rounds = zip(self.seconds[candidate], self.seconds[reference], strict=True)
-        ratios = [first / second for first, second in rounds]
-        if len(ratios) < 2:
-            return ratios[0], ratios[0]
+    def spread(self, candidate: str, reference: str) -> tuple[float, float] | None:
+        """Middle half of the ratios within single rounds: how far the ratio is to be trusted.
+
+        None where the two were not timed equally often.
+        """
+        first, second = self.seconds[candidate], self.seconds[reference]
+        if len(first) != len(second) or len(first) < 2:
+            return None
+        ratios = [a / b for a, b in zip(first, second, strict=True)]
         lower, _, upper = quantiles(ratios, n=4, method="inclusive")
         return lower, upper
 

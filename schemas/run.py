@@ -143,9 +143,9 @@ class Certificate(Message):
     primal: float = Field(description="Largest violation of a bound, relative.")
     dual: float = Field(description="Largest wrong-signed gradient, relative.")
     complementarity: float = Field(description="Largest product of slack and gradient, relative.")
-    solved_by: Literal["least_squares", "projection", "clarabel", "active_set"] = Field(
-        description="What found the joints at their bounds: least squares (none), its projection on "
-        "the bounds, Clarabel, or the exact active-set method."
+    solved_by: Literal["least_squares", "pivoting", "clarabel", "active_set"] = Field(
+        description="What found the joints at their bounds: least squares (none), principal pivoting, "
+        "Clarabel, or the exact active-set method."
     )
 
 

@@ -4,8 +4,9 @@ The recipe is METHOD.md §5. Columns and right-hand side are brought to unit nor
 units nor twelve decades between the joints matter. A quadratic program's answer is exact once its
 *support* (the parameters away from their bounds) is known: least squares on the support, accepted only
 if the optimality conditions hold in the data. Supports are proposed cheapest first, and the first one
-with a certificate is the answer, by convexity, whoever proposed it: most campaigns touch no bound, or
-those that least squares violates; what remains is Clarabel's, and ties are an exact active set's.
+with a certificate is the answer, by convexity, whoever proposed it: least squares where no bound is
+active, then pivoting, then Clarabel, then an exact active set. Stating a problem in cvxpy, compiled or
+not, costs several times what the rest of an identification does; so what pivoting settles never gets there.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ __all__ = ["CERTIFICATE_TOLERANCE", "Certificate", "Solution", "solve"]
 
 FloatArray = npt.NDArray[np.float64]
 Support = npt.NDArray[np.int8]
-SupportFinder = Literal["least_squares", "projection", "clarabel", "active_set"]
+SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set"]
 
 CERTIFICATE_TOLERANCE = 1e-12
 """Greatest relative violation of an optimality condition that is taken for rounding."""
@@ -44,6 +45,9 @@ _CLARABEL = {
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
 
 _FREE, _LOWER, _UPPER = 0, -1, 1
+
+_PIVOTS = 8
+"""Rounds of pivoting: each costs a tenth of a call of cvxpy."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ def solve(problem: IdentificationProblem) -> Solution:
     )
     finders: tuple[tuple[SupportFinder, Callable[[_Scaled], Support | None]], ...] = (
         ("least_squares", _support_without_bounds),
-        ("projection", _support_from_projection),
+        ("pivoting", _support_from_pivoting),
         ("clarabel", _support_from_clarabel),
         ("active_set", _support_from_active_set),
     )
@@ -176,10 +180,24 @@ def _support_without_bounds(scaled: _Scaled) -> Support:
     return np.zeros(len(scaled.lower), dtype=np.int8)
 
 
-def _support_from_projection(scaled: _Scaled) -> Support:
-    """Parameters that plain least squares puts outside their bounds are often the active ones."""
-    x = _polish(scaled, _support_without_bounds(scaled))
-    return np.where(x < scaled.lower, _LOWER, np.where(x > scaled.upper, _UPPER, _FREE)).astype(np.int8)
+def _support_from_pivoting(scaled: _Scaled) -> Support:
+    """Block principal pivoting (Portugal, Júdice & Vicente 1994), a few rounds of it.
+
+    All parameters that break their condition change sides at once: a free one outside its bounds goes to
+    the bound, one at a bound with a multiplier of the wrong sign is freed. It mostly ends in two or three
+    rounds at the optimum, and may cycle, which the certificate finds out.
+    """
+    active = np.zeros(len(scaled.lower), dtype=np.int8)
+    for _ in range(_PIVOTS):
+        x = _polish(scaled, active)
+        gradient = scaled.A.T @ (scaled.A @ x - scaled.b)
+        pull = np.where(active == _LOWER, gradient, np.where(active == _UPPER, -gradient, 1.0))
+        moved = np.where(pull < 0, _FREE, active)
+        moved = np.where(x < scaled.lower, _LOWER, np.where(x > scaled.upper, _UPPER, moved))
+        if (moved == active).all():
+            break
+        active = moved.astype(np.int8)
+    return active
 
 
 def _support_from_clarabel(scaled: _Scaled) -> Support | None:

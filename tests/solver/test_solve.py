@@ -43,7 +43,7 @@ def test_ten_thousand_problems_against_exact_arithmetic():
         finders[found.certificate.solved_by] += 1
     assert worst <= 1e-8
     assert all(active[k] > 100 for k in range(5)), active
-    assert {"least_squares", "projection", "clarabel"} <= set(finders), finders
+    assert {"least_squares", "pivoting", "clarabel"} <= set(finders), finders
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 1])
@@ -54,7 +54,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
         return np.full(len(scaled.lower), wrong, dtype=np.int8)
 
     A, b = np.eye(2), np.array([1.0, -1.0])  # optimum (1, 0): the support is neither all nor none
-    for name in ("_support_without_bounds", "_support_from_projection", "_support_from_clarabel"):
+    for name in ("_support_without_bounds", "_support_from_pivoting", "_support_from_clarabel"):
         monkeypatch.setattr(module, name, fixed)
     bounds = Bounds(np.zeros(2), np.full(2, 10.0))
     found = solve(IdentificationProblem(A, b, bounds))
@@ -78,7 +78,7 @@ def test_clarabel_that_does_not_say_optimal_is_not_believed(monkeypatch):
 @pytest.mark.parametrize("finder", ["clarabel", "active_set"])
 def test_each_finder_alone_solves(monkeypatch, finder):
     """The cheap proposals aside, Clarabel and the active set agree with exact arithmetic."""
-    names = ["_support_without_bounds", "_support_from_projection"]
+    names = ["_support_without_bounds", "_support_from_pivoting"]
     names += ["_support_from_clarabel"] if finder == "active_set" else []
     for name in names:
         monkeypatch.setattr(module, name, lambda _: None)
