@@ -47,7 +47,7 @@ def _section(case: str, campaign: Campaign, rounds: int) -> Section:
     times = _times(campaign, A, d, rounds)
     estimate: Estimate = times.results[OURS]
     errors = _errors(times, estimate, A, d)
-    shown = {who: f"{error:.1e}" if np.isfinite(error) else "no answer" for who, error in errors.items()}
+    shown = {who: "no answer" if error is None else f"{error:.1e}" for who, error in errors.items()}
     columns, rows = times_table(times, OURS, [("relative error", shown)])
     what = f"19 configurations, {case}: fresh cvxpy on the stacked rows, time / ours"
     solved_by = estimate.certificates[0].solved_by
@@ -85,12 +85,13 @@ def _times(campaign: Campaign, A: FloatArray, d: FloatArray, rounds: int) -> Tim
     return Times(pair.seconds | others.seconds, pair.results | others.results)
 
 
-def _errors(times: Times, estimate: Estimate, A: FloatArray, d: FloatArray) -> dict[str, float]:
+def _errors(times: Times, estimate: Estimate, A: FloatArray, d: FloatArray) -> dict[str, float | None]:
     """Greatest error of a compliance relative to it, or to the smallest one where it is zero."""
     exact = np.array([float(value) for value in exact_nnls(A, d)])
     size = np.where(exact > 0, exact, exact[exact > 0].min())
     answers = {**times.results, OURS: estimate.compliance}
-    return {who: float((np.abs(answer - exact) / size).max()) for who, answer in answers.items()}
+    errors = {who: float((np.abs(answer - exact) / size).max()) for who, answer in answers.items()}
+    return {who: error if np.isfinite(error) else None for who, error in errors.items()}
 
 
 def _first(sigma: float, fits: Callable[[Campaign], bool]) -> Campaign:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.compression import Compression
 from solver.estimate import Estimate, assemble
 from solver.exceptions import NotObservableError, UnsupportedMethodError
 from solver.identifiability import Exposure, Visibility
@@ -19,7 +18,6 @@ from solver.methods import (
 )
 from solver.pose import refuse_unless_posed
 from solver.problem import Bounds
-from solver.readings import target_readings
 from solver.regressor import regressor_blocks
 from solver.robot import Robot
 from solver.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
@@ -69,18 +67,16 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     refuse_unsupported(robot, measurements, settings)
     length = _characteristic_length(robot, measurements, settings)
     method = _accumulator(robot, settings, length)
-    exposure, whitened = Exposure(robot.joint_names), Compression(robot.n + 1)
+    exposure = Exposure(robot.joint_names)
     for block in regressor_blocks(robot, measurements):
         exposure.add(block)
-        targets = target_readings(block)
-        whitened.add(targets.whitened(), count=targets.count)
         method.add(block)
     visibility = _visibility(exposure)
     fit = method.fit(visibility.null, settings.bounds)
     return assemble(
         fit,
         visibility,
-        whitened,
+        method.judged.rows,
         names=robot.joint_names,
         sigma=measurements.sigma,
         confidence=settings.confidence,

@@ -59,7 +59,14 @@ class Fit:
 
 
 class MethodAccumulator(Protocol):
-    """What each method offers: take in blocks, then fit."""
+    """What each method offers: take in blocks, then fit.
+
+    Attributes:
+        judged: the rows of all targets, weighted by covariance. Whatever a method fits, it is judged on
+            these: residuals, sigma and degrees of freedom are those of the same readings.
+    """
+
+    judged: Stage
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""
@@ -77,11 +84,15 @@ class PartialPose:
     """Three rows a target, positions only."""
 
     def __init__(self, robot: Robot, *, uniform: bool) -> None:
-        self._stage = Stage(robot.n, np.ones(3) if uniform else None)
+        self.judged = Stage(robot.n, None)
+        self._stage = Stage(robot.n, np.ones(3)) if uniform else self.judged
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""
-        self._stage.add(target_readings(block))
+        readings = target_readings(block)
+        self.judged.add(readings)
+        if self._stage is not self.judged:
+            self._stage.add(readings)
 
     def fit(self, null: BoolArray, bounds: Bounds) -> Fit:
         """Solve; see `MethodAccumulator`."""
@@ -96,10 +107,12 @@ class CompletePose:
 
     def __init__(self, robot: Robot, *, length: float | None) -> None:
         weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
+        self.judged = Stage(robot.n, None)
         self._stage = Stage(robot.n, weight)
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations with at least three targets each."""
+        self.judged.add(target_readings(block))
         self._stage.add(pose_readings(block, fit_displacement(block)))
 
     def fit(self, null: BoolArray, bounds: Bounds) -> Fit:
@@ -132,6 +145,7 @@ class DecoupledPartialPose:
         self._order = np.roll(np.arange(robot.n), WRIST_JOINTS)  # the wrist first, then the arm
         self._centre = wrist.centre
         weight = np.ones(3) if uniform else None
+        self.judged = Stage(robot.n, None)
         self._arm = Stage(self._arm_joints, weight)
         self._targets = Stage(robot.n, weight)
         self._uniform = uniform
@@ -140,8 +154,10 @@ class DecoupledPartialPose:
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations with at least three targets each."""
         centre, carried = wrist_centre_readings(block, fit_displacement(block), self._centre)
+        readings = target_readings(block)
+        self.judged.add(readings)
         arm = centre.select(np.arange(self._arm_joints))
-        targets = target_readings(block).select(self._order)
+        targets = readings.select(self._order)
         self._arm.add(arm)
         self._targets.add(targets)
         # Covariance between the readings of both stages, weighted: A_wᵀ Ω₂ Σ Eᵀ Ω₁ A_a.

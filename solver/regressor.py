@@ -78,6 +78,9 @@ def regressor_blocks(robot: Robot, measurements: Measurements) -> Iterator[Regre
     Yields:
         Blocks of at most `BLOCK_LENGTH` observations, in order.
     """
+    if len(measurements) <= BLOCK_LENGTH:
+        yield _block(robot, measurements)
+        return
     for start in range(0, len(measurements), BLOCK_LENGTH):
         yield _block(robot, measurements[start : start + BLOCK_LENGTH])
 
