@@ -186,7 +186,7 @@ def simulate(
     )
     file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     console().print(
-        f"wrote {file}: {configurations} configurations, {force:g} N; now: jointstiff identify {file}"
+        f"wrote {file}: {configurations} configurations, {force:g} N; now: jointstiff identify {file}", markup=False
     )
 
 

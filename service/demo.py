@@ -41,8 +41,8 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
         with httpx.Client(base_url=address, timeout=60.0) as client:
             status = _tour(client)
         if status == 0 and not once:
-            console().print(f"\nThe service runs at [bold]{address}[/]; Ctrl-C ends it.")
             try:
+                console().print(f"\nThe service runs at [bold]{address}[/]; Ctrl-C ends it.")
                 return process.wait()
             except KeyboardInterrupt:
                 return 0

@@ -67,7 +67,7 @@ def _joints_table(run: Run, result: RunResult) -> Table:
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
     table = Table(
         title=f"Joint stiffness, {_METHODS[request.method]}, {request.weighting} weights, {constraint}",
-        caption="stiffness and standard uncertainty in 10⁶ N·m/rad",
+        caption="stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
     )
     table.add_column("joint")
     table.add_column("stiffness", justify="right")
