@@ -9,8 +9,8 @@ __all__ = ["Compression"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_LEAF = 96
-"""Rows of the smallest QR: fast from 64 to 256."""
+_LEAF = 256
+"""Rows of the smallest QR, small enough that BLAS starts no threads for up to 32 joints."""
 
 
 class Compression:
@@ -38,7 +38,7 @@ class Compression:
             count: how many of them are readings, if some are padding of zeros; all if None.
         """
         flat = rows.reshape(-1, self._triangle.shape[1])
-        self._triangle = _triangle(np.concatenate([self._triangle, flat]))
+        self._triangle = _triangle(np.concatenate([self._triangle, _triangle(flat)]))
         self.rows += len(flat) if count is None else count
 
     @property

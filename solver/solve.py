@@ -133,12 +133,19 @@ def solve(problem: IdentificationProblem) -> Solution:
         x = _polish(scaled, active)
         certificate = _certify(scaled, x, name)
         if certificate.holds:
+            active = _with_ties(scaled, x, active)
             return Solution(_exactly_at_bounds(x * unit, active, problem), active, certificate)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {CERTIFICATE_TOLERANCE:g} "
         f"(primal {certificate.primal:.1e}, dual {certificate.dual:.1e})",
         remedy="report this with the data",
     )
+
+
+def _with_ties(scaled: _Scaled, x: FloatArray, active: Support) -> Support:
+    """A parameter that is free and yet at its bound, up to rounding, is at its bound."""
+    ties = np.where(x - scaled.lower <= CERTIFICATE_TOLERANCE, _LOWER, active)
+    return np.where(scaled.upper - x <= CERTIFICATE_TOLERANCE, _UPPER, ties).astype(np.int8)
 
 
 def _exactly_at_bounds(c: FloatArray, active: Support, problem: IdentificationProblem) -> FloatArray:
