@@ -82,7 +82,7 @@ def _tour(client: httpx.Client) -> int:
     out.print()
     out.print(comparison_table([ComparisonRow(*key, run) for key, run in runs.items()]))
     shown = runs["partial_pose", True].id
-    out.print(Text(f"\nthe first table again: {client.base_url}/v1/runs/{shown}"))
+    out.print(Text(f"\nthe first table as JSON: {client.base_url}/v1/runs/{shown}"))
     return 0
 
 
