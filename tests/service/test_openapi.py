@@ -27,11 +27,10 @@ CHECKS = [
 ]
 
 
-def _application():
-    return create_app(Store.open("sqlite://"))
+with Store.open("sqlite://") as store:
+    DOCUMENT = create_app(store).openapi()
 
-
-schema = schemathesis.openapi.from_dict(_application().openapi())
+schema = schemathesis.openapi.from_dict(DOCUMENT)
 
 
 @schema.parametrize()
@@ -47,10 +46,10 @@ def test_the_service_keeps_its_contract(case, service):
 
 @pytest.mark.parametrize("name", ["/v1/robots", "/v1/measurement-sets", "/v1/runs"])
 def test_bodies_and_errors_are_described(name):
-    operation = _application().openapi()["paths"][name]["post"]
+    operation = DOCUMENT["paths"][name]["post"]
     content = operation["requestBody"]["content"]["application/json"]
     assert content["examples"]
-    assert content["schema"]["$ref"].split("/")[-1] in _application().openapi()["components"]["schemas"]
+    assert content["schema"]["$ref"].split("/")[-1] in DOCUMENT["components"]["schemas"]
     assert {"201", "413", "415", "422"} <= operation["responses"].keys()
     assert operation["description"]
 
@@ -66,7 +65,7 @@ def test_examples_are_valid():
 
 
 def test_numbers_carry_their_unit():
-    schemas = _application().openapi()["components"]["schemas"]
+    schemas = DOCUMENT["components"]["schemas"]
     for name in ("compliance", "stiffness", "standard_uncertainty", "compliance_interval"):
         assert schemas["JointResult"]["properties"][name]["unit"], name
     assert schemas["RunResult"]["properties"]["rms_residual"]["unit"] == "m"
