@@ -50,11 +50,13 @@ def read_campaign(path: Path) -> Campaign:
     Raises:
         CampaignError: the file is too large, or not such a document.
     """
-    if path.stat().st_size > MAX_SET_BYTES:
+    with path.open("rb") as file:  # which may be a pipe, of no size
+        content = file.read(MAX_SET_BYTES + 1)
+    if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
     try:
-        return Campaign.model_validate_json(path.read_bytes())
+        return Campaign.model_validate_json(content)
     except ValidationError as error:
         faults = error.errors(include_url=False, include_context=False, include_input=False)
         raise CampaignError(invalid_request(faults)) from None

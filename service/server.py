@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import socket
+import sys
 
 import uvicorn
 
@@ -35,6 +37,8 @@ def run_server(host: str, port: int, database: str) -> None:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
     """
+    # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with Store.open(database) as store, _listen(host, port) as listener:
         address = f"http://{host}:{listener.getsockname()[1]}"
         console().print(
