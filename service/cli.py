@@ -185,9 +185,8 @@ def simulate(
         seed=seed,
     )
     file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    console().print(
-        f"wrote {file}: {configurations} configurations, {force:g} N; now: jointstiff identify {file}", markup=False
-    )
+    written = f"wrote {file}: {configurations} configurations, {force:g} N"
+    console().print(f"{written}; now: jointstiff identify {file}", markup=False, soft_wrap=True)
 
 
 @app.command()

@@ -46,12 +46,13 @@ class DerivedReadings:
     def whitened(self) -> FloatArray:
         """(K, m, n + 1) rows W [A y], of unit covariance where the model holds."""
         augmented = np.concatenate([self.A, self.y[..., None]], axis=-1)
-        if self.whitener.ndim == 2 and np.array_equal(self.whitener, self.whitener[0, 0] * np.eye(len(self.whitener))):
-            rows: FloatArray = self.whitener[0, 0] * augmented  # isotropic: one product instead of three
-        elif self.whitener.ndim == 2:
-            rows = np.einsum("ij,kjn->kin", self.whitener, augmented)
+        W = self.whitener
+        if W.ndim == 3:
+            rows: FloatArray = W @ augmented
+        elif np.array_equal(W, W[0, 0] * np.eye(len(W))):  # isotropic: one product instead of three
+            rows = W[0, 0] * augmented
         else:
-            rows = self.whitener @ augmented
+            rows = np.einsum("ij,kjn->kin", W, augmented)
         return rows
 
     def weighted(self, root_weight: FloatArray) -> FloatArray:
