@@ -63,6 +63,6 @@ def _triangle(rows: FloatArray) -> FloatArray:
     leaf = max(_LEAF, 4 * width)
     while len(rows) > 4 * leaf:
         whole = len(rows) // leaf * leaf
-        leaves = np.linalg.qr(rows[:whole].reshape(-1, leaf, width), mode="r")
+        leaves = np.asarray(np.linalg.qr(rows[:whole].reshape(-1, leaf, width), mode="r"))
         rows = np.concatenate([leaves.reshape(-1, width), rows[whole:]])
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
