@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import FailFast, Field, model_validator
 
 from schemas.base import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from schemas.robot import MAX_JOINTS
@@ -19,8 +19,8 @@ __all__ = [
     "MeasurementSetSummary",
     "Noise",
     "Observation",
+    "QualityWarning",
     "Reading",
-    "SetWarning",
     "StoredMeasurementSet",
     "Units",
 ]
@@ -50,8 +50,7 @@ class Units(Message):
 class Noise(Message):
     """What one tracker reading is worth."""
 
-    sigma: Quantity = Field(
-        gt=0.0,
+    sigma: Annotated[float, Field(ge=1e-9, le=1e3)] = Field(
         description="Standard uncertainty of one coordinate of one position reading, in the set's "
         "unit of length. A deflection, being a difference of two, has √2 times that.",
         examples=[2e-5],
@@ -97,7 +96,9 @@ class Observation(Message):
         default=None,
         description="Where the force acts, flange frame, in units.length; the set's if absent.",
     )
-    readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS)]
+    readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
+        description="What was read of each target, at most once a target."
+    )
 
 
 class MeasurementSetHeader(Message):
@@ -123,9 +124,9 @@ class MeasurementSetHeader(Message):
 class MeasurementSetDocument(MeasurementSetHeader):
     """A measurement set as it stands in a campaign file."""
 
-    observations: Annotated[list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS)] = Field(
-        description=f"One to {MAX_OBSERVATIONS} observations."
-    )
+    observations: Annotated[
+        list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS), FailFast()
+    ] = Field(description=f"One to {MAX_OBSERVATIONS} observations.")
 
 
 class MeasurementSetRequest(MeasurementSetDocument):
@@ -134,18 +135,28 @@ class MeasurementSetRequest(MeasurementSetDocument):
     robot_id: Identifier = Field(description="The robot that was measured.")
 
 
-class SetWarning(Message):
-    """Something in a set that is suspicious but not impossible. Shown on every run of the set."""
+WarningCode = Literal[
+    "targets_not_rigid",
+    "target_off_model",
+    "target_name_suspect",
+    "deflection_against_force",
+    "joint_outside_limits",
+    "angle_unit_suspect",
+    "deflection_implausibly_large",
+    "deflection_implausibly_small",
+    "deflection_below_noise",
+    "sigma_suspect",
+    "zero_load",
+    "residuals_exceed_sigma",
+    "low_compensation",
+    "stiffness_implausible",
+]
 
-    code: Literal[
-        "targets_not_rigid",
-        "deflection_against_force",
-        "joint_outside_limits",
-        "angle_unit_suspect",
-        "deflection_implausibly_large",
-        "deflection_below_noise",
-        "zero_load",
-    ]
+
+class QualityWarning(Message):
+    """Something suspicious but not impossible, in a set or in a fit. Shown on every run."""
+
+    code: WarningCode = Field(description="Kind of the suspicion.")
     where: str | None = Field(description="Which observation or reading; null for the whole set.")
     message: str = Field(description="What was seen, with its figure and unit.")
     remedy: str = Field(description="What to check.")
@@ -168,7 +179,7 @@ class StoredMeasurementSet(MeasurementSetHeader):
 
     robot_id: Identifier = Field(description="The robot that was measured.")
     id: Identifier
-    warnings: list[SetWarning]
+    warnings: list[QualityWarning]
     content_hash: str = Field(description="SHA-256 of everything that was posted.")
     created_at: Timestamp
 

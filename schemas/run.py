@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 from pydantic.config import JsonDict
 
 from schemas.base import Identifier, Message, Name, Timestamp
-from schemas.measurement_set import SetWarning
+from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.robot import MAX_JOINTS
 
@@ -26,6 +26,7 @@ __all__ = [
     "RunResult",
     "RunState",
     "RunSummary",
+    "StageIdentifiability",
     "Weighting",
 ]
 
@@ -61,7 +62,9 @@ class RunOptions(Message):
         description="For that weighting; if absent, the length of least condition number.",
         json_schema_extra=_LENGTH,
     )
-    positive: bool = Field(default=True, description="Constrain every compliance to be zero or positive.")
+    positive: bool = Field(
+        default=True, strict=True, description="Constrain every compliance to be zero or positive."
+    )
     stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=dict,
         description="Least and greatest stiffness of a joint by its name, null for none. "
@@ -75,19 +78,21 @@ class RunOptions(Message):
         default=0.95, description="Level of the intervals."
     )
 
-    @model_validator(mode="after")
-    def _consistent(self) -> RunOptions:
-        if self.characteristic_length is not None and self.weighting != "characteristic_length":
-            raise ValueError(
-                "`characteristic_length` goes with weighting `characteristic_length` only: "
-                "leave it out or change the weighting"
-            )
-        for name, (least, greatest) in self.stiffness_bounds.items():
+    @field_validator("characteristic_length", mode="after")
+    @classmethod
+    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
+        weighting = info.data.get("weighting")
+        if length is not None and weighting != "characteristic_length":
+            raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
+        return length
+
+    @field_validator("stiffness_bounds", mode="after")
+    @classmethod
+    def _least_below_greatest(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
+        for name, (least, greatest) in bounds.items():
             if least is not None and greatest is not None and least >= greatest:
-                raise ValueError(
-                    f"`stiffness_bounds` of {name}: the least stiffness must lie below the greatest"
-                )
-        return self
+                raise ValueError(f"{name}: the least stiffness must lie below the greatest")
+        return bounds
 
 
 class RunRequest(RunOptions):
@@ -122,30 +127,45 @@ class JointResult(Message):
     reason: str | None = Field(description="Why there is no number, or why the joint is at a bound.")
 
 
+class StageIdentifiability(Message):
+    """Of one stage of a method, over the joints that it sees."""
+
+    rank: int = Field(description="How many compliances, or combinations, are determined.")
+    condition_number: float | None = Field(
+        description="Of the weighted regressor, columns of unit norm; null where the rank is not full. "
+        "Dimensionless."
+    )
+    singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
+
+
 class Identifiability(Message):
     """What the readings can determine."""
 
     parameters: int = Field(description="Number of joints of the robot.")
     rank: int = Field(description="How many compliances, or combinations, are determined.")
     condition_number: float | None = Field(
-        description="Of the weighted regressor, columns of unit norm, over the joints that the "
-        "readings see; null where it is not finite. Dimensionless."
+        description="The greatest of the stages'; null where a rank is not full. Dimensionless."
     )
-    singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
     combinations: list[list[Name]] = Field(
         description="Groups of joints whose compliances show in the readings only together."
     )
+    stages: list[StageIdentifiability] = Field(
+        description="One a stage of the method: two for the decoupled one, arm then wrist."
+    )
+
+
+SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set"]
 
 
 class Certificate(Message):
-    """Proof of optimality, recomputed from the data. All numbers dimensionless; zero is exact."""
+    """Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding."""
 
-    primal: float = Field(description="Largest violation of a bound, relative.")
-    dual: float = Field(description="Largest wrong-signed gradient, relative.")
-    complementarity: float = Field(description="Largest product of slack and gradient, relative.")
-    solved_by: Literal["least_squares", "pivoting", "clarabel", "active_set"] = Field(
-        description="What found the joints at their bounds: least squares (none), principal pivoting, "
-        "Clarabel, or the exact active-set method."
+    primal: float = Field(description="Greatest violation of a bound.")
+    dual: float = Field(description="Greatest gradient of the wrong sign.")
+    complementarity: float = Field(description="Greatest min(slack, multiplier).")
+    solved_by: list[SupportFinder] = Field(
+        description="What found the joints at their bounds, for each stage of the method: least squares "
+        "(none), principal pivoting, Clarabel, or the exact active-set method."
     )
 
 
@@ -188,16 +208,16 @@ class RunResult(Message):
         json_schema_extra=_LENGTH,
     )
     goodness: Goodness
-    identifiability: list[Identifiability] = Field(
-        description="One a stage of the method: two for the decoupled one, arm then wrist."
-    )
-    certificate: list[Certificate] = Field(description="One a stage of the method.")
+    identifiability: Identifiability
+    certificate: Certificate = Field(description="The greatest violations of the stages.")
     characteristic_length: float | None = Field(
         description="The length that was used, if the weighting needs one.",
         json_schema_extra=_LENGTH,
     )
     residuals: list[Residual]
-    warnings: list[SetWarning] = Field(description="What was noticed when the set was stored.")
+    warnings: list[QualityWarning] = Field(
+        description="What was noticed when the set was stored, then what the fit itself raises."
+    )
 
 
 class Provenance(Message):

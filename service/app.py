@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
 from schemas.measurement_set import MeasurementSetRequest
+from schemas.problem import Problem
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
 from service.api import health, measurement_sets, robots, runs
@@ -22,7 +23,7 @@ from service.versions import JOINTSTIFF_VERSION
 __all__ = ["create_app"]
 
 CONCURRENT_REQUESTS: Final = 8
-"""Requests worked on at once; others wait. A large body takes up to a few hundred MB while it is parsed."""
+"""Requests worked on at once; others wait."""
 
 _DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
 
@@ -51,6 +52,7 @@ def create_app(store: Store) -> FastAPI:
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         docs_url=None,  # its page loads scripts from other hosts
         redoc_url=None,
+        redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
     app.state.parts = Parts.of(store)
@@ -70,7 +72,7 @@ async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
 def _describe_bodies(app: FastAPI) -> None:
     """Add the schemas of the bodies, which FastAPI does not see as it does not parse them."""
     _, definitions = models_json_schema(
-        [(message, "validation") for message in (RobotDocument, MeasurementSetRequest, RunRequest)],
+        [(message, "validation") for message in (RobotDocument, MeasurementSetRequest, RunRequest, Problem)],
         ref_template="#/components/schemas/{model}",
     )
     generate = app.openapi

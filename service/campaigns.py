@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
@@ -56,7 +57,7 @@ def read_campaign(path: Path) -> Campaign:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
     try:
-        return Campaign.model_validate_json(content)
+        return Campaign.model_validate_json(content.removeprefix(BOM_UTF8), strict=True)
     except ValidationError as error:
         faults = error.errors(include_url=False, include_context=False, include_input=False)
         raise CampaignError(invalid_request(faults)) from None

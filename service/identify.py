@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from schemas.measurement_set import SetWarning
+from schemas.measurement_set import QualityWarning
 from schemas.run import RunOptions, RunResult
-from service.conversion import ReadingArrays, to_result, to_settings
+from service.conversion import ReadingArrays, to_result, to_settings, to_warnings
 from solver.identification import identify
 from solver.measurements import Measurements
+from solver.plausibility import judge
 from solver.prediction import predict
 from solver.robot import Robot
 
@@ -31,7 +32,7 @@ class PreparedSet:
     robot: Robot
     measurements: Measurements
     readings: ReadingArrays
-    warnings: list[SetWarning]
+    warnings: list[QualityWarning]
     robot_id: str
     content: str
 
@@ -48,4 +49,5 @@ def run_identification(prepared: PreparedSet, options: RunOptions) -> RunResult:
     settings = to_settings(options, prepared.robot)
     estimate = identify(prepared.robot, prepared.measurements, settings)
     prediction = predict(prepared.robot, prepared.measurements, estimate.compliance)
-    return to_result(estimate, prediction, prepared.measurements, prepared.readings, prepared.warnings)
+    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
+    return to_result(estimate, prediction, prepared.measurements, prepared.readings, warnings)

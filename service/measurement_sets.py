@@ -45,7 +45,8 @@ class MeasurementSets:
         robot = self._robot(request.robot_id)
         readings = ReadingArrays.from_observations(request.observations)
         measurements = to_measurements(request, readings, robot)
-        findings = inspect(robot, measurements, degrees=request.units.angle == "deg")
+        targets = tuple(readings.targets.tolist())
+        findings = inspect(robot, measurements, targets, degrees=request.units.angle == "deg")
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations"}),
             id=uuid4().hex,

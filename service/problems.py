@@ -32,6 +32,7 @@ MAX_ITEMS: Final = 20
 MAX_PROBLEM_BYTES: Final = 8_000
 """Size of an error body, whatever was sent."""
 _LONGEST: Final = 300
+_COMPARE: Final = "compare it with an example: `jointstiff simulate FILE` writes one, as has /openapi.json"
 
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
     {
@@ -57,6 +58,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "json_invalid": "send valid JSON, numbers finite, nested no deeper than 200",
         "union_tag_invalid": "give one of the formats named",
         "too_long": "send less, or split it into several resources",
+        "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
     }
 )
@@ -98,7 +100,7 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
         ProblemItem(
             where=_short(_path(error["loc"])) or "body",
             reason=_short(str(error["msg"]).removeprefix("Value error, ")),
-            remedy=_REMEDIES.get(str(error["type"])),
+            remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
     ]
@@ -110,10 +112,16 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
             detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; "
             f"first: {items[0].where}: {items[0].reason}",
             where=items[0].where,
-            remedy=items[0].remedy or "compare it with the OpenAPI description at /openapi.json",
+            remedy=items[0].remedy or _COMPARE,
             errors=items,
         )
     )
+
+
+def _remedy(error: Mapping[str, Any]) -> str | None:
+    if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
+        return "give as many numbers as the field has components, with decimal points, not commas"
+    return _REMEDIES.get(str(error["type"]))
 
 
 def _kind(error: Exception) -> tuple[int, str, str]:
@@ -129,7 +137,7 @@ def _urn(slug: str) -> str:
 
 def _fitted(problem: Problem) -> Problem:
     """Drop the last faults until the body is short enough."""
-    while len(problem.model_dump_json()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
+    while len(problem.model_dump_json().encode()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
         problem = problem.model_copy(update={"errors": problem.errors[:-1]})
     return problem
 

@@ -84,7 +84,8 @@ def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, R
     try:
         chain = vet_urdf(model.urdf, model.base, model.flange)
     except RobotError as error:
-        place = f"model.urdf: {error.where}" if error.where else "model.urdf"
+        named = error.where in {"base", "flange"}
+        place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
     understood = model.model_copy(update={"urdf": chain.to_urdf()})
     return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import special
 
 from solver.compression import Compression
+from solver.exceptions import MeasurementError
 from solver.identifiability import Identifiability, Visibility
 from solver.methods import Fit
 from solver.problem import Bounds
@@ -18,6 +19,11 @@ from solver.solve import Certificate
 __all__ = ["Estimate", "JointCompliance", "assemble"]
 
 FloatArray = npt.NDArray[np.float64]
+
+_NO_UNCERTAINTY = (
+    "its uncertainty is unknown, as there are no more readings than joints and sigma is not given: "
+    "state noise, or measure more"
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,8 @@ def assemble(
         The estimate.
     """
     scale = _scale(fit, whitened, sigma, confidence)
-    covariance = None if scale.sigma is None else scale.sigma**2 * fit.covariance
+    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
+    _refuse_overflow(scale, fit, covariance)
     joints = tuple(
         _verdict(j, names, fit, visibility, covariance, scale.quantile, bounds) for j in range(len(names))
     )
@@ -125,6 +132,17 @@ def assemble(
     )
 
 
+def _refuse_overflow(scale: _Scale, fit: Fit, covariance: FloatArray | None) -> None:
+    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    numbers += [] if covariance is None else [covariance]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise MeasurementError(
+            "the numbers overflow: loads, lengths and sigma are of magnitudes that do not go together",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )
+
+
 def _scale(fit: Fit, whitened: Compression, sigma: float | None, confidence: float) -> _Scale:
     """Chi-square of the targets' residuals, its degrees of freedom, and sigma.
 
@@ -138,7 +156,9 @@ def _scale(fit: Fit, whitened: Compression, sigma: float | None, confidence: flo
     freedom = max(0.0, whitened.rows - 2 * parameters + information)
     tail = 0.5 + confidence / 2
     if sigma is not None:
-        return _Scale(sigma, squares / sigma**2, freedom, float(special.ndtri(tail)))
+        with np.errstate(all="ignore"):  # an overflow is refused later, with its remedy
+            chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
+        return _Scale(sigma, chi_square, freedom, float(special.ndtri(tail)))
     if freedom < 0.5:
         return _Scale(None, 0.0, freedom, float("inf"))
     estimated = float(np.sqrt(squares / freedom))
@@ -174,7 +194,8 @@ def _verdict(
             max(value - quantile * uncertainty, float(bounds.lower[j])),
             min(value + quantile * uncertainty, float(bounds.upper[j])),
         )
-    return JointCompliance(name, "identified", value, uncertainty, interval)
+    reason = _NO_UNCERTAINTY if uncertainty is None else None
+    return JointCompliance(name, "identified", value, uncertainty, interval, reason)
 
 
 def _hidden(

@@ -11,15 +11,19 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.regressor import RegressorBlock
 
-__all__ = ["Combination", "Exposure", "Identifiability", "Visibility", "analyse"]
+__all__ = ["Combination", "Exposure", "Identifiability", "Spectrum", "Visibility", "analyse"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 NULL_COLUMN = 1e-9
 """A column this small beside what the joint's levers allow is rounding, not information."""
-NULL_DIRECTION = 1e-10
-"""Singular values of the equilibrated regressor below this, relative to the first, count as zero."""
+NULL_DIRECTION = 1e-7
+"""Singular values of the equilibrated regressor below this, relative to the first, count as zero.
+
+One threshold for all: rank, pseudo-inverse and fit. No reading is worth a digit in such a direction, and
+the square of its inverse, which covariances hold, would drown in rounding.
+"""
 _PARTICIPATES = 1e-6
 
 
@@ -54,12 +58,22 @@ class Exposure:
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
-        """Take in a block of observations."""
+        """Take in a block of observations, as its targets see them."""
+        self.add_seen_from(block, block.jacobian, block.measurements.present)
+
+    def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
+        """Take in a block of observations, as other points see them.
+
+        Args:
+            block: B observations.
+            jacobian: (B, T, 3, n) J_v at the points [m/rad].
+            present: (B, T) which of them count.
+        """
         part = block.measurements
         force = np.linalg.norm(part.force, axis=1)[:, None]
         moment = np.linalg.norm(part.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        motion = np.einsum("btij,btij,bt->bj", block.jacobian, block.jacobian, part.present.astype(float))
+        motion = np.einsum("btij,btij,bt->bj", jacobian, jacobian, present.astype(float))
         reach = (lever * force + moment) ** 2
         self._torque += (block.torque**2).sum(axis=0)
         self._lever += reach.sum(axis=0)
@@ -67,6 +81,11 @@ class Exposure:
         self._column += (block.torque**2 * motion).sum(axis=0)
         self._potential += (reach * motion).sum(axis=0)
         self._deflection += float((part.deflection**2).sum())
+
+    @property
+    def anything_moved(self) -> bool:
+        """Whether any target moved."""
+        return self._deflection > 0
 
     def visibility(self) -> Visibility:
         """Judge what has come in so far."""
@@ -119,28 +138,58 @@ class Identifiability:
         return frozenset(joint for group in self.combinations for joint in group.joints)
 
 
-def analyse(R: FloatArray, columns: npt.NDArray[np.intp], parameters: int) -> Identifiability:
-    """Find rank, condition number and the joints that appear only in combination.
+class Spectrum:
+    """Singular value decomposition of a weighted regressor, its columns brought to unit norm.
+
+    One threshold decides the rank for all who ask: the verdicts, the fit and the covariance.
+
+    Attributes:
+        rank: number of singular values that count.
+        singular_values: (p,) largest first.
+        null_space: (p − rank, p) orthonormal directions that the readings do not see.
+        determined: (m, p) the regressor without those directions, so that no fit follows rounding
+            along them; the regressor itself where the rank is full.
+        inverse: (p, m) pseudo-inverse of the regressor.
+    """
+
+    def __init__(self, R: FloatArray) -> None:
+        """Decompose.
+
+        Args:
+            R: (m, p) weighted regressor, compressed, without null columns.
+        """
+        norms = np.linalg.norm(R, axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        U, singular, Vt = np.linalg.svd(R / scale, full_matrices=R.shape[0] < R.shape[1])
+        self.singular_values = np.zeros(R.shape[1])
+        self.singular_values[: len(singular)] = singular
+        self.rank = rank = int((self.singular_values > NULL_DIRECTION * singular[0]).sum())
+        self.null_space: FloatArray = Vt[rank:]
+        strong = U[:, :rank] * singular[:rank]
+        self.determined: FloatArray = R if rank == R.shape[1] else strong @ Vt[:rank] * scale
+        self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
+
+
+def analyse(spectrum: Spectrum, columns: npt.NDArray[np.intp], parameters: int) -> Identifiability:
+    """Say what a spectrum means for the joints.
 
     Args:
-        R: (m, p) weighted regressor, compressed, without null columns.
+        spectrum: of the regressor of p joints.
         columns: (p,) the joint of each column.
         parameters: number of joints, null ones included.
 
     Returns:
         The analysis, with joints numbered as in `columns`.
     """
-    _, singular, Vt = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=True)
-    singular = np.pad(singular, (0, len(columns) - len(singular)))
-    weak = singular <= NULL_DIRECTION * singular[0]
-    rank = int((~weak).sum())
+    singular = spectrum.singular_values
+    full = spectrum.rank == len(columns)
     return Identifiability(
         parameters=parameters,
-        rank=rank,
-        condition_number=float("inf") if weak.any() else float(singular[0] / singular[-1]),
+        rank=spectrum.rank,
+        condition_number=float(singular[0] / singular[-1]) if full else float("inf"),
         singular_values=singular,
         combinations=tuple(
-            Combination(tuple(int(columns[i]) for i in group)) for group in _groups(Vt[rank:])
+            Combination(tuple(int(columns[i]) for i in group)) for group in _groups(spectrum.null_space)
         ),
     )
 

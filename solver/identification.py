@@ -152,6 +152,12 @@ def _characteristic_length(robot: Robot, measurements: Measurements, settings: S
 
 def _visibility(exposure: Exposure) -> Visibility:
     visibility = exposure.visibility()
+    if not exposure.anything_moved:
+        raise NotObservableError(
+            "no target moved at all, so nothing can be said of any joint",
+            where="observations",
+            remedy="check that the loaded readings were taken under load",
+        )
     if visibility.null.all():
         reasons = "; ".join(str(reason).split(":")[0] for reason in visibility.reasons)
         raise NotObservableError(

@@ -1,31 +1,22 @@
-"""What is suspicious in a set though not impossible: noticed, said with figures, never mended silently."""
+"""What is suspicious in a set though not impossible: the usual mistakes of a long day."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import islice
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from solver.configuration import Configurations
+from solver.finding import Finding, length_text
 from solver.measurements import Measurements
 from solver.robot import Robot
 
-__all__ = ["MAX_FINDINGS_PER_CODE", "Finding", "FindingCode", "inspect"]
+__all__ = ["MAX_FINDINGS_PER_CODE", "inspect"]
 
 FloatArray = npt.NDArray[np.float64]
-
-FindingCode = Literal[
-    "targets_not_rigid",
-    "deflection_against_force",
-    "joint_outside_limits",
-    "angle_unit_suspect",
-    "deflection_implausibly_large",
-    "deflection_below_noise",
-    "zero_load",
-]
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Further findings of a kind are counted in its last message."""
@@ -33,36 +24,30 @@ RIGIDITY_SIGMAS: Final = 5.0
 """Change of a distance between two targets, in its standard deviations, that is not noise."""
 NOISE_SIGMAS: Final = 3.0
 """A deflection shorter than this many of its standard deviations says little."""
-IMPLAUSIBLE_DEFLECTION: Final = 0.02
+LARGEST_DEFLECTION: Final = 0.02
 """Robots bend by millimetres; more than this [m] is a mistake in a unit or a label."""
+SMALLEST_DEFLECTION: Final = 5e-6
+"""No tracker sees less [m]; a set in which nothing moves more has its lengths in another unit."""
+LARGEST_SIGMA: Final = 1e-3
+"""No tracker is worse [m]."""
+LARGEST_MODEL_ERROR: Final = 0.02
+"""Robots stand where their model says within millimetres; more [m] is a wrong frame, map, unit or angle."""
+RARE_TARGET: Final = 0.1
+"""A target read in a smaller share of many observations is likely another one's name misspelt."""
 _LIMIT_MARGIN: Final = 1e-3
 _MANY_TURNS: Final = 4 * np.pi
 _SMALL_DEGREES: Final = 2 * np.pi
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One suspicion.
-
-    Attributes:
-        code: its kind.
-        observation: index of the observation; None for the whole set.
-        message: what was seen, with figure and unit.
-        remedy: what to check.
-    """
-
-    code: FindingCode
-    observation: int | None
-    message: str
-    remedy: str
-
-
-def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[Finding]:
+def inspect(
+    robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool
+) -> list[Finding]:
     """Look for the usual mistakes of a day of measurements.
 
     Args:
         robot: n joints.
-        measurements: N observations.
+        measurements: N observations of T targets.
+        targets: the names of the targets.
         degrees: whether the angles were posted in degrees.
 
     Returns:
@@ -71,11 +56,14 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
     checks: tuple[Iterable[Finding], ...] = (
         _angle_unit(measurements, degrees=degrees),
         _limits(robot, measurements),
+        _off_model(robot, measurements, targets),
+        _rare_targets(measurements, targets),
+        _sigma(measurements),
         _zero_load(measurements),
-        _size(measurements),
+        _size(measurements, targets),
         _below_noise(measurements),
         _against_force(measurements),
-        _rigidity(measurements),
+        _rigidity(measurements, targets),
     )
     return [finding for check in checks for finding in _shortened(check)]
 
@@ -124,9 +112,59 @@ def _limits(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
         )
 
 
+def _off_model(robot: Robot, measurements: Measurements, targets: tuple[str, ...]) -> Iterator[Finding]:
+    """A target sits still on the flange: seen from there, its measured places must agree."""
+    measured = measurements.present & ~measurements.in_flange
+    configurations = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    arm = measurements.position - configurations.flange_translation[:, None]
+    in_flange = np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
+    usable = np.flatnonzero(measured.sum(axis=0) > 1)
+    if not len(usable):
+        return
+    apart = np.linalg.norm(in_flange - _median(in_flange[:, usable], usable, in_flange), axis=2)
+    apart = np.where(np.isnan(apart), 0.0, apart)
+    for i in np.flatnonzero(apart.max(axis=1) > LARGEST_MODEL_ERROR):
+        t = int(apart[i].argmax())
+        yield Finding(
+            "target_off_model",
+            int(i),
+            f"target '{targets[t]}' sits {length_text(apart[i, t])} from its median place on the flange",
+            "check that positions are in R0, units.length, the angles and their order, the joint map, and "
+            "the robot's model",
+        )
+
+
+def _median(values: FloatArray, usable: npt.NDArray[np.intp], like: FloatArray) -> FloatArray:
+    """Median place of each usable target over the observations; NaN for the others."""
+    median = np.full(like.shape[1:], np.nan)
+    median[usable] = np.nanmedian(values, axis=0)
+    return median
+
+
+def _rare_targets(measurements: Measurements, targets: tuple[str, ...]) -> Iterator[Finding]:
+    count = measurements.present.sum(axis=0)
+    for t in np.flatnonzero(count < RARE_TARGET * len(measurements)):
+        first = int(np.flatnonzero(measurements.present[:, t])[0])
+        yield Finding(
+            "target_name_suspect",
+            first,
+            f"target '{targets[t]}' is read in {count[t]} of {len(measurements)} observations",
+            "check the spelling of its name",
+        )
+
+
+def _sigma(measurements: Measurements) -> Iterator[Finding]:
+    if measurements.sigma is not None and measurements.sigma > LARGEST_SIGMA:
+        yield Finding(
+            "sigma_suspect",
+            None,
+            f"sigma is {length_text(measurements.sigma)}, more than any tracker's",
+            "check noise.sigma: it is in units.length",
+        )
+
+
 def _zero_load(measurements: Measurements) -> Iterator[Finding]:
-    unloaded = ~(measurements.force.any(axis=1) | measurements.moment.any(axis=1))
-    for i in np.flatnonzero(unloaded):
+    for i in np.flatnonzero(~_loaded(measurements)):
         yield Finding(
             "zero_load",
             int(i),
@@ -135,30 +173,39 @@ def _zero_load(measurements: Measurements) -> Iterator[Finding]:
         )
 
 
-def _size(measurements: Measurements) -> Iterator[Finding]:
-    length = np.linalg.norm(measurements.deflection, axis=2).max(axis=1)
-    for i in np.flatnonzero(length > IMPLAUSIBLE_DEFLECTION):
+def _loaded(measurements: Measurements) -> npt.NDArray[np.bool_]:
+    return np.asarray(measurements.force.any(axis=1) | measurements.moment.any(axis=1))
+
+
+def _size(measurements: Measurements, targets: tuple[str, ...]) -> Iterator[Finding]:
+    length = np.linalg.norm(measurements.deflection, axis=2)
+    for i in np.flatnonzero(length.max(axis=1) > LARGEST_DEFLECTION):
+        t = int(length[i].argmax())
         yield Finding(
             "deflection_implausibly_large",
             int(i),
-            f"a target moved by {1e3 * length[i]:.4g} mm, more than {1e3 * IMPLAUSIBLE_DEFLECTION:g} mm",
+            f"target '{targets[t]}' moved by {length_text(length[i, t])}",
             "check units.length, and that unloaded and loaded readings belong together",
+        )
+    if length.max() < SMALLEST_DEFLECTION and _loaded(measurements).any():
+        yield Finding(
+            "deflection_implausibly_small",
+            None,
+            f"no target moved by more than {length_text(float(length.max()))}",
+            "check units.length, and that the loaded readings were taken under load",
         )
 
 
 def _below_noise(measurements: Measurements) -> Iterator[Finding]:
-    if measurements.sigma is None:
-        return
-    noise = NOISE_SIGMAS * np.sqrt(2.0) * measurements.sigma
+    noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     length = np.linalg.norm(measurements.deflection, axis=2).max(axis=1)
-    loaded = measurements.force.any(axis=1) | measurements.moment.any(axis=1)
-    for i in np.flatnonzero((length < noise) & loaded):
+    for i in np.flatnonzero((length <= NOISE_SIGMAS * noise) & _loaded(measurements)):
         yield Finding(
             "deflection_below_noise",
             int(i),
-            f"no target moved by more than {1e6 * length[i]:.3g} µm, and the noise of a deflection "
-            f"is {1e6 * noise / NOISE_SIGMAS:.3g} µm",
-            "load the robot more, or check that the loaded readings were taken under load",
+            f"no target moved by more than {length_text(length[i])}, and the noise of a deflection is "
+            f"{length_text(noise)}",
+            "load the robot more, check that the loaded readings were taken under load, and noise.sigma",
         )
 
 
@@ -175,45 +222,50 @@ def _against_force(measurements: Measurements) -> Iterator[Finding]:
         yield Finding(
             "deflection_against_force",
             int(i),
-            f"the targets moved by {1e6 * -along[i]:.4g} µm against the force of {force[i]:.4g} N",
+            f"the targets moved by {length_text(-along[i])} against the force of {force[i]:.4g} N",
             "check the signs of the force, and whether unloaded and loaded readings are swapped",
         )
 
 
-def _rigidity(measurements: Measurements) -> Iterator[Finding]:
+def _rigidity(measurements: Measurements, targets: tuple[str, ...]) -> Iterator[Finding]:
     """Distances between measured targets must be those of a rigid triangle, loaded or not."""
     measured = measurements.present & ~measurements.in_flange
-    if measured.shape[1] < 2 or not measured.any():
-        return
     first, second = np.triu_indices(measured.shape[1], k=1)
-    loaded = measurements.position + measurements.deflection
+    usable = (measured[:, first] & measured[:, second]).any(axis=0)
+    first, second = first[usable], second[usable]
+    if not len(first):
+        return
     both = measured[:, first] & measured[:, second]
-    lengths = np.stack([_distances(p, first, second) for p in (measurements.position, loaded)])
-    lengths[:, ~both] = np.nan
-    usable = both.any(axis=0)
-    typical = np.nanmedian(lengths[:, :, usable].reshape(-1, int(usable.sum())), axis=0)
-    change = np.abs(lengths[:, :, usable] - typical).max(axis=0)
-    limit = RIGIDITY_SIGMAS * np.sqrt(2.0) * _distance_sigma(measurements, change)
-    worst = np.where(np.isnan(change), 0.0, change).max(axis=1)
-    for i in np.flatnonzero(worst > limit):
+    change = _length_changes(measurements, first, second, both)
+    limit = RIGIDITY_SIGMAS * np.sqrt(2.0) * _reading_sigma(measurements, change[both])
+    for i in np.flatnonzero(change.max(axis=1) > limit):
+        pair = int(change[i].argmax())
         yield Finding(
             "targets_not_rigid",
             int(i),
-            f"the distance between two targets differs by {1e6 * worst[i]:.4g} µm from the others' "
-            f"median, more than {1e6 * limit:.3g} µm",
-            "check for a moved or swapped target, and repeat the observation",
+            f"the distance between '{targets[first[pair]]}' and '{targets[second[pair]]}' differs by "
+            f"{length_text(change[i, pair])} from its median, more than {length_text(limit)}",
+            "check for a moved target or swapped names, and repeat the observation if neither",
         )
 
 
-def _distances(
-    positions: FloatArray, first: npt.NDArray[np.intp], second: npt.NDArray[np.intp]
+def _length_changes(
+    measurements: Measurements,
+    first: npt.NDArray[np.intp],
+    second: npt.NDArray[np.intp],
+    both: npt.NDArray[np.bool_],
 ) -> FloatArray:
-    lengths: FloatArray = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
-    return lengths
+    """(N, pairs) greatest departure of each distance from its median, unloaded and loaded [m]."""
+    states = (measurements.position, measurements.position + measurements.deflection)
+    edges = np.stack([state[:, first] - state[:, second] for state in states])
+    lengths = np.where(both, np.linalg.norm(edges, axis=3), np.nan)
+    typical = np.nanmedian(lengths.reshape(-1, both.shape[1]), axis=0)
+    change: FloatArray = np.nan_to_num(np.abs(lengths - typical)).max(axis=0)
+    return change
 
 
-def _distance_sigma(measurements: Measurements, change: FloatArray) -> float:
+def _reading_sigma(measurements: Measurements, change: FloatArray) -> float:
     """Sigma of a reading, from the scatter of the distances (robustly) where it is not given."""
     if measurements.sigma is not None:
         return measurements.sigma
-    return max(1e-6, float(1.4826 * np.nanmedian(change) / np.sqrt(2.0)))
+    return max(1e-6, float(1.4826 * np.median(change) / np.sqrt(2.0)))

@@ -11,13 +11,12 @@ import numpy.typing as npt
 from solver.characteristic_length import least_condition_length
 from solver.compression import Compression
 from solver.exceptions import UnsupportedMethodError
-from solver.identifiability import Identifiability, analyse
+from solver.identifiability import Exposure, Identifiability, Spectrum, analyse
 from solver.pose import fit_displacement
 from solver.problem import Bounds, IdentificationProblem
 from solver.readings import (
     Stage,
     pose_readings,
-    scaled_inverse,
     target_readings,
     wrist_centre_readings,
 )
@@ -144,6 +143,8 @@ class DecoupledPartialPose:
         self._arm_joints = robot.n - WRIST_JOINTS
         self._order = np.roll(np.arange(robot.n), WRIST_JOINTS)  # the wrist first, then the arm
         self._centre = wrist.centre
+        self._names = robot.joint_names
+        self._seen_from_centre = Exposure(robot.joint_names)
         weight = np.ones(3) if uniform else None
         self.judged = Stage(robot.n, None)
         self._arm = Stage(self._arm_joints, weight)
@@ -153,7 +154,8 @@ class DecoupledPartialPose:
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations with at least three targets each."""
-        centre, carried = wrist_centre_readings(block, fit_displacement(block), self._centre)
+        centre, carried, jacobian = wrist_centre_readings(block, fit_displacement(block), self._centre)
+        self._seen_from_centre.add_seen_from(block, jacobian, np.ones((len(jacobian), 1), dtype=bool))
         readings = target_readings(block)
         self.judged.add(readings)
         arm = centre.select(np.arange(self._arm_joints))
@@ -174,81 +176,112 @@ class DecoupledPartialPose:
         """Solve both stages; see `MethodAccumulator`.
 
         Raises:
-            UnsupportedMethodError: if the wrist centre determines the arm joints only in combination,
-                so that the arm's share of the targets' deflection is unknown.
+            UnsupportedMethodError: if the wrist centre does not show an arm joint that the targets see, or
+                determines arm joints only in combination, so that the arm's share of the targets'
+                deflection is unknown.
         """
         n = len(null)
         visible = np.flatnonzero(~null)
         arm, wrist = visible[visible < self._arm_joints], visible[visible >= self._arm_joints]
-        compliance, active = np.zeros(n), np.zeros(n, dtype=np.int8)
-        analyses, certificates = [], []
+        _refuse_unseen_arm(arm[self._seen_from_centre.visibility().null[arm]], self._names)
+        first = _fit_stage(self._arm.rows.matrix[:, arm], self._arm.rows.rhs, arm, bounds, n)
+        _refuse_undetermined_arm(first, self._names)
         R, z = self._targets.rows.matrix, self._targets.rows.rhs
-        R_wrist, R_arm = R[:, wrist - self._arm_joints], R[:, WRIST_JOINTS + arm]
-        if len(arm):
-            arm_rows = self._arm.rows
-            analyses.append(analyse(arm_rows.matrix[:, arm], arm, n))
-            _refuse_undetermined_arm(analyses[-1])
-            solution = _solve(arm_rows.matrix[:, arm], arm_rows.rhs, bounds.select(arm))
-            compliance[arm], active[arm] = solution.compliance, solution.active
-            certificates.append(solution.certificate)
-        if len(wrist):
-            analyses.append(analyse(R_wrist, wrist, n))
-            solution = _solve(R_wrist, z - R_arm @ compliance[arm], bounds.select(wrist))
-            compliance[wrist], active[wrist] = solution.compliance, solution.active
-            certificates.append(solution.certificate)
-        covariance = self._covariance(arm, wrist, n)
-        return Fit(compliance, active, covariance, tuple(analyses), tuple(certificates))
+        explained = R[:, WRIST_JOINTS + arm] @ first.solution.compliance if first else 0.0
+        second = _fit_stage(R[:, wrist - self._arm_joints], z - explained, wrist, bounds, n)
+        return _combined(n, [stage for stage in (first, second) if stage], self._covariance(first, second, n))
 
-    def _covariance(self, arm: npt.NDArray[np.intp], wrist: npt.NDArray[np.intp], n: int) -> FloatArray:
+    def _covariance(self, arm: _StageFit | None, wrist: _StageFit | None, n: int) -> FloatArray:
         """Exact covariance of both stages: ĉ = H d, hence H Σ Hᵀ (METHOD.md §4).
 
         With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two
         stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
         """
         covariance = np.zeros((n, n))
-        if len(arm):
-            covariance[np.ix_(arm, arm)] = self._arm.covariance(arm)
-        if not len(wrist):
-            return covariance
-        columns = wrist - self._arm_joints
-        covariance[np.ix_(wrist, wrist)] = self._targets.covariance(columns)
-        if not len(arm):
-            return covariance
-        R = self._targets.rows.matrix
-        inverse = scaled_inverse(R[:, columns])
-        arm_inverse = scaled_inverse(self._arm.rows.matrix[:, arm])
-        leak = inverse @ R[:, WRIST_JOINTS + arm]  # L A_a
-        shared = (inverse @ inverse.T) @ self._cross[np.ix_(columns, arm)]
-        shared = shared @ (arm_inverse @ arm_inverse.T)  # cov(L d, ĉ_a)
-        arm_covariance = covariance[np.ix_(arm, arm)]
-        both = shared @ leak.T
-        covariance[np.ix_(wrist, wrist)] += leak @ arm_covariance @ leak.T - both - both.T
-        covariance[np.ix_(wrist, arm)] = shared - leak @ arm_covariance
-        covariance[np.ix_(arm, wrist)] = covariance[np.ix_(wrist, arm)].T
+        if arm:
+            covariance[np.ix_(arm.joints, arm.joints)] = self._arm.covariance(
+                arm.joints, arm.spectrum.inverse
+            )
+        if wrist:
+            columns, inverse = wrist.joints - self._arm_joints, wrist.spectrum.inverse
+            covariance[np.ix_(wrist.joints, wrist.joints)] = self._targets.covariance(columns, inverse)
+        if arm and wrist:
+            self._add_leak(covariance, arm, wrist)
         return covariance
 
+    def _add_leak(self, covariance: FloatArray, arm: _StageFit, wrist: _StageFit) -> None:
+        """Add what the wrist inherits from the arm."""
+        columns, inverse = wrist.joints - self._arm_joints, wrist.spectrum.inverse
+        leak = inverse @ self._targets.rows.matrix[:, WRIST_JOINTS + arm.joints]  # L A_a
+        shared = (inverse @ inverse.T) @ self._cross[np.ix_(columns, arm.joints)]
+        shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
+        arm_covariance = covariance[np.ix_(arm.joints, arm.joints)]
+        both = shared @ leak.T
+        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ arm_covariance @ leak.T - both - both.T
+        covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ arm_covariance
+        covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
 
-def _refuse_undetermined_arm(analysis: Identifiability) -> None:
-    if analysis.combinations:
-        joints = ", ".join(f"joint {j + 1}" for j in sorted(analysis.combined))
+
+@dataclass(frozen=True, eq=False)
+class _StageFit:
+    """One stage solved: `joints` (p,) are those of its columns."""
+
+    joints: npt.NDArray[np.intp]
+    spectrum: Spectrum
+    analysis: Identifiability
+    solution: Solution
+
+
+def _fit_stage(
+    R: FloatArray, z: FloatArray, joints: npt.NDArray[np.intp], bounds: Bounds, n: int
+) -> _StageFit | None:
+    """Solve for the given joints; None if there are none."""
+    if not len(joints):
+        return None
+    spectrum = Spectrum(R)
+    solution = solve(IdentificationProblem(spectrum.determined, z, bounds.select(joints)))
+    return _StageFit(joints, spectrum, analyse(spectrum, joints, n), solution)
+
+
+def _combined(n: int, stages: list[_StageFit], covariance: FloatArray) -> Fit:
+    compliance, active = np.zeros(n), np.zeros(n, dtype=np.int8)
+    for stage in stages:
+        compliance[stage.joints] = stage.solution.compliance
+        active[stage.joints] = stage.solution.active
+    return Fit(
+        compliance,
+        active,
+        covariance,
+        tuple(stage.analysis for stage in stages),
+        tuple(stage.solution.certificate for stage in stages),
+    )
+
+
+def _single_stage_fit(rows: Stage, null: BoolArray, bounds: Bounds) -> Fit:
+    joints = np.flatnonzero(~null)
+    stage = _fit_stage(rows.rows.matrix[:, joints], rows.rows.rhs, joints, bounds, len(null))
+    covariance = np.zeros((len(null), len(null)))
+    if stage:
+        covariance[np.ix_(joints, joints)] = rows.covariance(joints, stage.spectrum.inverse)
+    return _combined(len(null), [stage] if stage else [], covariance)
+
+
+def _refuse_undetermined_arm(arm: _StageFit | None, names: tuple[str, ...]) -> None:
+    if arm and arm.analysis.combinations:
+        joints = ", ".join(names[j] for j in sorted(arm.analysis.combined))
         raise UnsupportedMethodError(
             f"the wrist centre determines {joints} only together, so the arm's share of the "
             "deflection is unknown",
+            where="method",
             remedy="use method partial_pose, or add postures and load directions",
         )
 
 
-def _single_stage_fit(stage: Stage, null: BoolArray, bounds: Bounds) -> Fit:
-    columns = np.flatnonzero(~null)
-    R = stage.rows.matrix[:, columns]
-    solution = _solve(R, stage.rows.rhs, bounds.select(columns))
-    compliance, active = np.zeros(len(null)), np.zeros(len(null), dtype=np.int8)
-    covariance = np.zeros((len(null), len(null)))
-    compliance[columns], active[columns] = solution.compliance, solution.active
-    covariance[np.ix_(columns, columns)] = stage.covariance(columns)
-    analysis = analyse(R, columns, len(null))
-    return Fit(compliance, active, covariance, (analysis,), (solution.certificate,))
-
-
-def _solve(R: FloatArray, z: FloatArray, bounds: Bounds) -> Solution:
-    return solve(IdentificationProblem(R, z, bounds))
+def _refuse_unseen_arm(unseen: npt.NDArray[np.intp], names: tuple[str, ...]) -> None:
+    if len(unseen):
+        joints = ", ".join(names[j] for j in unseen)
+        raise UnsupportedMethodError(
+            f"the wrist centre does not move when {joints} turns, so it cannot show how that joint bends",
+            where="method",
+            remedy="use method partial_pose",
+        )

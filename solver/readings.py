@@ -15,7 +15,6 @@ __all__ = [
     "DerivedReadings",
     "Stage",
     "pose_readings",
-    "scaled_inverse",
     "target_readings",
     "wrist_centre_readings",
 ]
@@ -87,27 +86,20 @@ class Stage:
             self.rows.add(readings.weighted(self._root_weight), count=readings.count)
             self._spread.add(readings.spread(self._root_weight))
 
-    def covariance(self, columns: npt.NDArray[np.intp]) -> FloatArray:
+    def covariance(self, columns: npt.NDArray[np.intp], inverse: FloatArray) -> FloatArray:
         """Covariance of the unconstrained estimate of some columns, the others being known.
 
         Args:
             columns: (p,) which parameters are estimated.
+            inverse: (p, m) pseudo-inverse of those columns of the rows.
 
         Returns:
             (p, p) in units of sigma²: (AᵀΣ⁻¹A)⁻¹, or the sandwich for other weights.
         """
-        inverse = scaled_inverse(self.rows.matrix[:, columns])
         if self._root_weight is None:
             return inverse @ inverse.T
         half = inverse @ inverse.T @ self._spread.triangle[:, columns].T
         return half @ half.T
-
-
-def scaled_inverse(R: FloatArray) -> FloatArray:
-    """Pseudo-inverse with columns brought to unit norm first, so that units do not decide the rank."""
-    scale = np.linalg.norm(R, axis=0)
-    inverse: FloatArray = np.linalg.pinv(R / scale) / scale[:, None]
-    return inverse
 
 
 def target_readings(block: RegressorBlock) -> DerivedReadings:
@@ -137,7 +129,7 @@ def pose_readings(block: RegressorBlock, displacement: RigidDisplacement) -> Der
 
 def wrist_centre_readings(
     block: RegressorBlock, displacement: RigidDisplacement, centre: FloatArray
-) -> tuple[DerivedReadings, FloatArray]:
+) -> tuple[DerivedReadings, FloatArray, FloatArray]:
     """Decoupled, stage 1: the rigid displacement carried to P_wrist, three rows a configuration.
 
     Args:
@@ -146,8 +138,8 @@ def wrist_centre_readings(
         centre: (3,) P_wrist in the flange frame [m].
 
     Returns:
-        The derived readings for all n joints, and (B, 3, 3T) the matrix that makes them of the
-        whitened readings; its columns follow `RigidDisplacement.basis`.
+        The derived readings for all n joints; (B, 3, 3T) the matrix that makes them of the whitened
+        readings, its columns following `RigidDisplacement.basis`; and (B, 1, 3, n) J_v at P_wrist [m/rad].
     """
     points = block.configurations.to_base(np.broadcast_to(centre, (len(block.torque), 1, 3)))
     arm = points[:, 0] - displacement.reference
@@ -155,11 +147,11 @@ def wrist_centre_readings(
     # y = E x, cov(x) = (RᵀR)⁻¹, hence cov(y) = (E R⁻¹)(E R⁻¹)ᵀ.
     half = np.linalg.solve(displacement.factor.transpose(0, 2, 1), extrapolation.transpose(0, 2, 1))
     half = half.transpose(0, 2, 1)
-    jacobian = block.configurations.jacobian_at(points)[:, 0]
+    jacobian = block.configurations.jacobian_at(points)
     readings = DerivedReadings(
-        A=jacobian * block.torque[:, None],
+        A=jacobian[:, 0] * block.torque[:, None],
         y=np.einsum("bij,bj->bi", extrapolation, displacement.x),
         whitener=np.linalg.inv(np.linalg.qr(half.transpose(0, 2, 1), mode="r")).transpose(0, 2, 1),
         count=3 * len(arm),
     )
-    return readings, half @ displacement.basis.transpose(0, 2, 1)
+    return readings, half @ displacement.basis.transpose(0, 2, 1), jacobian

@@ -35,6 +35,12 @@ SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set"]
 CERTIFICATE_TOLERANCE = 1e-12
 """Greatest relative violation of an optimality condition that is taken for rounding."""
 
+_ROUNDING = 64 * np.finfo(float).eps
+"""Of a gradient, relative to the largest variable."""
+
+_NO_DIRECTION = 1e-13
+"""Relative singular value that is a zero up to rounding."""
+
 _CLARABEL = {
     "tol_gap_abs": 1e-13,
     "tol_gap_rel": 1e-13,
@@ -56,9 +62,9 @@ class Certificate:
 
     Attributes:
         primal: greatest violation of a bound, in equilibrated variables.
-        dual: greatest gradient of the wrong sign at a bound, or of any sign off the bounds; a gradient
-            is the cosine between a column and the residual, times ‖residual‖/‖z‖.
-        complementarity: greatest min(multiplier, slack).
+        dual: greatest gradient of the wrong sign at a bound, or of any sign off the bounds, beyond
+            rounding; a gradient is the cosine between a column and the residual, times ‖residual‖/‖z‖.
+        complementarity: greatest min(multiplier, slack), beyond rounding.
         solved_by: what found the support.
     """
 
@@ -130,11 +136,10 @@ def solve(problem: IdentificationProblem) -> Solution:
         active = find(scaled)
         if active is None:
             continue
-        x = _polish(scaled, active)
+        x = _snap(scaled, _polish(scaled, active))
         certificate = _certify(scaled, x, name)
         if certificate.holds:
-            active = _with_ties(scaled, x, active)
-            return Solution(_exactly_at_bounds(x * unit, active, problem), active, certificate)
+            return _unscaled(problem, x, unit, certificate)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {CERTIFICATE_TOLERANCE:g} "
         f"(primal {certificate.primal:.1e}, dual {certificate.dual:.1e})",
@@ -142,17 +147,21 @@ def solve(problem: IdentificationProblem) -> Solution:
     )
 
 
-def _with_ties(scaled: _Scaled, x: FloatArray, active: Support) -> Support:
-    """A parameter that is free and yet at its bound, up to rounding, is at its bound."""
-    ties = np.where(x - scaled.lower <= CERTIFICATE_TOLERANCE, _LOWER, active)
-    return np.where(scaled.upper - x <= CERTIFICATE_TOLERANCE, _UPPER, ties).astype(np.int8)
+def _snap(scaled: _Scaled, x: FloatArray) -> FloatArray:
+    """Put on its bound what is beyond it, or not off it by more than rounding. Certified is the outcome."""
+    x = np.where(x - scaled.lower <= CERTIFICATE_TOLERANCE, scaled.lower, x)
+    return np.where(scaled.upper - x <= CERTIFICATE_TOLERANCE, scaled.upper, x)
 
 
-def _exactly_at_bounds(c: FloatArray, active: Support, problem: IdentificationProblem) -> FloatArray:
-    """Undo the rounding of the scaling, so that a zero is a zero and no compliance is below it."""
+def _unscaled(
+    problem: IdentificationProblem, x: FloatArray, unit: FloatArray, certificate: Certificate
+) -> Solution:
+    """The solution in rad/(N·m), with the bounds exactly as they were asked for."""
     bounds = problem.bounds
-    c = np.where(active == _LOWER, bounds.lower, np.where(active == _UPPER, bounds.upper, c))
-    return np.clip(c, bounds.lower, bounds.upper)
+    below, above = x == bounds.lower / unit, x == bounds.upper / unit
+    active = np.where(below, _LOWER, np.where(above, _UPPER, _FREE)).astype(np.int8)
+    compliance = np.where(below, bounds.lower, np.where(above, bounds.upper, x * unit))
+    return Solution(np.clip(compliance, bounds.lower, bounds.upper), active, certificate)
 
 
 def _polish(scaled: _Scaled, active: Support) -> FloatArray:
@@ -160,7 +169,8 @@ def _polish(scaled: _Scaled, active: Support) -> FloatArray:
     x = np.where(active == _LOWER, scaled.lower, np.where(active == _UPPER, scaled.upper, 0.0))
     free = active == _FREE
     if free.any():
-        x[free] = np.linalg.lstsq(scaled.A[:, free], scaled.b - scaled.A @ x, rcond=None)[0]
+        rhs = scaled.b - scaled.A @ x
+        x[free] = np.linalg.lstsq(scaled.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
     return x
 
 
@@ -173,11 +183,12 @@ def _certify(scaled: _Scaled, x: FloatArray, solved_by: SupportFinder) -> Certif
     product = np.maximum(
         np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
     )
-    size = max(1.0, float(np.abs(x).max()))
+    # A gradient is known to the rounding of the terms that cancel in it.
+    rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
     return Certificate(
-        primal=max(0.0, float(-np.minimum(below, above).min())) / size,
-        dual=max(0.0, float(wrong.max())) / size,
-        complementarity=max(0.0, float(product.max())) / size,
+        primal=max(0.0, float(-np.minimum(below, above).min())),
+        dual=max(0.0, float(wrong.max()) - rounding),
+        complementarity=max(0.0, float(product.max()) - rounding),
         solved_by=solved_by,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Final, TypeVar
 from fastapi import Header, HTTPException, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
+from starlette.requests import ClientDisconnect
 
 from service.records import IdempotencyKey
 
@@ -27,7 +29,10 @@ MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
 MAX_SET_BYTES: Final = 8 * 1024 * 1024
 MAX_RUN_BYTES: Final = 64 * 1024
 MAX_KEY_LENGTH: Final = 255
-MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType({b"{": 100_000, b":": 300_000, b",": 1_000_000})
+LARGE_BYTES: Final = 256 * 1024
+"""A body above this size is parsed while at most one other is: it may take half a gigabyte meanwhile."""
+_large_bodies = threading.BoundedSemaphore(2)
+MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType({b"{": 60_000, b":": 300_000, b",": 1_000_000})
 """Objects, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes: 8 MiB of
 them would take gigabytes before the first fault is found."""
 
@@ -63,8 +68,14 @@ class Body:
                 raise HTTPException(
                     413, f"the body has more than {most} '{mark.decode()}'; send less at once"
                 )
+        if len(self.content) <= LARGE_BYTES:
+            return self._validated(message)
+        with _large_bodies:
+            return self._validated(message)
+
+    def _validated(self, message: type[Parsed]) -> Parsed:
         try:
-            return message.model_validate_json(self.content)
+            return message.model_validate_json(self.content, strict=True)
         except ValidationError as error:
             faults = error.errors(include_url=False, include_context=False, include_input=False)
             raise RequestValidationError(faults) from None
@@ -78,10 +89,13 @@ def read_body(limit: int) -> Callable[..., Awaitable[Body]]:
         if media_type != "application/json":
             raise HTTPException(415, "send JSON, with the header Content-Type: application/json")
         content = bytearray()
-        async for chunk in request.stream():
-            content += chunk
-            if len(content) > limit:
-                raise HTTPException(413, f"the body exceeds {limit // 1024} KiB; send less at once")
+        try:
+            async for chunk in request.stream():
+                content += chunk
+                if len(content) > limit:
+                    raise HTTPException(413, f"the body exceeds {limit // 1024} KiB; send less at once")
+        except ClientDisconnect:
+            raise HTTPException(400, "the client left before its body was complete") from None
         key = None
         if idempotency_key is not None:
             key = IdempotencyKey(idempotency_key, hashlib.sha256(content).hexdigest())

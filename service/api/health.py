@@ -13,7 +13,7 @@ __all__ = ["router"]
 router = APIRouter(tags=["health"])
 
 
-@router.get("/health", response_model=Health, responses=problems(503))
+@router.get("/health", response_model=Health, responses=problems())
 def get_health(parts: PartsOf) -> Health:
     """Ask the database, and say which versions answer."""
     return Health(status="ok", version=JOINTSTIFF_VERSION, database=parts.store.ping())

@@ -11,6 +11,7 @@ from schemas.measurement_set import MeasurementSet, MeasurementSetRequest, Measu
 from service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
 from service.api.examples import MEASUREMENT_SETS
 from service.api.parts import (
+    LOCATION,
     Cursor,
     Limit,
     NameFilter,
@@ -32,7 +33,7 @@ router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"])
     "",
     status_code=201,
     response_model=MeasurementSet,
-    responses=problems(413, 415, 422),
+    responses=LOCATION | problems(400, 413, 415, 422),
     openapi_extra=describe_body(MeasurementSetRequest, MEASUREMENT_SETS),
 )
 def post_measurement_set(

@@ -15,6 +15,7 @@ from service.runs import Runs
 from service.store import Store
 
 __all__ = [
+    "LOCATION",
     "MAX_PAGE",
     "Cursor",
     "Limit",
@@ -80,18 +81,26 @@ def created(collection: str, identifier: str, text: str) -> Response:
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The OpenAPI description of the errors a route may answer with."""
+    """The OpenAPI description of the errors a route may answer with; 503 is one of each."""
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {
         status: {
-            "model": Problem,
             "description": _DESCRIPTIONS[status],
-            "content": {"application/problem+json": {}},
+            "content": {"application/problem+json": {"schema": schema}},
         }
-        for status in statuses
+        for status in (*statuses, 503)
     }
 
 
+LOCATION: Final[dict[int | str, dict[str, Any]]] = {
+    201: {
+        "description": "Stored.",
+        "headers": {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}},
+    }
+}
+
 _DESCRIPTIONS: Final = {
+    400: "The client left before its body was complete.",
     404: "There is no such resource.",
     413: "The body is too large.",
     415: "The body is not declared as JSON.",

@@ -11,6 +11,7 @@ from schemas.robot import Robot, RobotDocument, RobotSummary
 from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
 from service.api.examples import ROBOTS
 from service.api.parts import (
+    LOCATION,
     Cursor,
     Limit,
     NameFilter,
@@ -31,7 +32,7 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
     "",
     status_code=201,
     response_model=Robot,
-    responses=problems(413, 415, 422),
+    responses=LOCATION | problems(400, 413, 415, 422),
     openapi_extra=describe_body(RobotDocument, ROBOTS),
 )
 def post_robot(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_ROBOT_BYTES))]) -> Response:

@@ -10,7 +10,7 @@ from schemas.base import Page
 from schemas.run import Method, Run, RunRequest, RunState, RunSummary, Weighting
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.parts import Cursor, Limit, PartsOf, created, filters, json_response, problems
+from service.api.parts import LOCATION, Cursor, Limit, PartsOf, created, filters, json_response, problems
 from service.records import RunEntry, RunRecord
 
 __all__ = ["router"]
@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1/runs", tags=["runs"])
     "",
     status_code=201,
     response_model=Run,
-    responses=problems(413, 415, 422),
+    responses=LOCATION | problems(400, 413, 415, 422),
     openapi_extra=describe_body(RunRequest, RUNS),
 )
 def post_run(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_RUN_BYTES))]) -> Response:

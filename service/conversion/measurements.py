@@ -10,7 +10,7 @@ import numpy.typing as npt
 from schemas import measurement_set as sets
 from service.conversion.readings import ReadingArrays
 from solver.exceptions import MeasurementError
-from solver.integrity import Finding
+from solver.finding import Finding
 from solver.measurements import Measurements
 from solver.robot import Robot
 
@@ -99,10 +99,10 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)
 
 
-def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.SetWarning]:
+def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.QualityWarning]:
     """What was noticed, with the observations' labels."""
     return [
-        sets.SetWarning(
+        sets.QualityWarning(
             code=finding.code,
             where=None
             if finding.observation is None

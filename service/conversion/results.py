@@ -7,10 +7,9 @@ from math import isfinite
 import numpy as np
 
 from schemas import run as runs
-from schemas.measurement_set import SetWarning
+from schemas.measurement_set import QualityWarning
 from service.conversion.readings import ReadingArrays
 from solver.estimate import Estimate, JointCompliance
-from solver.identifiability import Identifiability
 from solver.measurements import Measurements
 from solver.prediction import Prediction
 
@@ -22,7 +21,7 @@ def to_result(
     prediction: Prediction,
     measurements: Measurements,
     readings: ReadingArrays,
-    warnings: list[SetWarning],
+    warnings: list[QualityWarning],
 ) -> runs.RunResult:
     """The numbers of a run, with residuals by observation and target."""
     return runs.RunResult(
@@ -35,16 +34,8 @@ def to_result(
             degrees_of_freedom=estimate.degrees_of_freedom,
             sigma_source="given" if estimate.sigma_given else "residuals",
         ),
-        identifiability=[_identifiability(analysis, estimate) for analysis in estimate.identifiability],
-        certificate=[
-            runs.Certificate(
-                primal=certificate.primal,
-                dual=certificate.dual,
-                complementarity=certificate.complementarity,
-                solved_by=certificate.solved_by,
-            )
-            for certificate in estimate.certificates
-        ],
+        identifiability=_identifiability(estimate),
+        certificate=_certificate(estimate),
         characteristic_length=estimate.characteristic_length,
         residuals=_residuals(prediction, measurements, readings),
         warnings=warnings,
@@ -68,8 +59,7 @@ def _stiffness(compliance: float | None) -> float | None:
     """1 / c; None for a rigid joint and for numbers whose inverse overflows."""
     if not compliance:
         return None
-    stiffness = 1.0 / compliance
-    return stiffness if isfinite(stiffness) else None
+    return _finite(1.0 / compliance)
 
 
 def _stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
@@ -83,15 +73,38 @@ def _stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, fl
     return 1.0 / interval[1], _stiffness(interval[0])
 
 
-def _identifiability(analysis: Identifiability, estimate: Estimate) -> runs.Identifiability:
+def _identifiability(estimate: Estimate) -> runs.Identifiability:
     names = [joint.name for joint in estimate.joints]
-    condition = analysis.condition_number
+    analyses = estimate.identifiability
     return runs.Identifiability(
-        parameters=analysis.parameters,
-        rank=analysis.rank,
-        condition_number=condition if isfinite(condition) else None,
-        singular_values=analysis.singular_values.tolist(),
-        combinations=[[names[j] for j in group.joints] for group in analysis.combinations],
+        parameters=len(names),
+        rank=sum(analysis.rank for analysis in analyses),
+        condition_number=_finite(max(analysis.condition_number for analysis in analyses)),
+        combinations=[
+            [names[j] for j in group.joints] for analysis in analyses for group in analysis.combinations
+        ],
+        stages=[
+            runs.StageIdentifiability(
+                rank=analysis.rank,
+                condition_number=_finite(analysis.condition_number),
+                singular_values=analysis.singular_values.tolist(),
+            )
+            for analysis in analyses
+        ],
+    )
+
+
+def _finite(number: float) -> float | None:
+    return number if isfinite(number) else None
+
+
+def _certificate(estimate: Estimate) -> runs.Certificate:
+    stages = estimate.certificates
+    return runs.Certificate(
+        primal=max(stage.primal for stage in stages),
+        dual=max(stage.dual for stage in stages),
+        complementarity=max(stage.complementarity for stage in stages),
+        solved_by=[stage.solved_by for stage in stages],
     )
 
 

@@ -124,7 +124,9 @@ class TestWholePath:
         assert "targets_not_rigid" in codes
         assert stored["warnings"][0]["where"].startswith("observations[3]")
         run = post(client, "/v1/runs", {"measurement_set_id": stored["id"]})
-        assert run["result"]["warnings"] == stored["warnings"]
+        raised_by_the_fit = {"residuals_exceed_sigma"}
+        assert {warning["code"] for warning in run["result"]["warnings"]} == codes | raised_by_the_fit
+        assert run["result"]["warnings"][: len(stored["warnings"])] == stored["warnings"]
 
 
 class TestRobots:
@@ -211,7 +213,10 @@ class TestMeasurementSets:
             ),
             (_edit(["load_point"], None), "observations[0].load_point", "where the force acts"),
             (_edit(["observations", 0, "force", 0], 1e300), "observations[0].force[0]", "less than"),
-            (_edit(["noise"], {"sigma": 0}), "noise.sigma", "greater than 0"),
+            (_edit(["noise"], {"sigma": 0}), "noise.sigma", "greater than or equal to"),
+            (_edit(["observations", 0, "force"], ["1500", 0, 0]), "observations[0].force[0]", "valid number"),
+            (_edit(["observations", 0, "force"], [True, 0, 0]), "observations[0].force[0]", "valid number"),
+            (_edit(["observations", 0, "force"], [1, 5, 0, 0]), "observations[0].force", "at most 3 items"),
         ],
     )
     def test_refused_with_place_and_remedy_and_nothing_stored(self, client, readings, change, where, reason):
@@ -262,9 +267,11 @@ class TestRuns:
         [
             ({"method": "best"}, "method"),
             ({"loss": "absolute"}, "loss"),
-            ({"stiffness_bounds": {"joint_2": [2e6, 1e6]}}, "body"),
+            ({"stiffness_bounds": {"joint_2": [2e6, 1e6]}}, "stiffness_bounds"),
             ({"stiffness_bounds": {"elbow": [1e6, None]}}, "stiffness_bounds.elbow"),
-            ({"characteristic_length": 0.5}, "body"),
+            ({"characteristic_length": 0.5}, "characteristic_length"),
+            ({"positive": "no"}, "positive"),
+            ({"confidence": "0.9"}, "confidence"),
             ({"method": "partial_pose", "weighting": "characteristic_length"}, "weighting"),
             ({"measurement_set_id": "nothing"}, "measurement_set_id"),
             ({"confidence": 1.0}, "confidence"),
@@ -302,13 +309,8 @@ class TestIdempotency:
         key = {"Idempotency-Key": uuid.uuid4().hex}
         first = post(client, f"/v1/{kind}", body[kind], **key)
         assert post(client, f"/v1/{kind}", body[kind], **key) == first
-        problem = post(client, f"/v1/{kind}", body[kind] | {"name": "x", "positive": False}, 422, **key)
-        assert problem["type"].endswith(("idempotency-conflict", "invalid-request"))
-
-    def test_another_body_with_the_same_key_is_a_conflict(self, client, set_id):
-        key = {"Idempotency-Key": uuid.uuid4().hex}
-        post(client, "/v1/runs", {"measurement_set_id": set_id}, **key)
-        problem = post(client, "/v1/runs", {"measurement_set_id": set_id, "positive": False}, 422, **key)
+        changes = {"robots": {"name": "x"}, "measurement-sets": {"name": "x"}, "runs": {"positive": False}}
+        problem = post(client, f"/v1/{kind}", body[kind] | changes[kind], 422, **key)
         assert problem["type"].endswith("idempotency-conflict")
 
     def test_at_the_same_time(self, client, set_id):

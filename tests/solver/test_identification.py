@@ -9,9 +9,10 @@ import pytest
 from campaigns import METHODS, estimate, prepare, shared
 
 from examples.equilibrium import deflections, linear_deflections
-from examples.simulator import default_arm, plan_experiment, simulate_campaign
+from examples.simulator import TARGETS, default_arm, plan_experiment, simulate_campaign
 from solver import regressor
 from solver.chain import ChainJoint, KinematicChain
+from solver.configuration import Configurations
 from solver.exceptions import NotObservableError, UnsupportedMethodError
 from solver.measurements import Measurements
 from solver.pose import fit_displacement
@@ -19,6 +20,7 @@ from solver.prediction import predict
 from solver.readings import Stage, pose_readings, target_readings
 from solver.regressor import regressor_blocks
 from solver.robot import Robot
+from solver.wrist import find_wrist
 
 FANUC_STIFFNESS = (861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549)
 FANUC_COMPENSATION = 0.810339
@@ -299,6 +301,75 @@ class TestObservability:
         np.testing.assert_allclose(found.compliance[2:], expected.compliance[1:], rtol=1e-9)
         assert found.identifiability[0].rank == 6
 
+    @pytest.mark.parametrize("offset", [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7])
+    @pytest.mark.parametrize("sigma", [2e-5, None])
+    def test_joints_that_nearly_show_only_together(self, pulls, offset, sigma):
+        """Whatever the rounding: no number for the twins, and the degrees of freedom stay countable."""
+        robot, measurements = pulls
+        joints = list(robot.chain.joints)
+        aside = np.array([offset, 0.0, 0.0])
+        twin = replace(joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=aside)
+        chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (joints[0], twin, *joints[1:]))
+        extended = replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1), sigma=sigma)
+        found = estimate(Robot(chain), extended)
+        assert [j.status for j in found.joints[:2]] == ["not_observable"] * 2
+        assert found.degrees_of_freedom == pytest.approx(12 * 9 - 6, abs=1.1)
+        assert found.sigma == pytest.approx(2e-5, rel=0.3)
+        expected = estimate(robot, measurements)
+        np.testing.assert_allclose(found.compliance[2:], expected.compliance[1:], rtol=1e-2)
+
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("sigma", [2e-5, None])
+    def test_a_wrist_that_is_straight_throughout(self, method, sigma):
+        """Axes 4 and 6 coincide: their sum is known, and neither of them."""
+        arm = default_arm()
+        robot, campaign = prepare(simulate_campaign(arm, load="pull", seed=2))
+        q = campaign.joints.copy()
+        q[:, 4] = 0.0
+        points = np.array(list(TARGETS.values()))
+        unloaded, loaded = deflections(arm, q, campaign.force, campaign.moment, campaign.load_point, points)
+        noise = np.random.default_rng(0).normal(0, np.sqrt(2) * 2e-5, loaded.shape)
+        moved = loaded - unloaded + noise
+        straight = replace(campaign, joints=q, position=unloaded, deflection=moved, sigma=sigma)
+        found = estimate(robot, straight, method=method)
+        hidden = ["not_observable" if j in {3, 5} else "identified" for j in range(6)]
+        assert [j.status for j in found.joints] == hidden
+        assert found.sigma == pytest.approx(2e-5, rel=0.3)
+        # Least squares leaves rows − p; the decoupled method, which is none, leaves a little more.
+        assert 19 * 9 - 5.1 < found.degrees_of_freedom < 19 * 9 + 20
+        for j in (0, 1, 2, 4):
+            joint = found.joints[j]
+            assert abs(joint.compliance - arm.compliances[j]) < 5 * joint.standard_uncertainty
+
+    def test_an_arm_joint_that_does_not_move_the_wrist_centre(self, pulls):
+        """A seventh axis through the wrist centre: the decoupled method cannot see it, and says so."""
+        robot, measurements = pulls
+        axis = np.array([1.0, 0.0, 0.0])
+        before, after = robot.chain.joints[:3], robot.chain.joints[3:]
+        to_centre = _wrist_centre(robot) - sum(joint.translation for joint in before)
+        roll = ChainJoint("roll", "revolute", np.eye(3), to_centre, axis, None, "roll_link")
+        back = replace(after[0], translation=after[0].translation - to_centre)
+        chain = replace(robot.chain, joints=(*before, roll, back, *after[1:]))
+        seven = replace(measurements, joints=np.insert(measurements.joints, 3, 0.0, axis=1))
+        with pytest.raises(UnsupportedMethodError, match="wrist centre does not move when roll turns"):
+            estimate(Robot(chain), seven, method="decoupled_partial_pose")
+
+    def test_nothing_moved(self, pulls):
+        robot, measurements = pulls
+        still = replace(measurements, deflection=np.zeros_like(measurements.deflection))
+        with pytest.raises(NotObservableError, match="no target moved"):
+            estimate(robot, still)
+
+    def test_as_many_readings_as_joints_and_no_sigma(self, pulls):
+        robot, measurements = pulls
+        few = measurements[:2]
+        present = np.zeros_like(few.present)
+        present[:, 0] = True
+        moved = np.where(present[..., None], few.deflection, 0.0)
+        found = estimate(robot, replace(few, sigma=None, present=present, deflection=moved), positive=False)
+        assert found.sigma is None
+        assert all(j.standard_uncertainty is None and "unknown" in j.reason for j in found.joints)
+
     def test_no_load_at_all(self, pulls):
         robot, measurements = pulls
         nothing = replace(measurements, force=np.zeros_like(measurements.force))
@@ -396,6 +467,12 @@ def _scaled(robot: Robot, scale: float) -> Robot:
     chain = robot.chain
     joints = tuple(replace(joint, translation=scale * joint.translation) for joint in chain.joints)
     return Robot(replace(chain, joints=joints), robot.joint_map)
+
+
+def _wrist_centre(robot: Robot) -> np.ndarray:
+    """In R0, all angles zero."""
+    zero = Configurations(robot, np.zeros((1, robot.n)))
+    return zero.to_base(np.broadcast_to(find_wrist(robot).centre, (1, 1, 3)))[0, 0]
 
 
 def _mounted(robot: Robot, rotation: np.ndarray, shift: np.ndarray) -> Robot:

@@ -15,7 +15,7 @@ from examples.simulator import default_arm, simulate_campaign
 from solver.compression import Compression
 from solver.configuration import Configurations
 from solver.exceptions import JointstiffError, MeasurementError, UnsupportedMethodError
-from solver.identifiability import analyse
+from solver.identifiability import Spectrum, analyse
 from solver.identification import spherical_wrist
 from solver.measurements import Measurements
 from solver.pose import fit_displacement
@@ -210,7 +210,7 @@ class TestIdentifiability:
         R = np.column_stack(
             [base[:, 0], 2 * base[:, 0], base[:, 1], base[:, 2], base[:, 2] * 1e-5, base[:, 3]]
         )
-        found = analyse(R, np.array([0, 1, 2, 4, 5, 6]), 7)
+        found = analyse(Spectrum(R), np.array([0, 1, 2, 4, 5, 6]), 7)
         assert [group.joints for group in found.combinations] == [(0, 1), (4, 5)]
         assert found.rank == 4
         assert found.condition_number == np.inf
@@ -219,8 +219,8 @@ class TestIdentifiability:
     def test_units_of_the_columns_do_not_matter(self):
         rng = np.random.default_rng(1)
         R = rng.standard_normal((9, 5))
-        plain = analyse(R, np.arange(5), 5)
-        scaled = analyse(R * 10.0 ** np.arange(-6, 4, 2), np.arange(5), 5)
+        plain = analyse(Spectrum(R), np.arange(5), 5)
+        scaled = analyse(Spectrum(R * 10.0 ** np.arange(-6, 4, 2)), np.arange(5), 5)
         assert scaled.rank == 5
         assert scaled.condition_number == pytest.approx(plain.condition_number)
         singular = np.linalg.svd(R / np.linalg.norm(R, axis=0), compute_uv=False)
