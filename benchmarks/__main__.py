@@ -16,12 +16,13 @@ from typing import Any
 from rich.console import Console
 
 import benchmarks
-from benchmarks import exactness, large, memory, post, small
+from benchmarks import exactness, large, memory, post, resampling, small
 from benchmarks.report import Section, print_figures, print_section
 
 RUNNERS: dict[str, Callable[..., list[Section]]] = {
     # Memory before large, which leaves this process big.
     "small": small.run,
+    "resampling": resampling.run,
     "post": post.run,
     "memory": memory.run,
     "large": large.run,

@@ -15,11 +15,13 @@ from examples.simulator import default_arm, simulate_campaign
 from schemas.run import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
+from service.client import RefusedError, ServiceClient
 from service.demo import run_demo
 from service.problems import invalid_request
 from service.server import ServerError, run_server
 from service.store_errors import StoreError
 from service.terminal import comparison_table, console, problem_text, run_report
+from service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["main"]
 
@@ -151,8 +153,7 @@ def serve(
     try:
         run_server(host, port, database)
     except (StoreError, ServerError) as error:
-        console(stderr=True).print(f"{error.reason}\n  remedy: {error.remedy}", style="red", markup=False)
-        raise typer.Exit(2) from error
+        raise _failed(error.reason, error.remedy) from error
 
 
 @app.command()
@@ -162,11 +163,13 @@ def simulate(
     load: Annotated[
         LoadChoice, typer.Option(help="Weight on the flange, or pulls all around.")
     ] = LoadChoice.PULL,
-    configurations: Annotated[int, typer.Option(min=1, max=10_000)] = 19,
-    force: Annotated[float, typer.Option(min=0.0, max=1e5, help="Size of the force [N].")] = 1500.0,
-    sigma: Annotated[float, typer.Option(min=0.0, max=1e-2, help="Noise of a coordinate [m].")] = 2e-5,
-    encoders: EncoderChoice = EncoderChoice.MOTOR,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same file.")] = 0,
+    configurations: Annotated[int, typer.Option(min=1, max=5_000, help="How many postures.")] = 19,
+    force: Annotated[float, typer.Option(min=0.0, max=1e5, help="Size of the force, in newtons.")] = 1500.0,
+    sigma: Annotated[float, typer.Option(min=0.0, max=1e-2, help="Noise of a coordinate, in metres.")] = 2e-5,
+    encoders: Annotated[
+        EncoderChoice, typer.Option(help="Which close the position loop.")
+    ] = EncoderChoice.MOTOR,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same file.")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
 ) -> None:
     """Write an example campaign, made by springs that balance the load exactly."""
@@ -175,8 +178,9 @@ def simulate(
             f"{file} exists\n  remedy: choose another name, or --overwrite", style="red"
         )
         raise typer.Exit(2)
+    arm = default_arm(encoders.value)
     document = simulate_campaign(
-        default_arm(encoders.value),
+        arm,
         configurations=configurations,
         load=load.value,
         force=force,
@@ -184,20 +188,52 @@ def simulate(
         encoders=encoders.value,
         seed=seed,
     )
-    file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    written = f"wrote {file}: {configurations} configurations, {force:g} N"
-    console().print(f"{written}; now: jointstiff identify {file}", markup=False, soft_wrap=True)
+    try:
+        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise _failed(f"cannot write {file}: {error.strerror}", "choose another place") from error
+    stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
+    console().print(
+        f"wrote {file}: {configurations} configurations, {force:g} N\n"
+        f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
+        f"now: jointstiff identify {file}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+@app.command()
+def post(
+    file: CampaignFile,
+    *,
+    server: Annotated[
+        str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Of a running service.")
+    ] = "http://127.0.0.1:8000",
+) -> None:
+    """Post a campaign to a running service, and show its answer."""
+    try:
+        campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
+        with ServiceClient(server) as client:
+            robot, stored = client.post_campaign(campaign)
+            run = client.run(stored["id"], campaign.get("run", {}))
+    except (CampaignError, RefusedError) as error:
+        raise _refused(error) from error
+    for kind, identifier in (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id)):
+        console().print(f"{server.rstrip('/')}/v1/{kind}/{identifier}", markup=False, soft_wrap=True)
+    console().print(run_report(run))
 
 
 @app.command()
 def demo(
     *,
     once: Annotated[bool, typer.Option("--once", help="End after the tables.")] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="8000, or any free one with --once.")
+    ] = None,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
 ) -> None:
     """Start the service, post an example campaign over HTTP, and show what it answers."""
-    raise typer.Exit(run_demo(port=port, database=database, once=once))
+    raise typer.Exit(run_demo(port=_demo_port(port, once=once), database=database, once=once))
 
 
 def _changed(options: RunOptions, changes: Mapping[str, object]) -> RunOptions:
@@ -207,9 +243,36 @@ def _changed(options: RunOptions, changes: Mapping[str, object]) -> RunOptions:
         raise CampaignError(invalid_request(error.errors())) from None
 
 
-def _refused(error: CampaignError) -> typer.Exit:
+def _failed(reason: str, remedy: str) -> typer.Exit:
+    console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
+    return typer.Exit(2)
+
+
+def _refused(error: CampaignError | RefusedError) -> typer.Exit:
     console(stderr=True).print(problem_text(error.problem))
     return typer.Exit(2)
+
+
+def _demo_port(port: int | None, *, once: bool) -> int:
+    if port is not None:
+        return port
+    return 0 if once else 8000
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"jointstiff {JOINTSTIFF_VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and end.")
+    ] = False,
+) -> None:
+    """Options of the command itself; Typer calls it before each command."""
 
 
 def main() -> None:

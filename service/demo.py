@@ -10,15 +10,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
-from typing import Any, Final
+from typing import Final
 
 import httpx
-from rich.text import Text
 
 from examples.simulator import default_arm, simulate_campaign
-from schemas.problem import Problem
-from schemas.run import Run
 from service.campaigns import METHODS, PAPER_WEIGHTING
+from service.client import RefusedError, ServiceClient
 from service.terminal import ComparisonRow, comparison_table, console, problem_text, run_report
 
 __all__ = ["run_demo"]
@@ -38,68 +36,42 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
         Exit status.
     """
     with _service(port, database) as (process, address):
-        with httpx.Client(base_url=address, timeout=60.0) as client:
+        with ServiceClient(address) as client:
             status = _tour(client)
         if status == 0 and not once:
             try:
-                console().print(f"\nThe service runs at [bold]{address}[/]; Ctrl-C ends it.")
+                console().print(f"\nThe service runs at [bold]{address}[/]; its runs: {address}/v1/runs")
+                console().print("Ctrl-C ends it.")
                 return process.wait()
             except KeyboardInterrupt:
                 return 0
     return status
 
 
-def _tour(client: httpx.Client) -> int:
-    campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+def _tour(client: ServiceClient) -> int:
+    """Post the example, print what comes back."""
     out = console()
+    campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
     try:
-        robot = _post(client, "/v1/robots", campaign["robot"])
-        readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
-        stored = _post(client, "/v1/measurement-sets", readings)
+        robot, stored = client.post_campaign(campaign)
         out.print(
             f"posted robot {robot['id']} and measurement set {stored['id']} "
             f"({len(stored['observations'])} observations, {len(stored['warnings'])} warnings)\n"
         )
         runs = {
-            (method, positive): Run.model_validate(
-                _post(
-                    client,
-                    "/v1/runs",
-                    {
-                        "measurement_set_id": stored["id"],
-                        "method": method,
-                        "weighting": PAPER_WEIGHTING[method],
-                        "positive": positive,
-                    },
-                )
+            (method, positive): client.run(
+                stored["id"],
+                {"method": method, "weighting": PAPER_WEIGHTING[method], "positive": positive},
             )
             for method, positive in product(METHODS, (False, True))
         }
-    except _RefusedError as refused:
+    except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1
     out.print(run_report(runs["partial_pose", True]))
     out.print()
     out.print(comparison_table([ComparisonRow(*key, run) for key, run in runs.items()]))
-    shown = runs["partial_pose", True].id
-    out.print(Text(f"\nthe first table as JSON: {client.base_url}/v1/runs/{shown}"))
     return 0
-
-
-class _RefusedError(Exception):
-    """The service answered with a problem."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.detail)
-        self.problem = problem
-
-
-def _post(client: httpx.Client, path: str, body: object) -> dict[str, Any]:
-    response = client.post(path, json=body)
-    if response.status_code != httpx.codes.CREATED:
-        raise _RefusedError(Problem.model_validate_json(response.content))
-    answer: dict[str, Any] = response.json()
-    return answer
 
 
 @contextmanager
@@ -122,10 +94,11 @@ def _address(process: subprocess.Popen[str]) -> str:
         SystemExit: the service ended instead; it has said why itself.
     """
     line = process.stdout.readline() if process.stdout else ""
-    found = re.search(r"http://\S+", line)
+    found = re.search(r"http://[^\s,]+", line)
     if found is None:
         raise SystemExit(process.wait() or 1)
-    console().print(line.rstrip(), markup=False, soft_wrap=True)
+    where = process.stdout.readline() if process.stdout else ""
+    console().print(f"{line}{where}".rstrip(), markup=False, soft_wrap=True)
     address = found[0]
     deadline = time.monotonic() + _START_SECONDS
     while time.monotonic() < deadline:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import sys
+from pathlib import Path
 
 import uvicorn
+from sqlalchemy import make_url
 
 from service.app import create_app
 from service.store import Store
@@ -42,12 +45,21 @@ def run_server(host: str, port: int, database: str) -> None:
     with Store.open(database) as store, _listen(host, port) as listener:
         address = f"http://{host}:{listener.getsockname()[1]}"
         console().print(
-            f"Jointstiff {JOINTSTIFF_VERSION} at {address} (API description at {address}/openapi.json); "
-            "Ctrl-C ends it",
+            f"Jointstiff {JOINTSTIFF_VERSION} at {address}, API description at {address}/openapi.json\n"
+            f"database {_shown(database)}",
+            markup=False,
             soft_wrap=True,
         )
         config = uvicorn.Config(create_app(store), log_level="warning", access_log=False, server_header=False)
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _shown(database: str) -> str:
+    """The URL without its password, a file with its whole path."""
+    url = make_url(database)
+    if url.get_backend_name() == "sqlite" and url.database:
+        url = url.set(database=str(Path(url.database).absolute()))
+    return url.render_as_string(hide_password=True)
 
 
 def _listen(host: str, port: int) -> socket.socket:
@@ -56,7 +68,7 @@ def _listen(host: str, port: int) -> socket.socket:
         listener = socket.create_server((host, port), family=family, backlog=128)
     except OSError as error:
         raise ServerError(
-            f"cannot listen on {host}:{port}: {error.strerror or error}",
+            f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
             "choose another --port or --host, or end the program that uses it",
         ) from error
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.

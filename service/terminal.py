@@ -29,6 +29,7 @@ _METHODS = {
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _MEGA = 1e-6
 _WARNINGS_SHOWN = 8
+_NARROWEST = 80
 
 
 @dataclass(frozen=True)
@@ -45,20 +46,25 @@ def run_report(run: Run) -> RenderableType:
     if run.result is None:
         return problem_text(run.error) if run.error else Text(f"the run is {run.state}")
     result = run.result
-    parts: list[RenderableType] = [*_warnings(result), _joints_table(run, result)]
+    parts: list[RenderableType] = [
+        *(Text(line, style="yellow") for line in _warnings(result)),
+        _joints_table(run, result),
+    ]
     parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
     parts.append(_summary(result))
     return Group(*parts)
 
 
-def _warnings(result: RunResult) -> list[RenderableType]:
-    lines: list[RenderableType] = []
-    for warning in result.warnings[:_WARNINGS_SHOWN]:
+def _warnings(result: RunResult) -> list[str]:
+    """The warnings as lines: those of the fit first, as they concern all numbers."""
+    ordered = sorted(result.warnings, key=lambda warning: warning.where is not None)
+    lines = []
+    for warning in ordered[:_WARNINGS_SHOWN]:
         place = f"{warning.where}: " if warning.where else ""
-        lines.append(Text(f"warning: {place}{warning.message}; {warning.remedy}", style="yellow"))
+        lines.append(f"warning: {place}{warning.message}; {warning.remedy}")
     hidden = len(result.warnings) - _WARNINGS_SHOWN
     if hidden > 0:
-        lines.append(Text(f"warning: and {hidden} more (--json shows all)", style="yellow"))
+        lines.append(f"warning: and {hidden} more (--json shows all)")
     return lines
 
 
@@ -115,7 +121,7 @@ def _summary(result: RunResult) -> Text:
     lines = []
     if result.compensation is not None:
         lines.append(f"compensation {100 * result.compensation:.1f} % of the mean deflection")
-    lines.append(f"residual {1e6 * result.rms_residual:.1f} µm rms")
+    lines.append(f"residual {1e6 * result.rms_residual:.1f} µm rms (3-D)")
     if result.sigma is not None:
         lines.append(f"sigma of a reading {1e6 * result.sigma:.1f} µm ({goodness.sigma_source})")
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
@@ -143,7 +149,7 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> RenderableType:
     table.add_section()
     table.add_row("explained", *(_percent(result) for result in results))
     table.add_row("rms [µm]", *(f"{1e6 * r.rms_residual:.0f}" if r else "" for r in results))
-    return Group(table, _legend(rows), *_refusals(rows))
+    return Group(*_shared_warnings(results), table, _legend(rows), *_refusals(rows))
 
 
 def _legend(rows: Sequence[ComparisonRow]) -> Text:
@@ -156,6 +162,12 @@ def _legend(rows: Sequence[ComparisonRow]) -> Text:
         "explained: share of the mean deflection; rms: of the residual vectors",
         style="dim",
     )
+
+
+def _shared_warnings(results: Sequence[RunResult | None]) -> list[Text]:
+    """The warnings of all runs, each once."""
+    lines = dict.fromkeys(line for result in results if result for line in _warnings(result))
+    return [Text(line, style="yellow") for line in lines]
 
 
 def _refusals(rows: Sequence[ComparisonRow]) -> list[Text]:
@@ -203,4 +215,6 @@ def problem_text(problem: Problem) -> Text:
 
 def console(*, stderr: bool = False) -> Console:
     """A console that does not colour numbers by itself."""
-    return Console(stderr=stderr, highlight=False)
+    found = Console(stderr=stderr, highlight=False)
+    # Numbers that a narrow terminal cuts short mislead; wrapped lines do not.
+    return Console(stderr=stderr, highlight=False, width=max(found.width, _NARROWEST))

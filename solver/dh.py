@@ -17,7 +17,7 @@ from solver.chain import MAX_MOVING_JOINTS, UNLIMITED_ANGLE, ChainJoint, FloatAr
 from solver.exceptions import RobotError
 from solver.rotation import rotation_from_rpy
 
-__all__ = ["LARGEST_ANGLE", "LARGEST_LENGTH", "Convention", "DhRow", "dh_chain"]
+__all__ = ["LARGEST_ANGLE", "LARGEST_LENGTH", "LARGEST_TWIST", "Convention", "DhRow", "dh_chain"]
 
 Convention = Literal["standard", "modified"]
 
@@ -25,7 +25,10 @@ LARGEST_LENGTH = 100.0
 """Largest a or d [m]."""
 
 LARGEST_ANGLE = 1e3
-"""Largest alpha, theta or joint limit [rad]."""
+"""Largest joint limit [rad]."""
+
+LARGEST_TWIST = 2 * math.pi
+"""Largest alpha or theta [rad]; more is one in degrees."""
 
 
 @dataclass(frozen=True)
@@ -155,16 +158,16 @@ def _limits(row: DhRow) -> tuple[float, float] | None:
 def _check_row(row: DhRow, where: str) -> None:
     for field, value, largest, unit in (
         ("a", row.a, LARGEST_LENGTH, "m"),
-        ("alpha", row.alpha, LARGEST_ANGLE, "rad"),
+        ("alpha", row.alpha, LARGEST_TWIST, "rad"),
         ("d", row.d, LARGEST_LENGTH, "m"),
-        ("theta", row.theta, LARGEST_ANGLE, "rad"),
+        ("theta", row.theta, LARGEST_TWIST, "rad"),
         ("lower", row.lower, LARGEST_ANGLE, "rad"),
         ("upper", row.upper, LARGEST_ANGLE, "rad"),
     ):
         if value is not None and not (math.isfinite(value) and abs(value) <= largest):
             raise RobotError(
                 f"{value:g} {unit} is not a finite number within ±{largest:g} {unit}",
-                remedy="check the number; lengths are in m and angles in rad",
+                remedy="check the number; lengths are in m, angles in rad, not in degrees",
                 where=f"{where}.{field}",
             )
     if row.lower is not None and row.upper is not None and row.lower > row.upper:

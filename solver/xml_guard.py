@@ -105,6 +105,13 @@ def parse_xml(text: str) -> XmlElement:
         RobotError: not well-formed, beyond a limit of this module, or with a document type, an
             entity or a processing instruction.
     """
+    beginning = text.lstrip("\ufeff \t\r\n")
+    if beginning and not beginning.startswith("<"):
+        raise RobotError(
+            f"no XML: it begins with {text[:40]!r}",
+            remedy="give the document itself, not the name of its file",
+            where="document",
+        )
     data = check_size(text)
     parser = expat.ParserCreate("utf-8")  # whatever encoding the document claims to have
     builder = _Builder(parser)

@@ -103,7 +103,7 @@ class Service:
             env=os.environ | {"PYTHONUNBUFFERED": "1"},
         )
         line = self.process.stdout.readline()
-        found = re.search(r"http://\S+", line)
+        found = re.search(r"http://[^\s,]+", line)
         assert found, self.log()
         self.url = found[0]
 

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
 from schemas.base import Page
 from schemas.measurement_set import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
+from schemas.query import SetQuery
 from service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
 from service.api.examples import MEASUREMENT_SETS
-from service.api.parts import (
-    LOCATION,
-    Cursor,
-    Limit,
-    NameFilter,
-    PartsOf,
-    created,
-    filters,
-    json_response,
-    problems,
-)
+from service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from service.measurement_sets import assembled
 from service.records import MeasurementSetEntry
 
@@ -50,17 +41,11 @@ def post_measurement_set(
 
 
 @router.get("", response_model=Page[MeasurementSetSummary], responses=problems(422))
-def list_measurement_sets(
-    parts: PartsOf,
-    limit: Limit = 50,
-    cursor: Cursor = None,
-    robot_id: Annotated[str | None, Query(max_length=64)] = None,
-    name: NameFilter = None,
-    encoders: Annotated[Literal["motor", "secondary"] | None, Query()] = None,
-) -> Page[MeasurementSetSummary]:
+def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
-    chosen = filters(robot_id=robot_id, name=name, encoders=encoders)
-    page = parts.store.page(MeasurementSetEntry, limit=limit, cursor=cursor, filters=chosen)
+    page = parts.store.page(
+        MeasurementSetEntry, limit=query.limit, cursor=query.cursor, filters=query.filters()
+    )
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, cast
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import Depends, Request, Response
 
-from schemas.base import MAX_NAME_LENGTH
 from schemas.problem import Problem
 from service.measurement_sets import MeasurementSets
 from service.robots import Robots
@@ -16,19 +15,12 @@ from service.store import Store
 
 __all__ = [
     "LOCATION",
-    "MAX_PAGE",
-    "Cursor",
-    "Limit",
-    "NameFilter",
     "Parts",
     "PartsOf",
     "created",
-    "filters",
     "json_response",
     "problems",
 ]
-
-MAX_PAGE: Final = 100
 
 
 @dataclass(frozen=True)
@@ -53,19 +45,6 @@ def _parts(request: Request) -> Parts:
 
 
 PartsOf = Annotated[Parts, Depends(_parts)]
-
-Limit = Annotated[int, Query(ge=1, le=MAX_PAGE, description="Resources on a page.")]
-Cursor = Annotated[
-    str | None, Query(max_length=64, description="`next` of the page before; none for the newest.")
-]
-NameFilter = Annotated[
-    str | None, Query(max_length=MAX_NAME_LENGTH, description="Only those of exactly this name.")
-]
-
-
-def filters(**values: str | None) -> dict[str, str]:
-    """The filters that were given."""
-    return {name: value for name, value in values.items() if value is not None}
 
 
 def json_response(text: str, status: int = 200) -> Response:

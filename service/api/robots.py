@@ -4,23 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Response
+from fastapi import APIRouter, Depends, Path, Query, Response
 
 from schemas.base import Page
+from schemas.query import RobotQuery
 from schemas.robot import Robot, RobotDocument, RobotSummary
 from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
 from service.api.examples import ROBOTS
-from service.api.parts import (
-    LOCATION,
-    Cursor,
-    Limit,
-    NameFilter,
-    PartsOf,
-    created,
-    filters,
-    json_response,
-    problems,
-)
+from service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from service.records import RobotRecord
 
 __all__ = ["router"]
@@ -47,11 +38,9 @@ def post_robot(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_ROBOT
 
 
 @router.get("", response_model=Page[RobotSummary], responses=problems(422))
-def list_robots(
-    parts: PartsOf, limit: Limit = 50, cursor: Cursor = None, name: NameFilter = None
-) -> Page[RobotSummary]:
+def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
-    page = parts.store.page(RobotRecord, limit=limit, cursor=cursor, filters=filters(name=name))
+    page = parts.store.page(RobotRecord, limit=query.limit, cursor=query.cursor, filters=query.filters())
     stored = [Robot.model_validate_json(record.document) for record in page.records]
     items = [RobotSummary(id=r.id, name=r.name, joints=r.joints, created_at=r.created_at) for r in stored]
     return Page(items=items, next=page.next)

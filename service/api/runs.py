@@ -7,10 +7,11 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path, Query, Response
 
 from schemas.base import Page
-from schemas.run import Method, Run, RunRequest, RunState, RunSummary, Weighting
+from schemas.query import RunQuery
+from schemas.run import Run, RunRequest, RunSummary
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.parts import LOCATION, Cursor, Limit, PartsOf, created, filters, json_response, problems
+from service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from service.records import RunEntry, RunRecord
 
 __all__ = ["router"]
@@ -36,25 +37,9 @@ def post_run(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_RUN_BYT
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))
-def list_runs(
-    parts: PartsOf,
-    limit: Limit = 50,
-    cursor: Cursor = None,
-    measurement_set_id: Annotated[str | None, Query(max_length=64)] = None,
-    robot_id: Annotated[str | None, Query(max_length=64)] = None,
-    method: Annotated[Method | None, Query()] = None,
-    weighting: Annotated[Weighting | None, Query()] = None,
-    state: Annotated[RunState | None, Query()] = None,
-) -> Page[RunSummary]:
+def list_runs(parts: PartsOf, query: Annotated[RunQuery, Query()]) -> Page[RunSummary]:
     """List runs without their results, newest first."""
-    chosen = filters(
-        measurement_set_id=measurement_set_id,
-        robot_id=robot_id,
-        method=method,
-        weighting=weighting,
-        state=state,
-    )
-    page = parts.store.page(RunEntry, limit=limit, cursor=cursor, filters=chosen)
+    page = parts.store.page(RunEntry, limit=query.limit, cursor=query.cursor, filters=query.filters())
     items = [RunSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 

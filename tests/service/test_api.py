@@ -356,7 +356,16 @@ class TestListings:
         assert "observations" not in summary[0]
 
     @pytest.mark.parametrize(
-        "query", ["limit=0", "limit=101", "limit=x", "cursor=nonsense", "method=best", "cursor=%00"]
+        "query",
+        [
+            "limit=0",
+            "limit=101",
+            "limit=x",
+            "cursor=nonsense",
+            "method=best",
+            "metod=partial_pose",
+            "cursor=%00",
+        ],
     )
     def test_bad_queries(self, client, query):
         answer = client.get(f"/v1/runs?{query}")

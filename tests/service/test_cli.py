@@ -37,7 +37,7 @@ def campaign(run, tmp_path):
 
 def test_help_names_every_command_and_where_to_start(run):
     shown = run("--help").output
-    for command in ("identify", "compare", "serve", "simulate", "demo"):
+    for command in ("identify", "compare", "serve", "simulate", "post", "demo"):
         assert command in shown
         assert run(command, "--help").exit_code == 0
     assert "jointstiff simulate campaign.json" in shown
@@ -183,3 +183,61 @@ def test_demo_leaves_the_service_running_until_interrupted(tmp_path):
         process.kill()
         process.wait()
         process.stdout.close()
+
+
+def test_compare_shows_the_warnings_of_the_set(run, campaign):
+    document = json.loads(campaign.read_text())
+    for observation in document["measurement_set"]["observations"]:
+        observation["force"] = [-f for f in observation["force"]]
+    campaign.write_text(json.dumps(document))
+    assert "against the force" in run("compare", campaign).stdout
+    assert "against the force" in run("identify", campaign).stdout
+
+
+def test_version(run):
+    assert run("--version").stdout.startswith("jointstiff 0.")
+
+
+def test_simulate_where_nothing_can_be_written(run, tmp_path):
+    shown = run("simulate", tmp_path / "nowhere" / "x.json")
+    assert shown.exit_code == 2
+    assert "cannot write" in shown.stderr
+
+
+def test_a_byte_order_mark_does_no_harm(run, campaign):
+    campaign.write_bytes(b"\xef\xbb\xbf" + campaign.read_bytes())
+    assert run("identify", campaign).exit_code == 0
+
+
+def test_post_to_a_running_service(run, campaign, service):
+    shown = run("post", campaign, "--server", service.url)
+    assert shown.exit_code == 0, shown.stderr
+    assert f"{service.url}/v1/runs/" in shown.stdout
+    assert "Joint stiffness" in shown.stdout
+
+
+def test_post_to_nobody(run, campaign):
+    shown = run("post", campaign, "--server", "http://127.0.0.1:9")
+    assert shown.exit_code == 2
+    assert "jointstiff serve" in shown.stderr
+
+
+def test_the_database_is_one_file_after_the_service_ends(tmp_path):
+    path = tmp_path / "x.db"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "service", "serve", "--port", "0", "--database", f"sqlite:///{path}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert str(path) in process.stdout.readline() + process.stdout.readline()
+    process.terminate()
+    assert process.wait(timeout=20) in {0, -signal.SIGTERM}
+    process.stdout.close()
+    assert [found.name for found in tmp_path.iterdir()] == ["x.db"]
+
+
+@pytest.mark.parametrize("columns", ["40", "200"])
+def test_numbers_are_never_cut_by_a_narrow_terminal(run, campaign, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert "…" not in run("compare", campaign).stdout

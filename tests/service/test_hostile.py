@@ -103,7 +103,7 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
         "model": {
             "format": "dh",
             "convention": "standard",
-            "rows": [{"a": 1e-300, "alpha": 0.0, "d": 100.0, "theta": 1e3}] * 32,
+            "rows": [{"a": 1e-300, "alpha": 0.0, "d": 100.0, "theta": 6.0}] * 32,
         },
     }
     created = client.post("/v1/robots", json=robot)

@@ -65,7 +65,7 @@ def flange_by_robot(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 LENGTHS = st.floats(-2.0, 2.0)
-ANGLES = st.floats(-7.0, 7.0) | st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0]).map(lambda half: half * math.pi)
+ANGLES = st.floats(-6.0, 6.0) | st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0]).map(lambda half: half * math.pi)
 ROWS = st.lists(st.builds(DhRow, a=LENGTHS, alpha=ANGLES, d=LENGTHS, theta=ANGLES), min_size=1, max_size=8)
 
 

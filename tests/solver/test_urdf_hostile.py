@@ -19,8 +19,9 @@ HOSTILE = {
     # the document
     "empty": ("", "line 1", "no element found"),
     "blank": (" \n ", "line 2", "no element found"),
-    "prose": ("hello", "line 1", "not well-formed"),
-    "json": ('{"robot": 1}', "line 1", "not well-formed"),
+    "prose": ("hello", "document", "no XML"),
+    "file name": ("robot.urdf", "document", "begins with 'robot.urdf'"),
+    "json": ('{"robot": 1}', "document", "no XML"),
     "too large": ("<!--" + " " * MAX_BYTES + "-->" + SMALL, "document", BYTES),
     "too large in bytes": ("<!--" + "é" * (MAX_BYTES // 2) + "-->" + SMALL, "document", BYTES),
     "unclosed": ('<robot name="r">', "line 1", "no element found"),

@@ -1,0 +1,55 @@
+"""Queries of the listings: page and filters; a misspelt filter is refused, not ignored."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from schemas.base import MAX_NAME_LENGTH, Message
+from schemas.run import Method, RunState, Weighting
+
+__all__ = ["MAX_PAGE", "PageQuery", "RobotQuery", "RunQuery", "SetQuery"]
+
+MAX_PAGE = 100
+
+ExactName = Annotated[str, Field(max_length=MAX_NAME_LENGTH)]
+Reference = Annotated[str, Field(max_length=64)]
+
+
+class PageQuery(Message):
+    """Which page of a listing."""
+
+    limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = Field(default=50, description="Resources on a page.")
+    cursor: Annotated[str, Field(max_length=64)] | None = Field(
+        default=None, description="`next` of the page before; none for the newest."
+    )
+
+    def filters(self) -> dict[str, str]:
+        """The filters that were given."""
+        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor"})
+        return {name: str(value) for name, value in chosen.items()}
+
+
+class RobotQuery(PageQuery):
+    """Which robots."""
+
+    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
+
+
+class SetQuery(PageQuery):
+    """Which measurement sets."""
+
+    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
+    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
+    encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Only with these.")
+
+
+class RunQuery(PageQuery):
+    """Which runs."""
+
+    measurement_set_id: Reference | None = Field(default=None, description="Only those of this set.")
+    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
+    method: Method | None = Field(default=None, description="Only those by this method.")
+    weighting: Weighting | None = Field(default=None, description="Only those with these weights.")
+    state: RunState | None = Field(default=None, description="Only those in this state.")
