@@ -10,6 +10,7 @@ from pydantic.config import JsonDict
 from schemas.base import Identifier, Message, Name, Timestamp
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
+from schemas.resampling import Resampling, ResamplingResult
 from schemas.robot import MAX_JOINTS
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Identifiability",
     "JointResult",
     "Method",
+    "Progress",
     "Provenance",
     "Residual",
     "Run",
@@ -74,6 +76,10 @@ class RunOptions(Message):
     )
     loss: Literal["squared"] = Field(default="squared", description="Loss of a whitened residual.")
     elasticity: Literal["joints"] = Field(default="joints", description="What bends.")
+    resampling: Resampling | None = Field(
+        default=None,
+        description="Repeat the fit on configurations drawn at random; a run may then take long.",
+    )
     confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Level of the intervals."
     )
@@ -214,6 +220,7 @@ class RunResult(Message):
         description="The length that was used, if the weighting needs one.",
         json_schema_extra=_LENGTH,
     )
+    resampling: ResamplingResult | None = Field(default=None, description="If the run asked for it.")
     residuals: list[Residual]
     warnings: list[QualityWarning] = Field(
         description="What was noticed when the set was stored, then what the fit itself raises."
@@ -243,11 +250,23 @@ class RunSummary(Message):
     created_at: Timestamp
 
 
+class Progress(Message):
+    """How far a run came."""
+
+    done: int
+    total: int
+    unit: str = Field(description="Of both numbers.", examples=["resamples"])
+    activity: str = Field(description="What the run is doing.", examples=["resampling"])
+
+
 class Run(Message):
     """A stored run. It never changes once ended."""
 
     id: Identifier
-    state: RunState
+    state: RunState = Field(
+        description="`queued` and `running` runs go on; look again, or follow /v1/runs/{id}/events."
+    )
+    progress: Progress | None = Field(default=None, description="Of a run that takes long.")
     request: RunRequest
     result: RunResult | None = Field(description="Present if the run succeeded.")
     error: Problem | None = Field(description="Present if the run failed.")

@@ -17,6 +17,7 @@ from schemas.run import RunRequest
 from service.api import health, measurement_sets, robots, runs
 from service.api.errors import install_error_handlers
 from service.api.parts import Parts
+from service.runs import Announce
 from service.store import Store
 from service.versions import JOINTSTIFF_VERSION
 
@@ -36,11 +37,12 @@ how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 
-def create_app(store: Store) -> FastAPI:
+def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
     Args:
         store: where robots, measurement sets and runs are kept.
+        announce: announces long runs to workers; without it they are carried out at once.
 
     Returns:
         The ASGI application.
@@ -55,7 +57,7 @@ def create_app(store: Store) -> FastAPI:
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    app.state.parts = Parts.of(store)
+    app.state.parts = Parts.of(store, announce)
     for module in (robots, measurement_sets, runs, health):
         app.include_router(module.router)
     install_error_handlers(app)

@@ -63,13 +63,18 @@ def read_campaign(path: Path) -> Campaign:
         raise CampaignError(invalid_request(faults)) from None
 
 
-def identify(campaign: Campaign, options: RunOptions) -> Run:
+def identify(campaign: Campaign, options: RunOptions, tell: Callable[[int], object] | None = None) -> Run:
     """Carry out one run.
+
+    Args:
+        campaign: robot and readings.
+        options: how to identify.
+        tell: told how many draws are done, if the run resamples.
 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    with _running(campaign) as run:
+    with _running(campaign, tell) as run:
         return run(options)
 
 
@@ -92,10 +97,12 @@ def compare(campaign: Campaign) -> list[ComparisonRow]:
 
 
 @contextmanager
-def _running(campaign: Campaign) -> Iterator[Callable[[RunOptions], Run]]:
+def _running(
+    campaign: Campaign, tell: Callable[[int], object] | None = None
+) -> Iterator[Callable[[RunOptions], Run]]:
     """The same path as over HTTP, on a store in memory."""
     with Store.open("sqlite://") as store:
-        parts = Parts.of(store)
+        parts = Parts.of(store, tell=tell)
         with _as_campaign_error("robot"):
             robot = parts.robots.create(campaign.robot, None)
         document = campaign.measurement_set

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import secrets
+import socket
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -22,6 +25,7 @@ from service.server import ServerError, run_server
 from service.store_errors import StoreError
 from service.terminal import comparison_table, console, problem_text, run_report
 from service.versions import JOINTSTIFF_VERSION
+from service.worker import run_worker
 
 __all__ = ["main"]
 
@@ -148,11 +152,29 @@ def serve(
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
+    workers: Annotated[
+        int, typer.Option(min=0, max=64, help="Processes for long runs; 0 leaves them to other machines.")
+    ] = 1,
 ) -> None:
     """Start the service."""
     try:
-        run_server(host, port, database)
+        run_server(host, port, database, workers)
     except (StoreError, ServerError) as error:
+        raise _failed(error.reason, error.remedy) from error
+
+
+@app.command()
+def worker(
+    *,
+    database: DatabaseUrl,
+    name: Annotated[
+        str | None, typer.Option(help="Of this worker; one of the same name takes over what it leaves.")
+    ] = None,
+) -> None:
+    """Carry out the long runs of a service, on this or another machine, until stopped."""
+    try:
+        run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
+    except StoreError as error:
         raise _failed(error.reason, error.remedy) from error
 
 

@@ -9,7 +9,7 @@ from uuid import uuid4
 
 from schemas import measurement_set as messages
 from service.conversion import ReadingArrays, content_hash, to_measurements, to_warnings
-from service.identify import PreparedSet
+from service.prepared import PreparedSet
 from service.records import IdempotencyKey, MeasurementSetRecord
 from service.robots import Robots
 from service.store import Store

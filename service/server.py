@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import socket
 import sys
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import uvicorn
 from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
 
 from service.app import create_app
+from service.engine import Announcer
 from service.store import Store
+from service.supervisor import Supervisor
 from service.terminal import console
 from service.versions import JOINTSTIFF_VERSION
 
@@ -28,13 +33,14 @@ class ServerError(Exception):
         self.remedy = remedy
 
 
-def run_server(host: str, port: int, database: str) -> None:
+def run_server(host: str, port: int, database: str, workers: int) -> None:
     """Serve until interrupted.
 
     Args:
         host: address to listen on.
         port: TCP port, 0 for a free one.
         database: URL of the store.
+        workers: processes for long runs; with none, other machines' workers carry them out.
 
     Raises:
         StoreError: the database cannot be used.
@@ -42,16 +48,40 @@ def run_server(host: str, port: int, database: str) -> None:
     """
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with Store.open(database) as store, _listen(host, port) as listener:
-        address = f"http://{host}:{listener.getsockname()[1]}"
+    if _in_memory(database):
+        raise ServerError(
+            "a database in memory cannot be shared with workers",
+            "give a file: --database sqlite:///jointstiff.db",
+        )
+    with ExitStack() as stack:
+        store = stack.enter_context(Store.open(database))
+        announcer = stack.enter_context(closing(Announcer(database)))
+        listener = stack.enter_context(_listen(host, port))
+        port = listener.getsockname()[1]
+        stack.enter_context(Supervisor(database, workers, f"{socket.gethostname()}-{port}-{_mark(database)}"))
+        address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {JOINTSTIFF_VERSION} at {address}, API description at {address}/openapi.json\n"
-            f"database {_shown(database)}",
+            f"database {_shown(database)}, {workers} worker{'s' if workers != 1 else ''}",
             markup=False,
             soft_wrap=True,
         )
-        config = uvicorn.Config(create_app(store), log_level="warning", access_log=False, server_header=False)
+        app = create_app(store, announcer.announce)
+        config = uvicorn.Config(app, log_level="warning", access_log=False, server_header=False)
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _in_memory(database: str) -> bool:
+    try:
+        url = make_url(database)
+    except ArgumentError:
+        return False  # which the store refuses in its own words
+    return url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}
+
+
+def _mark(database: str) -> str:
+    """What tells the workers of one store from those of another, the same at each start."""
+    return hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
 
 
 def _shown(database: str) -> str:

@@ -6,17 +6,18 @@ Nothing is ever changed or deleted here. Records are listed in the order in whic
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType, TracebackType
 from typing import Any
 
-from sqlalchemy import Row
+from sqlalchemy import Connection, Row
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database, Dialect
 from service.migrations import migrate
 from service.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
+from service.run_log import RunLog
 from service.statements import INSERT_KEY, PING, STATEMENTS
 from service.store_errors import CursorError, IdempotencyConflictError, NotFoundError, StoreError
 from service.tables import FILTERS, PARENTS, TABLES
@@ -31,10 +32,15 @@ _NO_FILTERS: Mapping[str, str] = MappingProxyType({})
 
 
 class Store:
-    """Robots, measurement sets and runs, kept. Safe to use from several threads."""
+    """Robots, measurement sets and runs, kept. Safe to use from several threads.
+
+    Attributes:
+        run_log: What changes about runs until they end.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self.run_log = RunLog(database)
 
     @classmethod
     def open(cls, url: str) -> Store:
@@ -84,8 +90,18 @@ class Store:
             connection.execute(PING)
         return self._database.dialect
 
-    def add(self, record: Record, key: IdempotencyKey | None = None) -> Record:
+    def add(
+        self,
+        record: Record,
+        key: IdempotencyKey | None = None,
+        also: Callable[[Connection], object] | None = None,
+    ) -> Record:
         """Store `record` and its idempotency key in one transaction.
+
+        Args:
+            record: What to store.
+            key: The idempotency key that came with it.
+            also: What else belongs into the transaction, such as the work that the record announces.
 
         Returns:
             `record`; or, if the key came before with the same body, what it created then. Of two
@@ -104,6 +120,8 @@ class Store:
                 if key is not None:  # first, as the loser of a race waits here
                     connection.execute(INSERT_KEY, _key_row(record, key))
                 connection.execute(STATEMENTS[kind].insert, _record_row(record))
+                if also is not None:
+                    also(connection)
         except IntegrityError as error:
             return self._not_added(record, key, error)
         return record

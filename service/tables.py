@@ -34,7 +34,7 @@ from service.records import (
     RunRecord,
 )
 
-__all__ = ["FILTERS", "PARENTS", "TABLES", "idempotency_keys", "metadata"]
+__all__ = ["FILTERS", "PARENTS", "TABLES", "heartbeats", "idempotency_keys", "metadata", "run_steps"]
 
 metadata = MetaData(
     naming_convention={
@@ -128,6 +128,21 @@ idempotency_keys = Table(
     Column("body_hash", String, nullable=False),
     Column("resource_id", String, nullable=False),
     Column("created_at", UtcDateTime, nullable=False),
+)
+
+run_steps = Table(
+    "run_steps",
+    metadata,
+    Column("run_id", String, ForeignKey("runs.id"), primary_key=True),
+    Column("start", Integer, primary_key=True, autoincrement=False),
+    Column("done", Integer, nullable=False),
+)
+
+heartbeats = Table(
+    "heartbeats",
+    metadata,
+    Column("executor", String, primary_key=True),
+    Column("beat_at", UtcDateTime, nullable=False),
 )
 
 TABLES: Mapping[type, Table] = MappingProxyType(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, cast
 
@@ -10,10 +11,12 @@ from fastapi import Depends, Request, Response
 from schemas.problem import Problem
 from service.measurement_sets import MeasurementSets
 from service.robots import Robots
-from service.runs import Runs
+from service.runs import Announce, Runs
 from service.store import Store
 
 __all__ = [
+    "ACCEPTED",
+    "EVENT_STREAM",
     "LOCATION",
     "Parts",
     "PartsOf",
@@ -33,11 +36,16 @@ class Parts:
     runs: Runs
 
     @classmethod
-    def of(cls, store: Store) -> Parts:
-        """Compose the parts on a store."""
+    def of(
+        cls,
+        store: Store,
+        announce: Announce | None = None,
+        tell: Callable[[int], object] | None = None,
+    ) -> Parts:
+        """Compose the parts on a store; for the others see `Runs`."""
         robots = Robots(store)
         sets = MeasurementSets(store, robots)
-        return cls(store, robots, sets, Runs(store, sets))
+        return cls(store, robots, sets, Runs(store, sets, announce, tell))
 
 
 def _parts(request: Request) -> Parts:
@@ -52,9 +60,9 @@ def json_response(text: str, status: int = 200) -> Response:
     return Response(text, status, media_type="application/json")
 
 
-def created(collection: str, identifier: str, text: str) -> Response:
-    """201 with the resource and its address."""
-    response = json_response(text, 201)
+def created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
+    """The resource and its address."""
+    response = json_response(text, status)
     response.headers["Location"] = f"/v1/{collection}/{identifier}"
     return response
 
@@ -70,6 +78,18 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
         for status in (*statuses, 503)
     }
 
+
+ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
+    202: {
+        "description": "Stored, and not finished yet: look again at its address.",
+        "headers": {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}},
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Run"}}},
+    }
+}
+
+EVENT_STREAM: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "Events of the run.", "content": {"text/event-stream": {}}}
+}
 
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {
     201: {

@@ -2,38 +2,57 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
 
 from schemas.base import Page
 from schemas.query import RunQuery
 from schemas.run import Run, RunRequest, RunSummary
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.parts import LOCATION, PartsOf, created, json_response, problems
-from service.records import RunEntry, RunRecord
+from service.api.parts import ACCEPTED, EVENT_STREAM, LOCATION, PartsOf, created, json_response, problems
+from service.api.progress import MAX_WAIT_SECONDS, ended, events
+from service.records import RunEntry
+from service.run_log import OPEN_STATES
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/v1/runs", tags=["runs"])
+
+RunId = Annotated[str, Path(max_length=64)]
 
 
 @router.post(
     "",
     status_code=201,
     response_model=Run,
-    responses=LOCATION | problems(400, 413, 415, 422),
+    responses=LOCATION | ACCEPTED | problems(400, 413, 415, 422),
     openapi_extra=describe_body(RunRequest, RUNS),
 )
-def post_run(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_RUN_BYTES))]) -> Response:
+async def post_run(
+    parts: PartsOf,
+    body: Annotated[Body, Depends(read_body(MAX_RUN_BYTES))],
+    wait: Annotated[
+        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Seconds to wait for the end of a long run.")
+    ] = 5,
+) -> Response:
     """Identify the joint stiffnesses, and store the result with its provenance.
 
-    A method that the readings cannot support is refused, and nothing is stored. Any other failure is
-    a stored run in state `failed` that says why.
+    Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
+    run as it is and its address. A method that the readings cannot support is refused, and nothing is
+    stored. Any other failure is a stored run in state `failed` that says why.
     """
-    record = parts.runs.create(body.parse(RunRequest), body.key)
-    return created("runs", record.id, record.document)
+    request = await run_in_threadpool(body.parse, RunRequest)
+    record = await run_in_threadpool(parts.runs.create, request, body.key)
+    if record.state not in OPEN_STATES:
+        return created("runs", record.id, record.document)
+    run = await ended(partial(parts.runs.current, record.id), wait)
+    status = 202 if run.state in OPEN_STATES else 201
+    return created("runs", run.id, run.model_dump_json(), status)
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))
@@ -45,6 +64,26 @@ def list_runs(parts: PartsOf, query: Annotated[RunQuery, Query()]) -> Page[RunSu
 
 
 @router.get("/{run_id}", response_model=Run, responses=problems(404, 422))
-def get_run(parts: PartsOf, run_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """One run with its request, result and provenance. It never changes."""
-    return json_response(parts.store.get(RunRecord, run_id).document)
+def get_run(parts: PartsOf, run_id: RunId) -> Response:
+    """One run with its request, progress, result and provenance. Once ended it never changes."""
+    return json_response(parts.runs.current(run_id).model_dump_json())
+
+
+@router.get(
+    "/{run_id}/events",
+    response_class=StreamingResponse,
+    responses=EVENT_STREAM | problems(404, 422),
+)
+async def get_run_events(parts: PartsOf, run_id: RunId) -> StreamingResponse:
+    """Follow a run: `progress` events with its state and progress, then one `end` event."""
+    look = partial(parts.runs.current, run_id)
+    await run_in_threadpool(look)  # a run that is not there is a 404, not an event
+    return StreamingResponse(
+        events(look), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
+    )
+
+
+@router.post("/{run_id}/cancel", response_model=Run, responses=problems(404, 422))
+def cancel_run(parts: PartsOf, run_id: RunId) -> Response:
+    """End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is."""
+    return json_response(parts.runs.cancel(run_id).model_dump_json())

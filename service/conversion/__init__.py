@@ -3,7 +3,7 @@
 from service.conversion.measurements import to_measurements, to_warnings
 from service.conversion.readings import ReadingArrays, content_hash
 from service.conversion.requests import to_settings
-from service.conversion.results import to_result
+from service.conversion.results import to_resampling_result, to_result
 from service.conversion.robots import build_robot, describe_joints, describe_wrist, dh_kinematics
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "describe_wrist",
     "dh_kinematics",
     "to_measurements",
+    "to_resampling_result",
     "to_result",
     "to_settings",
     "to_warnings",

@@ -8,12 +8,14 @@ import numpy as np
 
 from schemas import run as runs
 from schemas.measurement_set import QualityWarning
+from schemas.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
 from service.conversion.readings import ReadingArrays
 from solver.estimate import Estimate, JointCompliance
 from solver.measurements import Measurements
 from solver.prediction import Prediction
+from solver.resampling_summary import ResamplingSummary
 
-__all__ = ["to_result"]
+__all__ = ["to_resampling_result", "to_result"]
 
 
 def to_result(
@@ -40,6 +42,42 @@ def to_result(
         residuals=_residuals(prediction, measurements, readings),
         warnings=warnings,
     )
+
+
+def to_resampling_result(
+    summary: ResamplingSummary, joints: list[runs.JointResult], repetitions: int
+) -> ResamplingResult:
+    """Statistics of the draws; joints that the whole set does not show get no numbers from parts of it."""
+    return ResamplingResult(
+        repetitions=repetitions,
+        joints=[_resampled(summary, j, joint) for j, joint in enumerate(joints)],
+        share_any_negative=summary.share_any_negative,
+        compensation=ResampledCompensation(
+            mean=_finite(summary.compensation_mean),
+            deviation=_finite(summary.compensation_deviation),
+            interval=_finite_pair(summary.compensation_interval),
+        ),
+    )
+
+
+def _resampled(summary: ResamplingSummary, j: int, joint: runs.JointResult) -> ResampledJoint:
+    hidden = joint.status == "not_observable"
+    low, high = summary.compliance_interval[j].tolist()
+    return ResampledJoint(
+        name=joint.name,
+        compliance_mean=None if hidden else _finite(float(summary.compliance_mean[j])),
+        compliance_deviation=None if hidden else _finite(float(summary.compliance_deviation[j])),
+        compliance_interval=None if hidden else _finite_pair((low, high)),
+        stiffness_mean=None if hidden else _finite(float(summary.stiffness_mean[j])),
+        stiffness_deviation=None if hidden else _finite(float(summary.stiffness_deviation[j])),
+        share_negative=0.0 if hidden else float(summary.share_negative[j]),
+        share_infinite=0.0 if hidden else float(summary.share_infinite[j]),
+        share_undetermined=1.0 if hidden else float(summary.share_undetermined[j]),
+    )
+
+
+def _finite_pair(pair: tuple[float, float]) -> tuple[float, float] | None:
+    return pair if all(map(isfinite, pair)) else None
 
 
 def _joint(joint: JointCompliance) -> runs.JointResult:

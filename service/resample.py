@@ -1,0 +1,95 @@
+"""The resampling of a run, cut into steps of a fraction of a second whose results can be kept."""
+
+from __future__ import annotations
+
+import base64
+import io
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from schemas.resampling import Resampling
+from schemas.run import RunOptions
+from service.conversion import to_settings
+from service.prepared import PreparedSet
+from solver.exceptions import RequestError
+from solver.gram_blocks import GramBlocks, gram_blocks
+from solver.resampling import Resamples, ResamplingPlan, resample
+
+__all__ = ["ResamplingWork", "Span", "decode", "encode"]
+
+Span = tuple[int, int]
+"""First repetition, and one past the last."""
+
+STEP_SECONDS: Final = 0.25
+_SECONDS_A_REPETITION: Final = 8e-6
+_SECONDS_AN_OBSERVATION: Final = 1.3e-7
+"""Measured on the developers' machine; they decide the size of a step and nothing else."""
+
+
+class ResamplingWork:
+    """What one run resamples: the blocks are computed once, when the first step asks for them."""
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions, resampling: Resampling) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: a draw larger than the set.
+        """
+        self._prepared = prepared
+        self._settings = to_settings(options, prepared.robot)
+        self.configurations = len(prepared.measurements)
+        if resampling.size > self.configurations:
+            raise RequestError(
+                f"draws of {resampling.size} configurations from {self.configurations}",
+                where="resampling.size",
+                remedy=f"draw at most {self.configurations}",
+            )
+        self._plan = ResamplingPlan(
+            resampling.size, resampling.repetitions, resampling.seed, resampling.replacement
+        )
+
+    @cached_property
+    def _blocks(self) -> GramBlocks:
+        return gram_blocks(self._prepared.robot, self._prepared.measurements, self._settings)
+
+    @property
+    def repetitions(self) -> int:
+        """How many draws there are."""
+        return self._plan.repetitions
+
+    def steps(self) -> tuple[Span, ...]:
+        """The repetitions, cut into steps of about `STEP_SECONDS`."""
+        seconds = _SECONDS_A_REPETITION + _SECONDS_AN_OBSERVATION * self.configurations
+        size = max(1, int(STEP_SECONDS / seconds))
+        return tuple(
+            (start, min(start + size, self.repetitions)) for start in range(0, self.repetitions, size)
+        )
+
+    def compute(self, span: Span) -> Resamples:
+        """Fit some of the draws; the same numbers whoever computes them, however they are cut.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        return resample(self._blocks, self._plan, self._settings.bounds, *span)
+
+
+def encode(resamples: Resamples) -> str:
+    """As text that an engine can keep."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        allow_pickle=False,
+        compliance=resamples.compliance,
+        active=resamples.active,
+        compensation=resamples.compensation,
+    )
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def decode(text: str) -> Resamples:
+    """What `encode` wrote."""
+    with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
+        return Resamples(archive["compliance"], archive["active"], archive["compensation"])

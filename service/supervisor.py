@@ -1,0 +1,71 @@
+"""Worker processes of the service: started with it, replaced when they die, ended with it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from types import TracebackType
+from typing import Final
+
+__all__ = ["DATABASE_VARIABLE", "Supervisor"]
+
+DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
+"""Where a worker finds the URL of the store."""
+_PAUSE_SECONDS: Final = 1.0
+"""Between the death of a worker and its replacement, so that one that cannot start does not spin."""
+_END_SECONDS: Final = 10.0
+
+
+class Supervisor:
+    """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
+
+    def __init__(self, database: str, workers: int, prefix: str) -> None:
+        """Start the workers.
+
+        Args:
+            database: URL of the store.
+            workers: how many; none is allowed.
+            prefix: what makes the names of these workers unlike those of other services, and the same as
+                those of an earlier start of this one.
+        """
+        self._stopping = threading.Event()
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._watchers = [
+            threading.Thread(target=self._keep, args=(database, f"{prefix}-{number}"), daemon=True)
+            for number in range(1, workers + 1)
+        ]
+        for watcher in self._watchers:
+            watcher.start()
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        for process in list(self._processes.values()):
+            process.terminate()
+        for watcher in self._watchers:
+            watcher.join(_END_SECONDS)
+
+    def _keep(self, database: str, name: str) -> None:
+        """Keep a worker of this name running."""
+        command = [sys.executable, "-m", "service.worker", name]
+        while not self._stopping.is_set():
+            with subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=_environment(database)
+            ) as process:
+                self._processes[name] = process
+                if self._stopping.is_set():  # it was started while all others were being ended
+                    process.terminate()
+                process.wait()
+            self._stopping.wait(_PAUSE_SECONDS)
+
+
+def _environment() -> dict[str, str]:
+    """One thread of linear algebra a worker: with more, N workers would fight for the processors."""
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    return os.environ | threads
