@@ -65,7 +65,10 @@ class Supervisor:
             self._stopping.wait(_PAUSE_SECONDS)
 
 
-def _environment() -> dict[str, str]:
-    """One thread of linear algebra a worker: with more, N workers would fight for the processors."""
+def _environment(database: str) -> dict[str, str]:
+    """The database's URL, as the arguments of a process are for all to see, and one thread of linear algebra.
+
+    With more threads, N workers would fight for the processors.
+    """
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    return os.environ | threads
+    return os.environ | threads | {DATABASE_VARIABLE: database}
