@@ -15,6 +15,7 @@ import typer
 from pydantic import ValidationError
 
 from examples.simulator import default_arm, simulate_campaign
+from schemas.resampling import MAX_REPETITIONS
 from schemas.run import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
@@ -23,7 +24,7 @@ from service.demo import run_demo
 from service.problems import invalid_request
 from service.server import ServerError, run_server
 from service.store_errors import StoreError
-from service.terminal import comparison_table, console, problem_text, run_report
+from service.terminal import comparison_table, console, problem_text, progress_bar, run_report
 from service.versions import JOINTSTIFF_VERSION
 from service.worker import run_worker
 
@@ -108,6 +109,12 @@ def identify(
     confidence: Annotated[
         float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
     ] = None,
+    resample: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="M", help="Repeat the fit on M random configurations."),
+    ] = None,
+    repetitions: Annotated[int, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws.")] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Identify the joint stiffnesses of a campaign, without a server."""
@@ -117,11 +124,14 @@ def identify(
         "characteristic_length": characteristic_length,
         "positive": positive,
         "confidence": confidence,
+        "resampling": resample and {"size": resample, "repetitions": repetitions, "seed": seed},
     }
     changes = {name: value for name, value in chosen.items() if value is not None}
     try:
         campaign = read_campaign(file)
-        run = campaigns.identify(campaign, _changed(campaign.run, changes))
+        options = _changed(campaign.run, changes)
+        with progress_bar(options.resampling.repetitions if options.resampling else None) as tell:
+            run = campaigns.identify(campaign, options, tell)
     except CampaignError as error:
         raise _refused(error) from error
     if as_json:
@@ -234,10 +244,14 @@ def post(
 ) -> None:
     """Post a campaign to a running service, and show its answer."""
     try:
-        campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
+        understood = read_campaign(file)
+        campaign = understood.model_dump(mode="json", exclude_unset=True)
+        resampling = understood.run.resampling
         with ServiceClient(server) as client:
             robot, stored = client.post_campaign(campaign)
-            run = client.run(stored["id"], campaign.get("run", {}))
+            with progress_bar(resampling.repetitions if resampling else None) as tell:
+                options = campaign.get("run", {})
+                run = client.run(stored["id"], options, lambda progress: tell(progress.done))
     except (CampaignError, RefusedError) as error:
         raise _refused(error) from error
     for kind, identifier in (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id)):

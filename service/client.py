@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from collections.abc import Callable
+from typing import Any, Final
 
 import httpx
 from pydantic import ValidationError
 
 from schemas.problem import Problem
-from schemas.run import Run
+from schemas.run import Progress, Run
 from service.problems import http_problem
 
 __all__ = ["RefusedError", "ServiceClient"]
+
+_LOOK_SECONDS: Final = 0.2
 
 
 class RefusedError(Exception):
@@ -48,23 +52,38 @@ class ServiceClient:
         readings = document["measurement_set"] | {"robot_id": robot["id"]}
         return robot, self._post("/v1/measurement-sets", readings)
 
-    def run(self, set_id: str, options: dict[str, Any]) -> Run:
-        """Post a run of a stored measurement set.
+    def run(
+        self, set_id: str, options: dict[str, Any], tell: Callable[[Progress], object] | None = None
+    ) -> Run:
+        """Post a run of a stored measurement set, and wait for its end.
+
+        Args:
+            set_id: of the measurement set.
+            options: how to identify.
+            tell: told of the progress of a run that takes long.
 
         Raises:
             RefusedError: the service refuses it, or does not answer.
         """
-        return Run.model_validate(self._post("/v1/runs", options | {"measurement_set_id": set_id}))
+        body = options | {"measurement_set_id": set_id}
+        run = Run.model_validate(self._post("/v1/runs?wait=1", body))
+        while run.state in {"queued", "running"}:
+            time.sleep(_LOOK_SECONDS)
+            run = Run.model_validate(self._request("GET", f"/v1/runs/{run.id}"))
+            if tell is not None and run.progress is not None:
+                tell(run.progress)
+        return run
 
     def _post(self, path: str, body: object) -> dict[str, Any]:
+        return self._request("POST", path, body)
+
+    def _request(self, verb: str, path: str, body: object = None) -> dict[str, Any]:
         try:
-            response = self._http.post(path, json=body)
+            response = self._http.request(verb, path, json=body)
         except (httpx.TransportError, httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
-            problem = http_problem(
-                503, f"no answer from {self._http.base_url}: {error}", "start it: jointstiff serve"
-            )
-            raise RefusedError(problem) from error
-        if response.status_code != httpx.codes.CREATED:
+            silence = f"no answer from {self._http.base_url}: {error}"
+            raise RefusedError(http_problem(503, silence, "start it: jointstiff serve")) from error
+        if not response.is_success:
             raise RefusedError(_problem_of(response))
         answer: dict[str, Any] = response.json()
         return answer

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import floor, log10
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from schemas.problem import Problem
+from schemas.resampling import ResamplingResult
 from schemas.run import JointResult, Run, RunResult
 
-__all__ = ["ComparisonRow", "comparison_table", "console", "problem_text", "run_report"]
+__all__ = ["ComparisonRow", "comparison_table", "console", "problem_text", "progress_bar", "run_report"]
 
 _VERDICTS = {
     "identified": "[green]identified[/]",
@@ -52,6 +56,8 @@ def run_report(run: Run) -> RenderableType:
     ]
     parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
     parts.append(_summary(result))
+    if result.resampling is not None:
+        parts += [Text(), _resampling_table(run, result.resampling)]
     return Group(*parts)
 
 
@@ -83,6 +89,46 @@ def _joints_table(run: Run, result: RunResult) -> Table:
     for joint in result.joints:
         table.add_row(Text(joint.name), *_stiffness_cells(joint), _VERDICTS[joint.status])
     return table
+
+
+def _resampling_table(run: Run, resampling: ResamplingResult) -> Table:
+    drawn = run.request.resampling
+    size = f"{drawn.size} configurations drawn at random" if drawn else ""
+    table = Table(
+        title=f"{resampling.repetitions} fits of {size}",
+        caption="stiffness in 10⁶ N·m/rad: mean and standard deviation of one fit; compensation on all",
+    )
+    for heading in ("joint", "mean", "deviation", "negative", "rigid", "undetermined"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    for joint in resampling.joints:
+        deviation = joint.stiffness_deviation
+        mean = "—" if joint.stiffness_mean is None else _rounded(joint.stiffness_mean, deviation)
+        shares = (joint.share_negative, joint.share_infinite, joint.share_undetermined)
+        table.add_row(
+            Text(joint.name),
+            mean,
+            "—" if deviation is None else _rounded(deviation, deviation),
+            *(f"{100 * share:.3g} %" for share in shares),
+        )
+    compensation = resampling.compensation
+    if compensation.mean is not None and compensation.deviation is not None:
+        table.add_section()
+        table.add_row(
+            "compensation", f"{100 * compensation.mean:.1f} %", f"{100 * compensation.deviation:.1f} %"
+        )
+    return table
+
+
+@contextmanager
+def progress_bar(total: int | None) -> Iterator[Callable[[int], None]]:
+    """A bar on the standard error, with the time left; none where nothing takes long."""
+    if total is None:
+        yield lambda _: None
+        return
+    columns = (TextColumn("resampling"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with ProgressBar(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("resampling", total=total)
+        yield lambda done: bar.update(task, completed=done)
 
 
 def _stiffness_cells(joint: JointResult) -> tuple[str, str, str]:

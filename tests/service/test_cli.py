@@ -37,7 +37,7 @@ def campaign(run, tmp_path):
 
 def test_help_names_every_command_and_where_to_start(run):
     shown = run("--help").output
-    for command in ("identify", "compare", "serve", "simulate", "post", "demo"):
+    for command in ("identify", "compare", "serve", "worker", "simulate", "post", "demo"):
         assert command in shown
         assert run(command, "--help").exit_code == 0
     assert "jointstiff simulate campaign.json" in shown
@@ -192,6 +192,35 @@ def test_compare_shows_the_warnings_of_the_set(run, campaign):
     campaign.write_text(json.dumps(document))
     assert "against the force" in run("compare", campaign).stdout
     assert "against the force" in run("identify", campaign).stdout
+
+
+def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, campaign):
+    shown = run("identify", campaign, "--resample", 10, "--repetitions", 200)
+    assert shown.exit_code == 0, shown.output
+    assert "200 fits of 10 configurations drawn at random" in shown.stdout
+    found = Run.model_validate_json(
+        run("identify", campaign, "--resample", 10, "--repetitions", 200, "--json").stdout
+    )
+    joints = found.result.resampling.joints
+    assert joints[0].compliance_mean is None  # the whole set does not show it, so no part of it does
+    for joint, whole in zip(joints[1:], found.result.joints[1:], strict=True):
+        assert abs(joint.compliance_mean - whole.compliance) < 3 * whole.standard_uncertainty
+    assert found.progress.done == found.progress.total == 200
+
+
+def test_draws_larger_than_the_set_are_refused(run, campaign):
+    shown = run("identify", campaign, "--resample", 20)
+    assert shown.exit_code == 2
+    assert "run.resampling.size" in shown.stderr
+
+
+def test_post_follows_a_long_run(run, campaign, service):
+    document = json.loads(campaign.read_text())
+    document["run"] = {"resampling": {"size": 10, "repetitions": 100_000}}
+    campaign.write_text(json.dumps(document))
+    shown = run("post", campaign, "--server", service.url)
+    assert shown.exit_code == 0, shown.stderr
+    assert "100000 fits" in shown.stdout
 
 
 def test_version(run):
