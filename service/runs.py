@@ -96,6 +96,17 @@ class Runs:
         done = run.progress.model_copy(update={"done": self._store.run_log.done(run_id)})
         return run.model_copy(update={"state": record.state, "progress": done})
 
+    def document(self, run_id: str) -> str:
+        """The same as JSON: that of a run that has ended, as it was stored.
+
+        Raises:
+            NotFoundError: there is no such run.
+        """
+        record = self._store.get(RunRecord, run_id)
+        if record.state in OPEN_STATES:
+            return self.current(run_id).model_dump_json()
+        return record.document
+
     def cancel(self, run_id: str) -> Run:
         """End a run where it stands; a run that has ended stays as it is.
 

@@ -15,6 +15,8 @@ needs to parse a message.
 
 from __future__ import annotations
 
+from functools import partial
+
 __all__ = [
     "InputError",
     "JointstiffError",
@@ -35,6 +37,10 @@ class JointstiffError(Exception):
         self.reason = reason
         self.remedy = remedy
         self.where = where
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way from a worker process: the arguments are keywords, which pickle forgets."""
+        return partial(type(self), remedy=self.remedy, where=self.where), (self.reason,)
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""

@@ -66,7 +66,7 @@ def list_runs(parts: PartsOf, query: Annotated[RunQuery, Query()]) -> Page[RunSu
 @router.get("/{run_id}", response_model=Run, responses=problems(404, 422))
 def get_run(parts: PartsOf, run_id: RunId) -> Response:
     """One run with its request, progress, result and provenance. Once ended it never changes."""
-    return json_response(parts.runs.current(run_id).model_dump_json())
+    return json_response(parts.runs.document(run_id))
 
 
 @router.get(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -231,6 +232,13 @@ def test_errors_say_where_why_and_what_to_do():
     error = UnsupportedMethodError("too few targets", where="readings", remedy="read three")
     assert str(error) == "readings: too few targets; read three"
     assert isinstance(error, JointstiffError)
+
+
+def test_errors_survive_the_way_between_processes():
+    sent = UnsupportedMethodError("too few targets", where="readings", remedy="read three")
+    received = pickle.loads(pickle.dumps(sent))
+    assert type(received) is UnsupportedMethodError
+    assert (received.reason, received.where, received.remedy) == (sent.reason, sent.where, sent.remedy)
 
 
 def test_a_set_of_readings_can_be_cut(campaign):
