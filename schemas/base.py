@@ -41,8 +41,8 @@ Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterVali
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 """The identifier of a stored resource."""
 
-Quantity = Annotated[float, Field(ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
-"""A finite number whose square is finite too."""
+Quantity = Annotated[float, Field(strict=True, ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
+"""A finite number, not a text of digits, whose square is finite too."""
 
 Vector3 = tuple[Quantity, Quantity, Quantity]
 """Three components along x, y and z."""

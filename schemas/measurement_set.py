@@ -50,7 +50,7 @@ class Units(Message):
 class Noise(Message):
     """What one tracker reading is worth."""
 
-    sigma: Annotated[float, Field(ge=1e-9, le=1e3)] = Field(
+    sigma: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] = Field(
         description="Standard uncertainty of one coordinate of one position reading, in the set's "
         "unit of length. A deflection, being a difference of two, has √2 times that.",
         examples=[2e-5],

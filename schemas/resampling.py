@@ -16,16 +16,16 @@ MAX_REPETITIONS = 100_000
 class Resampling(Message):
     """What is drawn, how often, from which seed."""
 
-    size: Annotated[int, Field(ge=1, le=10_000)] = Field(
+    size: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
         description="Configurations in a draw, at most those of the set.", examples=[10]
     )
-    repetitions: Annotated[int, Field(ge=1, le=MAX_REPETITIONS)] = Field(
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=MAX_REPETITIONS)] = Field(
         default=1000, description="How many draws."
     )
-    seed: Annotated[int, Field(ge=0, le=2**53)] = Field(
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
         default=0, description="Of the draws: the same seed gives the same numbers, on any machines."
     )
-    replacement: bool = Field(
+    replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="Whether a configuration may come more than once in a draw (bootstrap)."
     )
 

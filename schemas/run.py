@@ -40,7 +40,7 @@ _COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
 _STIFFNESS: JsonDict = {"unit": "N.m/rad"}
 _LENGTH: JsonDict = {"unit": "m"}
 
-PositiveStiffness = Annotated[float, Field(ge=1.0, le=1e15)]
+PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
 
 
@@ -59,12 +59,12 @@ class RunOptions(Message):
         "`characteristic_length`: translation divided by a length (complete pose only). "
         "`uniform`: all rows alike in SI units.",
     )
-    characteristic_length: Annotated[float, Field(ge=1e-3, le=1e3)] | None = Field(
+    characteristic_length: Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None = Field(
         default=None,
         description="For that weighting; if absent, the length of least condition number.",
         json_schema_extra=_LENGTH,
     )
-    positive: bool = Field(
+    positive: Annotated[bool, Field(strict=True)] = Field(
         default=True, strict=True, description="Constrain every compliance to be zero or positive."
     )
     stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
@@ -80,7 +80,7 @@ class RunOptions(Message):
         default=None,
         description="Repeat the fit on configurations drawn at random; a run may then take long.",
     )
-    confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = Field(
+    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Level of the intervals."
     )
 

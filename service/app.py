@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, Final
@@ -15,6 +16,7 @@ from schemas.problem import Problem
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
 from service.api import health, measurement_sets, robots, runs
+from service.api.bodies import LARGE_BODIES
 from service.api.errors import install_error_handlers
 from service.api.parts import Parts
 from service.runs import Announce
@@ -58,6 +60,7 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
         lifespan=_lifespan,
     )
     app.state.parts = Parts.of(store, announce)
+    app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
     for module in (robots, measurement_sets, runs, health):
         app.include_router(module.router)
     install_error_handlers(app)

@@ -10,14 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, get_args
 
-from pydantic import ValidationError
-
 from schemas.campaign import Campaign
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.problem import Problem
 from schemas.run import Method, Run, RunOptions, RunRequest, Weighting
 from service.api.bodies import MAX_SET_BYTES
 from service.api.parts import Parts
+from service.parsing import MalformedError, parse
 from service.problems import http_problem, invalid_request, problem_of
 from service.store import Store
 from service.terminal import ComparisonRow
@@ -57,10 +56,9 @@ def read_campaign(path: Path) -> Campaign:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
     try:
-        return Campaign.model_validate_json(content.removeprefix(BOM_UTF8), strict=True)
-    except ValidationError as error:
-        faults = error.errors(include_url=False, include_context=False, include_input=False)
-        raise CampaignError(invalid_request(faults)) from None
+        return parse(Campaign, content.removeprefix(BOM_UTF8))
+    except MalformedError as error:
+        raise CampaignError(invalid_request(error.faults)) from None
 
 
 def identify(campaign: Campaign, options: RunOptions, tell: Callable[[int], object] | None = None) -> Run:

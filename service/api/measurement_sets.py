@@ -28,7 +28,8 @@ router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"])
     openapi_extra=describe_body(MeasurementSetRequest, MEASUREMENT_SETS),
 )
 def post_measurement_set(
-    parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_SET_BYTES))]
+    parts: PartsOf,
+    body: Annotated[Body[MeasurementSetRequest], Depends(read_body(MeasurementSetRequest, MAX_SET_BYTES))],
 ) -> Response:
     """Store a measurement set.
 
@@ -36,7 +37,7 @@ def post_measurement_set(
     suspicious (targets that did not move as one body, deflection against the force, angles that look
     like the other unit, …) is stored with a warning, which every run of the set shows.
     """
-    record = parts.sets.create(body.parse(MeasurementSetRequest), body.key)
+    record = parts.sets.create(body.message, body.key)
     return created("measurement-sets", record.id, assembled(record).model_dump_json())
 
 

@@ -26,14 +26,16 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
     responses=LOCATION | problems(400, 413, 415, 422),
     openapi_extra=describe_body(RobotDocument, ROBOTS),
 )
-def post_robot(parts: PartsOf, body: Annotated[Body, Depends(read_body(MAX_ROBOT_BYTES))]) -> Response:
+def post_robot(
+    parts: PartsOf, body: Annotated[Body[RobotDocument], Depends(read_body(RobotDocument, MAX_ROBOT_BYTES))]
+) -> Response:
     """Store a robot.
 
     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
     unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
     revolute joints from `base` to `flange` is kept; meshes are never opened.
     """
-    record = parts.robots.create(body.parse(RobotDocument), body.key)
+    record = parts.robots.create(body.message, body.key)
     return created("robots", record.id, record.document)
 
 

@@ -35,7 +35,7 @@ RunId = Annotated[str, Path(max_length=64)]
 )
 async def post_run(
     parts: PartsOf,
-    body: Annotated[Body, Depends(read_body(MAX_RUN_BYTES))],
+    body: Annotated[Body[RunRequest], Depends(read_body(RunRequest, MAX_RUN_BYTES))],
     wait: Annotated[
         float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Seconds to wait for the end of a long run.")
     ] = 5,
@@ -46,8 +46,7 @@ async def post_run(
     run as it is and its address. A method that the readings cannot support is refused, and nothing is
     stored. Any other failure is a stored run in state `failed` that says why.
     """
-    request = await run_in_threadpool(body.parse, RunRequest)
-    record = await run_in_threadpool(parts.runs.create, request, body.key)
+    record = await run_in_threadpool(parts.runs.create, body.message, body.key)
     if record.state not in OPEN_STATES:
         return created("runs", record.id, record.document)
     run = await ended(partial(parts.runs.current, record.id), wait)

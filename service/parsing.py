@@ -1,0 +1,49 @@
+"""JSON from outside, turned into messages: strictly, and in memory of the size of what came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import from_json
+
+__all__ = ["MalformedError", "parse"]
+
+Parsed = TypeVar("Parsed", bound=BaseModel)
+
+
+class MalformedError(Exception):
+    """A text that is not such a message.
+
+    Attributes:
+        faults: as pydantic tells them, without what was sent.
+    """
+
+    def __init__(self, faults: Sequence[Mapping[str, Any]]) -> None:
+        super().__init__(f"{len(faults)} faults")
+        self.faults = faults
+
+
+def parse(message: type[Parsed], content: bytes) -> Parsed:
+    """Understand a JSON text.
+
+    It is parsed before it is validated. In one go, pydantic would make a copy of the whole text for each
+    field that is missing at its top, gigabytes for a few megabytes.
+
+    Args:
+        message: what it should be.
+        content: the text; its depth is limited to 200.
+
+    Raises:
+        MalformedError: it is not JSON, or not such a message.
+    """
+    try:
+        document = from_json(content)
+    except ValueError as error:
+        raise MalformedError([{"type": "json_invalid", "loc": (), "msg": f"Invalid JSON: {error}"}]) from None
+    try:
+        return message.model_validate(document)
+    except ValidationError as error:
+        faults = error.errors(include_url=False, include_context=False, include_input=False)
+        raise MalformedError(faults) from None
