@@ -7,7 +7,6 @@ import os
 import secrets
 import socket
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +18,15 @@ from schemas.resampling import MAX_REPETITIONS
 from schemas.run import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
+from service.cli_options import (
+    AsJson,
+    CampaignFile,
+    DatabaseUrl,
+    EncoderChoice,
+    LoadChoice,
+    MethodChoice,
+    WeightingChoice,
+)
 from service.client import RefusedError, ServiceClient
 from service.demo import run_demo
 from service.problems import invalid_request
@@ -40,56 +48,6 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
-
-CampaignFile = Annotated[
-    Path,
-    typer.Argument(
-        exists=True,
-        dir_okay=False,
-        readable=True,
-        metavar="FILE",
-        help="Campaign: robot, measurement set and run in one JSON document.",
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-DatabaseUrl = Annotated[
-    str,
-    typer.Option(
-        envvar="JOINTSTIFF_DATABASE",
-        metavar="URL",
-        help="sqlite:///FILE, or postgresql://USER:PASSWORD@HOST/NAME.",
-    ),
-]
-
-
-class MethodChoice(StrEnum):
-    """Methods of METHOD.md §4."""
-
-    COMPLETE = "complete_pose"
-    PARTIAL = "partial_pose"
-    DECOUPLED = "decoupled_partial_pose"
-
-
-class WeightingChoice(StrEnum):
-    """Weightings of METHOD.md §3."""
-
-    COVARIANCE = "covariance"
-    LENGTH = "characteristic_length"
-    UNIFORM = "uniform"
-
-
-class LoadChoice(StrEnum):
-    """How the simulated robot is loaded."""
-
-    DEAD_WEIGHT = "dead_weight"
-    PULL = "pull"
-
-
-class EncoderChoice(StrEnum):
-    """Which encoders close the position loop."""
-
-    MOTOR = "motor"
-    SECONDARY = "secondary"
 
 
 @app.command()
