@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
-from datetime import datetime
-from typing import Any, Final
+from datetime import UTC, datetime, timedelta
+from typing import Final
 
-from sqlalchemy import delete, func, insert, select, update
+from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database
@@ -20,6 +19,8 @@ OPEN_STATES: Final = ("queued", "running")
 """States of a run that goes on; all others are final."""
 
 _runs = TABLES[RunRecord]
+_FORGET: Final = 100
+"""Silences after which the row of an executor is removed."""
 
 
 class RunLog:
@@ -34,12 +35,17 @@ class RunLog:
             found = connection.execute(select(_runs.c.state).where(_runs.c.id == run_id)).scalar_one_or_none()
         return None if found is None else str(found)
 
-    def start(self, run_id: str) -> None:
+    def open_runs(self) -> list[str]:
+        """The runs that go on."""
+        with self._database.reading() as connection:
+            rows = connection.execute(select(_runs.c.id).where(_runs.c.state.in_(OPEN_STATES))).all()
+        return [str(row.id) for row in rows]
+
+    def start(self, run_id: str, document: str) -> None:
         """A queued run is running now."""
+        queued = _runs.c.id == run_id, _runs.c.state == "queued"
         with self._database.writing() as connection:
-            connection.execute(
-                update(_runs).where(_runs.c.id == run_id, _runs.c.state == "queued").values(state="running")
-            )
+            connection.execute(update(_runs).where(*queued).values(state="running", document=document))
 
     def end(self, run_id: str, state: str, document: str) -> bool:
         """End a run, unless it has ended: a run never changes once ended.
@@ -67,31 +73,34 @@ class RunLog:
         with self._database.reading() as connection:
             return int(connection.execute(total).scalar_one() or 0)
 
-    def beat(self, executor: str, now: datetime) -> None:
-        """An executor lives."""
-        with suppress(IntegrityError), self._database.writing() as connection:
-            known = connection.execute(
-                update(heartbeats).where(heartbeats.c.executor == executor).values(beat_at=now)
-            )
-            if known.rowcount == 0:
-                connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
+    def beat(self, executor: str, silence: timedelta) -> list[str]:
+        """An executor lives.
 
-    def silent(self, before: datetime) -> Sequence[str]:
-        """The executors that have not been heard of since."""
-        with self._database.reading() as connection:
-            rows: Sequence[Any] = connection.execute(
-                select(heartbeats.c.executor).where(heartbeats.c.beat_at < before)
-            ).all()
-        return [str(row.executor) for row in rows]
-
-    def forget(self, executor: str, before: datetime) -> bool:
-        """Give up an executor that has not been heard of since.
+        Args:
+            executor: its name.
+            silence: how long one may be silent and still count as living.
 
         Returns:
-            Whether it was this call: of those who notice, one takes over.
+            Those that live, by the database's clock; no worker's own may be trusted.
         """
+        mine = heartbeats.c.executor == executor
         with self._database.writing() as connection:
-            gone = connection.execute(
-                delete(heartbeats).where(heartbeats.c.executor == executor, heartbeats.c.beat_at < before)
-            )
-        return gone.rowcount == 1
+            now = self._now(connection)
+            if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
+                connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
+            rows = connection.execute(
+                select(heartbeats.c.executor).where(heartbeats.c.beat_at >= now - silence)
+            ).all()
+            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * silence))
+        return sorted(str(row.executor) for row in rows)
+
+    def forget(self, executor: str) -> None:
+        """An executor is about to end."""
+        with self._database.writing() as connection:
+            connection.execute(delete(heartbeats).where(heartbeats.c.executor == executor))
+
+    def _now(self, connection: Connection) -> datetime:
+        if self._database.dialect == "sqlite":  # all who use it share this machine's clock
+            return datetime.now(UTC)
+        now: datetime = connection.execute(select(func.now())).scalar_one()
+        return now

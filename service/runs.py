@@ -118,6 +118,13 @@ class Runs:
             self._end(run, "cancelled")
         return self.current(run_id)
 
+    def start(self, run_id: str) -> None:
+        """A run is being carried out from now on."""
+        run = self.current(run_id)
+        started = run.provenance.model_copy(update={"started_at": datetime.now(UTC)})
+        run = run.model_copy(update={"state": "running", "provenance": started})
+        self._store.run_log.start(run_id, run.model_dump_json())
+
     def _work(self, run_id: str) -> ResamplingWork:
         """What a stored run has to resample, for those who carry it out."""
         request = self.current(run_id).request
@@ -130,7 +137,8 @@ class Runs:
         run = self.current(run_id)
         prepared = self._prepared(run.request.measurement_set_id)
         result, error = _outcome(prepared, run.request, parts)
-        changes = {"result": result, "error": error}
+        computed_by = run.provenance.model_copy(update={"versions": dict(versions())})
+        changes = {"result": result, "error": error, "provenance": computed_by}
         self._end(run.model_copy(update=changes), "succeeded" if error is None else "failed")
 
     def fail(self, run_id: str, failure: Exception) -> None:
@@ -172,7 +180,7 @@ def _queued(prepared: PreparedSet, request: RunRequest) -> Run:
             versions=dict(versions()),
             input_hash=_input_hash(prepared, request),
             created_at=now,
-            started_at=now,
+            started_at=None,
             ended_at=None,
         ),
     )
@@ -188,7 +196,9 @@ def _carried_out(prepared: PreparedSet, run: Run, tell: Callable[[int], object] 
             "progress": progress,
             "result": result,
             "error": error,
-            "provenance": run.provenance.model_copy(update={"ended_at": datetime.now(UTC)}),
+            "provenance": run.provenance.model_copy(
+                update={"started_at": run.provenance.created_at, "ended_at": datetime.now(UTC)}
+            ),
         }
     )
 

@@ -9,6 +9,7 @@ import socket
 import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Final
 
 import uvicorn
 from sqlalchemy import make_url
@@ -22,6 +23,10 @@ from service.terminal import console
 from service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["ServerError", "run_server"]
+
+
+_GOODBYE_SECONDS: Final = 5
+"""For requests under way when the service is told to end; those who follow a run come back."""
 
 
 class ServerError(Exception):
@@ -55,7 +60,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
         )
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(database))
-        announcer = stack.enter_context(closing(Announcer(database)))
+        announcer = stack.enter_context(closing(Announcer(store, database)))
         listener = stack.enter_context(_listen(host, port))
         port = listener.getsockname()[1]
         stack.enter_context(Supervisor(database, workers, f"{socket.gethostname()}-{port}-{_mark(database)}"))
@@ -67,7 +72,13 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             soft_wrap=True,
         )
         app = create_app(store, announcer.announce)
-        config = uvicorn.Config(app, log_level="warning", access_log=False, server_header=False)
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=_GOODBYE_SECONDS,
+        )
         uvicorn.Server(config).run(sockets=[listener])
 
 

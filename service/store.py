@@ -11,7 +11,7 @@ from dataclasses import fields
 from types import MappingProxyType, TracebackType
 from typing import Any
 
-from sqlalchemy import Connection, Row
+from sqlalchemy import Connection, Row, func, select
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database, Dialect
@@ -76,6 +76,13 @@ class Store:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def schema(self) -> str | None:
+        """Where its tables are: the schema on PostgreSQL, None on SQLite."""
+        if self._database.dialect == "sqlite":
+            return None
+        with self._database.reading() as connection:
+            return str(connection.execute(select(func.current_schema())).scalar_one())
 
     def ping(self) -> Dialect:
         """Ask the database for something of ours.

@@ -27,6 +27,12 @@ def _shown(text: str) -> str:
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
+def _restored(kind: type[StoreError], args: tuple[object, ...], state: dict[str, object]) -> StoreError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
+
+
 class StoreError(Exception):
     """Base of the store's errors.
 
@@ -34,6 +40,10 @@ class StoreError(Exception):
         reason: What is wrong, in a sentence.
         remedy: How to mend it.
     """
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way from a worker process, whatever the arguments of a subclass were."""
+        return _restored, (type(self), self.args, dict(self.__dict__))
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(f"{reason}: {remedy}")

@@ -1,30 +1,33 @@
-"""A worker process: carries out long runs, shows that it lives, and adopts what dead workers left."""
+"""A worker process: carries out long runs until it is told to stop."""
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import threading
-from datetime import UTC, datetime, timedelta
+from collections.abc import Callable
+from datetime import timedelta
 from typing import Final
 
 from service.api.parts import Parts
 from service.engine import Engine
+from service.janitor import BEAT_SECONDS, SILENT_SECONDS, Janitor
 from service.store import Store
-from service.store_errors import StoreUnavailableError
 from service.supervisor import DATABASE_VARIABLE
 from service.terminal import console
 
 __all__ = ["run_worker"]
 
-BEAT_SECONDS: Final = 5.0
-SILENT_SECONDS: Final = 30.0
-"""A worker not heard of for so long is taken for dead, and its work is shared out."""
+_EARLY_BEAT: Final = 1.0
+"""The first looks come sooner, as there may be something to take over."""
+
+_logger = logging.getLogger(__name__)
 
 
 def run_worker(database: str, executor: str, parent: int | None = None) -> None:
-    """Work until told to stop.
+    """Work until told to stop; what is under way then is left to others, and the process ends.
 
     Args:
         database: URL of the store.
@@ -40,24 +43,29 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     signal.signal(signal.SIGINT, lambda *_: stop.set())
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    with Store.open(database) as store, Engine(store, Parts.of(store).runs, database, executor) as engine:
+    store = Store.open(database)
+    runs = Parts.of(store).runs
+    store.run_log.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
+    with Engine(store, runs, database, executor) as engine:
+        janitor = Janitor(store, runs, engine, executor)
         console().print(f"worker {executor} ready", markup=False)
+        pause = _EARLY_BEAT
         while not stop.is_set():
-            _watch(store, engine, executor)
-            stop.wait(BEAT_SECONDS)
+            _patiently(janitor.look)
+            stop.wait(pause)
+            pause = BEAT_SECONDS
+    _patiently(janitor.hand_over)
+    # A step under way would keep the process alive to its end; it belongs to someone else by now.
+    sys.stdout.flush()
+    os._exit(0)
 
 
-def _watch(store: Store, engine: Engine, executor: str) -> None:
-    """Show a sign of life, and look for those who show none."""
-    now = datetime.now(UTC)
-    silence = now - timedelta(seconds=SILENT_SECONDS)
+def _patiently(act: Callable[[], None]) -> None:
+    """A database that is away now will be back at the next beat."""
     try:
-        store.run_log.beat(executor, now)
-        for dead in store.run_log.silent(silence):
-            if store.run_log.forget(dead, silence):
-                engine.adopt(dead)
-    except StoreUnavailableError:
-        return  # the engine waits for the database as well; the next beat tries again
+        act()
+    except Exception:
+        _logger.warning("could not look after the runs; trying again", exc_info=True)
 
 
 def _end_with(parent: int) -> None:

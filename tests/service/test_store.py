@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +28,7 @@ from service.store_errors import (
     IdempotencyConflictError,
     NotFoundError,
     StoreError,
+    StoreUnavailableError,
 )
 from service.tables import FILTERS
 
@@ -340,3 +342,19 @@ def test_many_threads_write_and_read(store: Store) -> None:
 
     together(20, work)
     assert len(store.page(MeasurementSetEntry, limit=1000).records) == 200
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        StoreUnavailableError("it does not answer", "wait"),
+        NotFoundError(RunRecord, "x"),
+        IdempotencyConflictError(RunRecord, "key"),
+        CursorError("nonsense"),
+    ],
+)
+def test_errors_survive_the_way_between_processes(error):
+    received = pickle.loads(pickle.dumps(error))
+    assert type(received) is type(error)
+    assert str(received) == str(error)
+    assert (received.reason, received.remedy) == (error.reason, error.remedy)
