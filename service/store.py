@@ -1,6 +1,7 @@
 """The store: robots, measurement sets and runs in SQLite or PostgreSQL.
 
-Nothing is ever changed or deleted here. Records are listed in the order in which they came.
+Records are never changed or deleted here, and are listed in the order in which they came; what changes about
+a run is `run_log`'s.
 """
 
 from __future__ import annotations

@@ -15,7 +15,9 @@ __all__ = ["MAX_WAIT_SECONDS", "ended", "events"]
 
 MAX_WAIT_SECONDS: Final = 60
 _LOOK_SECONDS: Final = 0.1
-_QUIET_LOOKS: Final = 100
+_EVENT_SECONDS: Final = 0.5
+"""Between two events: hundreds of clients that follow runs must not keep the others waiting."""
+_QUIET_LOOKS: Final = 30
 """After so many looks without news a comment is sent, so that proxies keep the connection."""
 
 
@@ -45,4 +47,4 @@ async def events(look: Callable[[], Run]) -> AsyncIterator[str]:
         elif quiet % _QUIET_LOOKS == 0:
             yield ": still running\n\n"
         told = news
-        await asyncio.sleep(_LOOK_SECONDS)
+        await asyncio.sleep(_EVENT_SECONDS)
