@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 
 import benchmarks
-from benchmarks import exactness, large, memory, post, resampling, small
+from benchmarks import durability, exactness, large, memory, post, resampling, small, workers
 from benchmarks.report import Section, print_figures, print_section
 
 RUNNERS: dict[str, Callable[..., list[Section]]] = {
@@ -27,7 +27,11 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "memory": memory.run,
     "large": large.run,
     "exactness": exactness.run,
+    "workers": workers.run,
+    "durability": durability.run,
 }
+BY_NAME = frozenset({"workers", "durability"})
+"""They take long, and run only when they are asked for."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal
 
@@ -59,14 +63,17 @@ def _arguments() -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(RUNNERS)}; all if none"
+        "benchmarks",
+        nargs="*",
+        metavar="BENCHMARK",
+        help=f"{', '.join(RUNNERS)}; all but {' and '.join(sorted(BY_NAME))} if none",
     )
     parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
     arguments = parser.parse_args()
     if unknown := set(arguments.benchmarks) - set(RUNNERS):
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(RUNNERS)}")
-    arguments.benchmarks = arguments.benchmarks or list(RUNNERS)
+    arguments.benchmarks = arguments.benchmarks or [name for name in RUNNERS if name not in BY_NAME]
     return arguments
 
 

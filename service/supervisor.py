@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import subprocess
 import sys
 import threading
+import time
 from types import TracebackType
 from typing import Final
 
@@ -13,9 +15,12 @@ __all__ = ["DATABASE_VARIABLE", "Supervisor"]
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""
-_PAUSE_SECONDS: Final = 1.0
-"""Between the death of a worker and its replacement, so that one that cannot start does not spin."""
+_SHORT_LIFE_SECONDS: Final = 10.0
+_PAUSE_SECONDS: Final = 2.0
+"""Before a worker that did not live long is replaced, so that one that cannot start does not spin."""
 _END_SECONDS: Final = 10.0
+
+_logger = logging.getLogger(__name__)
 
 
 class Supervisor:
@@ -53,16 +58,27 @@ class Supervisor:
 
     def _keep(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
-        command = [sys.executable, "-m", "service.worker", name]
         while not self._stopping.is_set():
-            with subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=_environment(database)
-            ) as process:
-                self._processes[name] = process
-                if self._stopping.is_set():  # it was started while all others were being ended
-                    process.terminate()
-                process.wait()
-            self._stopping.wait(_PAUSE_SECONDS)
+            began = time.monotonic()
+            try:
+                self._watch(database, name)
+            except OSError:
+                _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
+            if time.monotonic() - began < _SHORT_LIFE_SECONDS:
+                self._stopping.wait(_PAUSE_SECONDS)
+
+    def _watch(self, database: str, name: str) -> None:
+        """Start a worker, and wait for its end."""
+        with subprocess.Popen(
+            [sys.executable, "-m", "service.worker", name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=_environment(database),
+        ) as process:
+            self._processes[name] = process
+            if self._stopping.is_set():  # it was started while all others were being ended
+                process.terminate()
+            process.wait()
 
 
 def _environment(database: str) -> dict[str, str]:

@@ -1,0 +1,305 @@
+"""kill -9, again and again: of the workers and the service during one long run, and while clients post.
+
+By name only: it takes about twenty minutes.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+from uuid import uuid4
+
+import httpx
+from sqlalchemy import func, select
+
+from benchmarks.campaigns import small_campaign
+from benchmarks.report import Figure, Section
+from benchmarks.workers import Service, numbers, post_campaign, postgresql, running
+from schemas.campaign import Campaign
+from service.campaigns import identify
+from service.database import Database
+from service.records import MeasurementSetRecord, RunRecord
+from service.tables import TABLES, idempotency_keys, run_steps
+
+__all__ = ["run"]
+
+CONFIGURATIONS, REPETITIONS, SIZE = 5_000, 90_000, 1_000
+"""Steps of a quarter of a second, some 240 of them."""
+KILLS_OF_A_RUN, KILLS_WHILE_POSTING = 20, 50
+VICTIMS: Final = ("worker", "service", "service and worker")
+_END_SECONDS: Final = 900.0
+_SOON: Final = 10.0
+_PAUSE_SECONDS: Final = 0.1
+
+
+@dataclass
+class Outcome:
+    """What became of the run that was disturbed."""
+
+    kills: int = 0
+    steps: int = 0
+    run: dict[str, Any] = field(default_factory=dict)
+    repeated: int = 0
+    rows: int = 0
+    done: int = 0
+    left: int = 0
+    slowest: float = 0.0
+
+
+@dataclass
+class Posted:
+    """What a client was told is stored, by collection and id, and what it was told beyond that."""
+
+    answers: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    odd: list[str] = field(default_factory=list)
+    tries: int = 0
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Disturb services on an SQLite file and on a PostgreSQL server of our own."""
+    undisturbed = _undisturbed(quick=quick)
+    with tempfile.TemporaryDirectory(prefix="jointstiff-durability-") as folder, postgresql() as new_database:
+        kinds: dict[str, Callable[[], str]] = {
+            "SQLite": lambda: f"sqlite:///{Path(folder) / uuid4().hex}.db",
+            "PostgreSQL": new_database,
+        }
+        runs = {kind: _disturbed(new(), quick=quick) for kind, new in kinds.items()}
+        posts = {kind: _posting(new(), 2 if quick else KILLS_WHILE_POSTING) for kind, new in kinds.items()}
+    return [_run_section(runs, undisturbed), _post_section(posts)]
+
+
+# One long run
+
+
+def _options(*, quick: bool) -> tuple[int, dict[str, int]]:
+    configurations, repetitions, size = (500, 20_000, 50) if quick else (CONFIGURATIONS, REPETITIONS, SIZE)
+    return configurations, {"size": size, "repetitions": repetitions}
+
+
+def _undisturbed(*, quick: bool) -> dict[str, Any]:
+    """The same run in this process, without engine and workers."""
+    configurations, resampling = _options(quick=quick)
+    document = small_campaign(configurations=configurations).document | {"run": {"resampling": resampling}}
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    found: dict[str, Any] = json.loads(identify(campaign, campaign.run).model_dump_json())
+    return numbers(found)
+
+
+def _disturbed(database: str, *, quick: bool) -> Outcome:
+    configurations, resampling = _options(quick=quick)
+    chance, outcome = random.Random(7), Outcome()  # noqa: S311 - moments, not secrets
+    service = Service(database, 1)
+    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+        body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
+        address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
+        victims = [VICTIMS[number % len(VICTIMS)] for number in range(3 if quick else KILLS_OF_A_RUN)]
+        chance.shuffle(victims)
+        for victim in victims:
+            time.sleep(chance.uniform(0.0, 5.0))
+            if client.get(address).json()["state"] not in {"queued", "running"}:
+                break
+            service = _struck(service, database, victim, outcome)
+        outcome.run = _ended(client, address, outcome)
+    with service:
+        pass
+    _count(database, outcome)
+    return outcome
+
+
+def _struck(service: Service, database: str, victim: str, outcome: Outcome) -> Service:
+    """Kill, and start again what does not start by itself."""
+    outcome.kills += 1
+    if victim == "worker":
+        service.kill_worker()
+        return service
+    workers = service.kill(workers=victim != "service")
+    outcome.left += _left(workers)
+    start = time.monotonic()
+    again = Service(database, 1, service.port)
+    outcome.slowest = max(outcome.slowest, time.monotonic() - start)
+    return again
+
+
+def _left(workers: list[int]) -> int:
+    """How many of these still run after some seconds."""
+    deadline = time.monotonic() + _SOON
+    while any(map(running, workers)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return sum(map(running, workers))
+
+
+def _ended(client: httpx.Client, address: str, outcome: Outcome) -> dict[str, Any]:
+    """The run when it has ended; that its progress never goes back is looked at meanwhile."""
+    deadline, before = time.monotonic() + _END_SECONDS, 0
+    while True:
+        found: dict[str, Any] = client.get(address).raise_for_status().json()
+        outcome.repeated += found["progress"]["done"] < before
+        before = found["progress"]["done"]
+        if found["state"] not in {"queued", "running"} or time.monotonic() > deadline:
+            return found
+        time.sleep(0.1)
+
+
+def _count(database: str, outcome: Outcome) -> None:
+    runs = TABLES[RunRecord]
+    with closing(Database.open(database)) as opened, opened.reading() as connection:
+        outcome.rows = connection.execute(select(func.count()).select_from(runs)).scalar_one()
+        steps = connection.execute(select(func.count(), func.sum(run_steps.c.done))).one()
+    outcome.steps, outcome.done = int(steps[0]), int(steps[1])
+
+
+def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any]) -> Section:
+    def faults(outcome: Outcome) -> int:
+        different = numbers(outcome.run) != undisturbed
+        duplicates = outcome.rows != 1 or outcome.done != undisturbed["progress"]["total"]
+        return sum([outcome.run["state"] != "succeeded", different, duplicates, outcome.repeated > 0])
+
+    rows = tuple(
+        (
+            kind,
+            f"{found.kills} in {found.steps} steps",
+            found.run["state"],
+            "the same" if numbers(found.run) == undisturbed else "DIFFERENT",
+            f"{found.rows}, {found.done:,} draws",
+            str(found.left),
+            f"{found.slowest:.1f} s",
+        )
+        for kind, found in runs.items()
+    )
+    return Section(
+        title="kill -9 of worker, service, or both, at random moments of one run",
+        columns=("database", "kills", "state", "numbers", "rows", "workers left", "slowest start"),
+        rows=rows,
+        figures=tuple(
+            Figure(f"{kind}: runs not succeeded, different, or stored twice", faults(found), "at most", 0)
+            for kind, found in runs.items()
+        ),
+        notes=("the undisturbed run was carried out in one process, without engine and workers",),
+        data={kind: {"kills": found.kills, "steps": found.steps} for kind, found in runs.items()},
+    )
+
+
+# Posting
+
+
+def _posting(database: str, kills: int) -> tuple[int, Posted, list[str]]:
+    """Kill the service while a client posts; what it was told, and what is not so."""
+    chance, stop, posted = random.Random(11), threading.Event(), Posted()  # noqa: S311
+    service = Service(database, 1)
+    client = threading.Thread(target=_post_on, args=(service.url, stop, posted), daemon=True)
+    client.start()
+    for _ in range(kills):
+        # Now and then so long that the worker is there, too, which takes longer to start.
+        time.sleep(chance.uniform(0.05, 2.0) if chance.random() < 0.7 else chance.uniform(3.0, 8.0))
+        service.kill(workers=chance.random() < 0.5)
+        service = Service(database, 1, service.port)
+    stop.set()
+    client.join()
+    with service:
+        faults = posted.odd + _lost(service, posted)
+    return kills, posted, faults + _half_stored(database, posted)
+
+
+def _post_on(url: str, stop: threading.Event, posted: Posted) -> None:
+    """Post sets, quick runs and long runs in turn, each until it is answered, under a key of its own."""
+    document = small_campaign().document
+    with httpx.Client(base_url=url, timeout=30.0) as client:
+        robot = _acknowledged(client, "/v1/robots", document["robot"], posted)
+        readings = document["measurement_set"] | {"robot_id": robot["id"]}
+        while not stop.is_set():
+            stored = _acknowledged(client, "/v1/measurement-sets", readings, posted)
+            body = {"measurement_set_id": stored["id"]}
+            _acknowledged(client, "/v1/runs", body, posted)
+            resampling = {"size": 10, "repetitions": 200}
+            _acknowledged(client, "/v1/runs?wait=0", body | {"resampling": resampling}, posted)
+            stop.wait(_PAUSE_SECONDS)  # the long runs all have to end
+
+
+def _acknowledged(client: httpx.Client, path: str, body: dict[str, Any], posted: Posted) -> dict[str, Any]:
+    key = {"Idempotency-Key": uuid4().hex}
+    while True:
+        posted.tries += 1
+        with suppress(httpx.TransportError):
+            response = client.post(path, json=body, headers=key)
+            if response.is_success:
+                answer: dict[str, Any] = response.json()
+                posted.answers[path.partition("?")[0], answer["id"]] = answer
+                return answer
+            posted.odd.append(f"{response.status_code} {response.text[:300]}")
+        time.sleep(0.02)
+
+
+def _lost(service: Service, posted: Posted) -> list[str]:
+    """Answers that are not what is stored, and runs that do not end."""
+    faults = []
+    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+        for (path, identifier), answer in posted.answers.items():
+            response = client.get(f"{path}/{identifier}")
+            if response.status_code != httpx.codes.OK:
+                faults.append(f"{path}/{identifier} is {response.status_code}")
+            elif answer.get("state") in {"queued", "running"}:
+                ended = _ended(client, f"{path}/{identifier}", Outcome())
+                if ended["state"] != "succeeded":
+                    faults.append(f"{path}/{identifier} is {ended['state']}: {ended['error']}")
+            elif any(response.json()[name] != value for name, value in answer.items()):
+                faults.append(f"{path}/{identifier} differs from the answer")
+        faults += _unreadable(client)
+    return faults
+
+
+def _unreadable(client: httpx.Client) -> list[str]:
+    """Sets and runs that are listed, but cannot be read or do not end, acknowledged or not."""
+    faults = []
+    for path in ("/v1/measurement-sets", "/v1/runs"):
+        cursor: dict[str, str] = {}
+        while True:
+            page = client.get(path, params={"limit": "100"} | cursor).raise_for_status().json()
+            for item in page["items"]:
+                found = client.get(f"{path}/{item['id']}")
+                if not found.is_success or found.json().get("state", "succeeded") != "succeeded":
+                    faults.append(f"{path}/{item['id']} is half-stored: {found.text[:200]}")
+            if page["next"] is None:
+                break
+            cursor = {"cursor": page["next"]}
+    return faults
+
+
+def _half_stored(database: str, posted: Posted) -> list[str]:
+    """Rows without a key or keys without a row; each was posted with one, and each key made one row."""
+    faults = []
+    with closing(Database.open(database)) as opened, opened.reading() as connection:
+        for table in (TABLES[MeasurementSetRecord], TABLES[RunRecord]):
+            keyed = select(idempotency_keys.c.resource_id).where(idempotency_keys.c.resource == table.name)
+            keys = {str(row.resource_id) for row in connection.execute(keyed)}
+            rows = {str(row.id) for row in connection.execute(select(table.c.id))}
+            told = {i for path, i in posted.answers if path.endswith(table.name.replace("_", "-"))}
+            if not keys == rows == told:
+                counts = f"{len(keys)} keys, {len(rows)} rows, {len(told)} acknowledged"
+                faults.append(f"{table.name}: {counts}")
+    return faults
+
+
+def _post_section(posts: dict[str, tuple[int, Posted, list[str]]]) -> Section:
+    rows = tuple(
+        (kind, str(kills), str(posted.tries), str(len(posted.answers)), str(len(faults)))
+        for kind, (kills, posted, faults) in posts.items()
+    )
+    what = "acknowledged and lost, half-stored, stored twice, or refused without reason"
+    return Section(
+        title="kill -9 of the service while a client posts sets, quick runs and long runs",
+        columns=("database", "kills", "posts tried", "acknowledged", "faults"),
+        rows=rows,
+        figures=tuple(
+            Figure(f"{kind}: {what}", len(faults), "at most", 0) for kind, (_, _, faults) in posts.items()
+        ),
+        notes=tuple(f"{kind}: {fault}" for kind, (*_, faults) in posts.items() for fault in faults[:10]),
+        data={kind: {"faults": faults} for kind, (*_, faults) in posts.items()},
+    )

@@ -1,0 +1,358 @@
+"""Long runs through real processes on real databases: carried out by workers, cancelled, killed and resumed.
+
+Whatever happens on the way, a run has the numbers of the same run carried out at once in one process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import func, select
+
+from examples.simulator import default_arm, simulate_campaign
+from schemas.campaign import Campaign
+from schemas.resampling import MAX_REPETITIONS
+from service import campaigns
+from service.database import Database
+from service.records import RunRecord
+from service.tables import TABLES, run_steps
+
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc"
+)
+
+OPEN = {"queued", "running"}
+RESAMPLING = {"size": 100, "repetitions": 40_000, "seed": 5}
+"""Of the campaign below ten steps, two or three seconds."""
+LONGEST = RESAMPLING | {"repetitions": 100_000}
+
+
+@pytest.fixture(scope="module")
+def campaign() -> dict[str, Any]:
+    return simulate_campaign(default_arm(), load="pull", configurations=400, seed=1)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(campaign: dict[str, Any]) -> dict[str, Any]:
+    """The numbers of the run, carried out here without engine and workers."""
+    document = Campaign.model_validate_json(json.dumps(campaign | {"run": {"resampling": RESAMPLING}}))
+    run = campaigns.identify(document, document.run)
+    assert run.state == "succeeded"
+    return numbers(json.loads(run.model_dump_json()))
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def new_database(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[], str]:
+    """Makes a fresh database and returns its URL."""
+    if request.param == "sqlite":
+        return lambda: f"sqlite:///{tmp_path_factory.mktemp('long') / 'jointstiff.db'}"
+    return request.getfixturevalue("new_postgresql_database")
+
+
+@pytest.fixture(scope="module")
+def database(new_database: Callable[[], str]) -> str:
+    return new_database()
+
+
+@pytest.fixture(scope="module")
+def client(database: str) -> Iterator[httpx.Client]:
+    """A client of a service whose two workers were started apart from it, all on a new database at once."""
+    with ExitStack() as stack:
+        workers = [stack.enter_context(working(database, name)) for name in ("here", "elsewhere")]
+        service = stack.enter_context(serving(database, 0, free_port()))
+        for process in (*workers, service):
+            ready(process)
+        yield stack.enter_context(connected(service))
+
+
+@pytest.fixture(scope="module")
+def set_id(client: httpx.Client, campaign: dict[str, Any]) -> str:
+    return post_campaign(client, campaign)
+
+
+def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
+    client: httpx.Client, set_id: str, undisturbed: dict[str, Any]
+) -> None:
+    answer = post_run(client, set_id, RESAMPLING)
+    assert answer.status_code == 202
+    accepted = answer.json()
+    assert answer.headers["location"] == f"/v1/runs/{accepted['id']}"
+    assert accepted["state"] in OPEN
+    assert accepted["result"] is None
+    progress = accepted["progress"]
+    assert (progress["total"], progress["unit"]) == (40_000, "resamples")
+
+    told = list(followed(client, answer.headers["location"]))
+
+    done = [data["progress"]["done"] for _, data in told]
+    assert done == sorted(done)
+    assert len(set(done)) > 2
+    assert [name for name, _ in told] == ["progress"] * (len(told) - 1) + ["end"]
+    assert told[-1][1]["state"] == "succeeded"
+    assert done[-1] == 40_000
+    assert numbers(client.get(answer.headers["location"]).json()) == undisturbed
+
+
+def test_a_run_that_is_waited_for_is_created(
+    client: httpx.Client, set_id: str, undisturbed: dict[str, Any]
+) -> None:
+    answer = post_run(client, set_id, RESAMPLING, wait=30)
+    assert answer.status_code == 201
+    assert numbers(answer.json()) == undisturbed
+    address = answer.headers["location"]
+    assert client.get(address).json() == answer.json()
+    assert client.post(f"{address}/cancel").status_code == 200
+    assert client.get(address).json() == answer.json()
+    assert [name for name, _ in followed(client, address)] == ["end"]
+
+
+def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
+    client: httpx.Client, set_id: str, database: str
+) -> None:
+    address = post_run(client, set_id, LONGEST).headers["location"]
+    until(lambda: client.get(address).json()["progress"]["done"] > 0)
+
+    answer = client.post(f"{address}/cancel")
+
+    assert answer.status_code == 200
+    cancelled = answer.json()
+    assert (cancelled["state"], cancelled["result"], cancelled["error"]) == ("cancelled", None, None)
+    assert 0 < cancelled["progress"]["done"] < 100_000
+    assert cancelled["provenance"]["ended_at"] is not None
+    time.sleep(1.0)
+    _, done, step = steps_of(database, cancelled["id"])
+    assert done <= cancelled["progress"]["done"] + 2 * step
+    assert client.get(address).json() == cancelled
+    assert client.post(f"{address}/cancel").json() == cancelled
+    assert [data["state"] for _, data in followed(client, address)] == ["cancelled"]
+
+
+def test_a_key_belongs_to_one_long_run(client: httpx.Client, set_id: str) -> None:
+    key = {"Idempotency-Key": "the same"}
+    resampling = RESAMPLING | {"repetitions": 10_000}
+    first = post_run(client, set_id, resampling, headers=key)
+    again = post_run(client, set_id, resampling, headers=key)
+    assert first.status_code == again.status_code == 202
+    ended = post_run(client, set_id, resampling, wait=30, headers=key)
+    assert ended.status_code == 201
+    assert first.json()["id"] == again.json()["id"] == ended.json()["id"]
+    assert ended.json()["state"] == "succeeded"
+    assert post_run(client, set_id, RESAMPLING, headers=key).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("resampling", "wait", "where"),
+    [
+        ({"size": 401}, 0, "resampling.size"),
+        ({"size": 0}, 0, "resampling.size"),
+        ({"size": 10, "repetitions": MAX_REPETITIONS + 1}, 0, "resampling.repetitions"),
+        ({"size": 10}, 61, "query.wait"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_and_nothing_is_stored(
+    client: httpx.Client, campaign: dict[str, Any], resampling: dict[str, int], wait: int, where: str
+) -> None:
+    set_id = post_campaign(client, campaign)
+    answer = post_run(client, set_id, resampling, wait=wait)
+    assert answer.status_code == 422
+    assert answer.json()["where"] == where
+    assert answer.json()["remedy"]
+    assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
+
+
+def test_a_method_that_the_readings_cannot_support_is_refused_before_it_is_queued(
+    client: httpx.Client,
+) -> None:
+    one_target = simulate_campaign(default_arm(), load="pull", targets={"P1": (0.1, 0.0, 0.1)})
+    set_id = post_campaign(client, one_target)
+    body = {"measurement_set_id": set_id, "method": "complete_pose", "resampling": {"size": 10}}
+    answer = client.post("/v1/runs?wait=0", json=body)
+    assert answer.status_code == 422
+    assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
+
+
+def test_a_run_that_is_not_there(client: httpx.Client) -> None:
+    assert client.get("/v1/runs/nothing/events").status_code == 404
+    assert client.post("/v1/runs/nothing/cancel").status_code == 404
+
+
+def test_a_run_survives_the_death_of_worker_and_service(
+    new_database: Callable[[], str], campaign: dict[str, Any], undisturbed: dict[str, Any]
+) -> None:
+    database, port = new_database(), free_port()
+    with ExitStack() as stack:
+        service = ready(stack.enter_context(serving(database, 1, port)))
+        client = stack.enter_context(connected(service))
+        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
+        before = further(client, address, 0)
+        (worker,) = workers_of(database)
+        os.kill(worker, signal.SIGKILL)
+        further(client, address, before)
+        assert workers_of(database) != [worker]
+        service.kill()
+        service.wait()
+        until(lambda: not workers_of(database))
+
+        service = ready(stack.enter_context(serving(database, 2, port)))
+        until(lambda: client.get(address).json()["state"] not in OPEN)
+        assert numbers(client.get(address).json()) == undisturbed
+        assert len(client.get("/v1/runs").json()["items"]) == 1
+        assert steps_of(database, address.rpartition("/")[2])[:2] == (1, 40_000)
+        service.terminate()
+        assert service.wait(20) == 0
+        assert not workers_of(database)
+
+
+@pytest.mark.slow
+def test_a_worker_adopts_what_another_one_left(
+    new_database: Callable[[], str], campaign: dict[str, Any], undisturbed: dict[str, Any]
+) -> None:
+    database = new_database()
+    with serving(database, 0, free_port()) as service, connected(ready(service)) as client:
+        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
+        with working(database, "first") as first:
+            further(client, address, 0)
+            first.kill()
+            first.wait()
+        with working(database, "second"):
+            until(lambda: client.get(address).json()["state"] not in OPEN, seconds=90)
+        assert numbers(client.get(address).json()) == undisturbed
+
+
+# Processes
+
+
+@contextmanager
+def serving(database: str, workers: int, port: int) -> Iterator[subprocess.Popen[str]]:
+    """A service on a port that it keeps when it is started again, and with it the names of its workers."""
+    arguments = ["serve", "--port", str(port), "--database", database, "--workers", str(workers)]
+    with started(*arguments) as process:
+        process.url = f"http://127.0.0.1:{port}"
+        yield process
+
+
+@contextmanager
+def working(database: str, name: str) -> Iterator[subprocess.Popen[str]]:
+    with started("worker", "--database", database, "--name", name) as process:
+        yield process
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of ours, which may not be ready yet."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "service", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(20)
+        process.stdout.close()
+
+
+def ready(process: subprocess.Popen[str]) -> subprocess.Popen[str]:
+    """The process, after its first words."""
+    assert process.stdout.readline()
+    return process
+
+
+def workers_of(database: str) -> list[int]:
+    """Process ids of the living workers that a service started on this database."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (folder / "cmdline").read_bytes().split(b"\0")
+            environment = (folder / "environ").read_bytes().split(b"\0")
+        except OSError:  # it has ended meanwhile, or is another user's
+            continue
+        if b"service.worker" in command and f"JOINTSTIFF_DATABASE={database}".encode() in environment:
+            found.append(int(folder.name))
+    return found
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+# Requests
+
+
+def connected(service: subprocess.Popen[str]) -> httpx.Client:
+    return httpx.Client(base_url=service.url, timeout=60.0)
+
+
+def post_campaign(client: httpx.Client, campaign: dict[str, Any]) -> str:
+    robot = client.post("/v1/robots", json=campaign["robot"]).raise_for_status().json()
+    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
+    return client.post("/v1/measurement-sets", json=readings).raise_for_status().json()["id"]
+
+
+def post_run(
+    client: httpx.Client, set_id: str, resampling: dict[str, int], *, wait: int = 0, **options: Any
+) -> httpx.Response:
+    body = {"measurement_set_id": set_id, "resampling": resampling}
+    return client.post("/v1/runs", params={"wait": wait}, json=body, **options)
+
+
+def followed(client: httpx.Client, address: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Names and data of a run's events until the stream ends."""
+    with client.stream("GET", f"{address}/events") as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        name = ""
+        for line in answer.iter_lines():
+            field, _, value = line.partition(": ")
+            if field == "event":
+                name = value
+            elif field == "data":
+                yield name, json.loads(value)
+
+
+def further(client: httpx.Client, address: str, done: int) -> int:
+    """How many draws are done, as soon as it is more than that; the run must not have ended by then."""
+    until(lambda: client.get(address).json()["progress"]["done"] > done)
+    run = client.get(address).json()
+    assert run["state"] == "running"
+    return run["progress"]["done"]
+
+
+def until(met: Callable[[], bool], seconds: float = 30.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not met():
+        assert time.monotonic() < deadline, f"not within {seconds:.0f} s"
+        time.sleep(0.03)
+
+
+def numbers(run: dict[str, Any]) -> dict[str, Any]:
+    """A run without its ids and times."""
+    provenance = {name: run["provenance"][name] for name in ("versions", "input_hash")}
+    request = run["request"] | {"measurement_set_id": None}
+    return {**run, "id": None, "request": request, "provenance": provenance}
+
+
+def steps_of(database: str, run_id: str) -> tuple[int, int, int]:
+    """How many rows a run has; how many of its draws are done; and how many make a step."""
+    runs = TABLES[RunRecord]
+    done, step = func.coalesce(func.sum(run_steps.c.done), 0), func.coalesce(func.max(run_steps.c.done), 0)
+    with closing(Database.open(database)) as opened, opened.reading() as connection:
+        rows = connection.execute(select(func.count()).where(runs.c.id == run_id)).scalar_one()
+        found = connection.execute(select(done, step).where(run_steps.c.run_id == run_id)).one()
+    return rows, *found
