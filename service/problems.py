@@ -25,7 +25,7 @@ from solver.exceptions import (
     UnsupportedMethodError,
 )
 
-__all__ = ["MAX_ITEMS", "MAX_PROBLEM_BYTES", "http_problem", "invalid_request", "problem_of", "status_of"]
+__all__ = ["MAX_ITEMS", "MAX_PROBLEM_BYTES", "http_problem", "invalid_request", "problem_of"]
 
 MAX_ITEMS: Final = 20
 """Faults listed in one answer."""
@@ -62,11 +62,6 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "float_type": "give a number, without quotes",
     }
 )
-
-
-def status_of(error: Exception) -> int:
-    """HTTP status of one of the project's errors."""
-    return _kind(error)[0]
 
 
 def problem_of(error: JointstiffError | StoreError) -> Problem:

@@ -118,27 +118,21 @@ def _off_model(robot: Robot, measurements: Measurements, targets: tuple[str, ...
     configurations = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
     arm = measurements.position - configurations.flange_translation[:, None]
     in_flange = np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
-    usable = np.flatnonzero(measured.sum(axis=0) > 1)
-    if not len(usable):
+    seen = np.flatnonzero(measured.sum(axis=0) > 1)
+    if not len(seen):
         return
-    apart = np.linalg.norm(in_flange - _median(in_flange[:, usable], usable, in_flange), axis=2)
-    apart = np.where(np.isnan(apart), 0.0, apart)
+    places = in_flange[:, seen]
+    apart = np.nan_to_num(np.linalg.norm(places - np.nanmedian(places, axis=0), axis=2))
     for i in np.flatnonzero(apart.max(axis=1) > LARGEST_MODEL_ERROR):
         t = int(apart[i].argmax())
         yield Finding(
             "target_off_model",
             int(i),
-            f"target '{targets[t]}' sits {length_text(apart[i, t])} from its median place on the flange",
+            f"target '{targets[seen[t]]}' sits {length_text(apart[i, t])} from its median place on the "
+            "flange",
             "check that positions are in R0, units.length, the angles and their order, the joint map, and "
             "the robot's model",
         )
-
-
-def _median(values: FloatArray, usable: npt.NDArray[np.intp], like: FloatArray) -> FloatArray:
-    """Median place of each usable target over the observations; NaN for the others."""
-    median = np.full(like.shape[1:], np.nan)
-    median[usable] = np.nanmedian(values, axis=0)
-    return median
 
 
 def _rare_targets(measurements: Measurements, targets: tuple[str, ...]) -> Iterator[Finding]:
