@@ -22,7 +22,7 @@ from sqlalchemy import func, select
 
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
-from benchmarks.workers import Service, numbers, post_campaign, postgresql, running
+from benchmarks.services import Service, numbers, post_campaign, postgresql, running
 from schemas.campaign import Campaign
 from service.campaigns import identify
 from service.database import Database

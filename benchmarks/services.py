@@ -1,0 +1,164 @@
+"""Services and databases that benchmarks start, kill and start again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+import httpx
+import psycopg
+
+from benchmarks.campaigns import small_campaign
+
+__all__ = ["Service", "ServiceError", "numbers", "post_campaign", "postgresql", "running"]
+
+_START_SECONDS: Final = 60.0
+
+
+class ServiceError(Exception):
+    """The service, or its database, did not do what it should."""
+
+
+class Service:
+    """A service process on a port of its own, which it keeps when it is started again."""
+
+    def __init__(self, database: str, workers: int, port: int | None = None) -> None:
+        """Start it, and wait until it answers."""
+        self.port = port or _free_port()
+        self.url = f"http://127.0.0.1:{self.port}"
+        command = [sys.executable, "-m", "service", "serve", "--port", str(self.port)]
+        command += ["--database", database, "--workers", str(workers)]
+        with tempfile.TemporaryFile() as log:
+            self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+            self._wait(lambda: _tail(log.fileno()))
+
+    def __enter__(self) -> Service:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.process.terminate()
+        self.process.wait(30)
+
+    def workers(self) -> list[int]:
+        """Process ids of its workers."""
+        tasks = Path(f"/proc/{self.process.pid}/task").glob("*/children")
+        return [int(pid) for task in tasks for pid in task.read_text().split()]
+
+    def kill_worker(self) -> None:
+        """Kill one worker with SIGKILL, as soon as there is one."""
+        while not (workers := [pid for pid in self.workers() if running(pid)]):
+            time.sleep(0.01)
+        os.kill(workers[0], signal.SIGKILL)
+
+    def kill(self, *, workers: bool = False) -> list[int]:
+        """Kill the service with SIGKILL.
+
+        Args:
+            workers: kill them with it.
+
+        Returns:
+            The workers it had.
+        """
+        pids = self.workers()
+        for pid in (self.process.pid, *(pids if workers else ())):
+            os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+        return pids
+
+    def _wait(self, log: Callable[[], str]) -> None:
+        deadline = time.monotonic() + _START_SECONDS
+        while time.monotonic() < deadline and self.process.poll() is None:
+            try:
+                httpx.get(f"{self.url}/health", timeout=5.0)
+            except httpx.TransportError:
+                time.sleep(0.02)
+            else:
+                return
+        self.process.kill()
+        raise ServiceError(f"the service did not start: {log()}")
+
+
+def post_campaign(client: httpx.Client, configurations: int) -> str:
+    """Post robot and readings; the id of the set."""
+    document = small_campaign(configurations=configurations).document
+    robot = client.post("/v1/robots", json=document["robot"]).raise_for_status().json()
+    readings = document["measurement_set"] | {"robot_id": robot["id"]}
+    stored = client.post("/v1/measurement-sets", json=readings).raise_for_status().json()
+    return str(stored["id"])
+
+
+def numbers(run: dict[str, Any]) -> dict[str, Any]:
+    """What two runs of the same input have in common: all but ids and times."""
+    request = {name: value for name, value in run["request"].items() if name != "measurement_set_id"}
+    hashed = run["provenance"]["input_hash"]
+    return {"request": request, "input_hash": hashed} | {
+        name: run[name] for name in ("state", "progress", "result", "error")
+    }
+
+
+def running(pid: int) -> bool:
+    """Whether a process runs; one that has ended and waits to be reaped does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@contextmanager
+def postgresql() -> Iterator[Callable[[], str]]:
+    """A PostgreSQL server of our own; yields what makes a fresh database and returns its URL."""
+    installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
+    found = installed[-1] if installed else shutil.which("initdb")
+    if not found:
+        raise ServiceError("no PostgreSQL server here: apt-get install postgresql")
+    folder = Path(tempfile.mkdtemp(prefix="jointstiff-benchmark-pg-"))
+    try:
+        if os.geteuid() == 0:  # the server refuses to run as root
+            shutil.chown(folder, "postgres", "postgres")
+        _control(Path(found), folder, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C")
+        control, options = Path(found).with_name("pg_ctl"), f"-k {folder} -c listen_addresses=''"
+        _control(control, folder, "start", "-w", "-o", options)
+        try:
+            yield lambda: _new_database(folder)
+        finally:
+            _control(control, folder, "stop", "-w", "-m", "immediate")
+    finally:
+        shutil.rmtree(folder)
+
+
+def _control(program: Path, folder: Path, *arguments: str) -> None:
+    command = [str(program), "-D", str(folder / "data"), *arguments]
+    if os.geteuid() == 0:
+        command = ["setpriv", "--reuid=postgres", "--regid=postgres", "--init-groups", *command]
+    with (folder / "log").open("a") as log:  # a file: the server would hold a pipe open
+        subprocess.run(command, cwd=folder, stdout=log, stderr=log, check=True, timeout=60)
+
+
+def _new_database(folder: Path) -> str:
+    name = f"benchmark_{time.monotonic_ns()}"
+    with psycopg.connect(f"postgresql://postgres@/postgres?host={folder}", autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name}".encode())
+    return f"postgresql://postgres@/{name}?host={folder}"
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
+def _tail(descriptor: int) -> str:
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return os.read(descriptor, 10_000).decode(errors="replace")
