@@ -57,9 +57,13 @@ class StageBlocks:
 
     def total(self, weights: FloatArray) -> FloatArray:
         """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
-        total: FloatArray = np.zeros((len(weights), *self.gram.shape[1:]))
-        for weight, gram in zip(weights.T, self.gram, strict=True):
-            total += weight[:, None, None] * gram
+        upper = np.triu_indices(self.gram.shape[1])
+        sums: FloatArray = np.zeros((len(upper[0]), len(weights)))
+        for weight, gram in zip(np.ascontiguousarray(weights.T), self.gram[:, *upper], strict=True):
+            sums += gram[:, None] * weight
+        total: FloatArray = np.empty((len(weights), *self.gram.shape[1:]))
+        total[:, *upper] = sums.T
+        total[:, upper[1], upper[0]] = sums.T
         return total
 
 

@@ -35,6 +35,9 @@ _TILE = 1024
 """Repetitions fitted at a time."""
 _TILE_WEIGHTS = 2**22
 """Most weights at a time, 32 MB, however many configurations there are."""
+_CACHED_NUMBERS = 2**16
+"""Random numbers at a time, 512 kB: they stay in a processor's own cache, so that workers do not wait for
+each other's memory."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,16 @@ class ResamplingPlan:
             )
         # One number of the generator makes one of the table, so a row is reached without those above.
         generator = np.random.Generator(np.random.PCG64(self.seed).advance(start * configurations))
-        table = generator.random((stop - start, configurations))
-        if self.replacement:
-            return (table[:, : self.size] * configurations).astype(np.intp)
-        return np.argsort(table, axis=1, kind="stable")[:, : self.size]
+        drawn = np.empty((stop - start, self.size), dtype=np.intp)
+        rows = max(1, _CACHED_NUMBERS // configurations)
+        for first in range(0, len(drawn), rows):
+            part = drawn[first : first + rows]
+            table = generator.random((len(part), configurations))
+            if self.replacement:
+                part[:] = table[:, : self.size] * configurations
+            else:
+                part[:] = np.argpartition(table, self.size - 1, axis=1)[:, : self.size]
+        return drawn
 
 
 @dataclass(frozen=True, eq=False)
