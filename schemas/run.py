@@ -14,21 +14,29 @@ from schemas.resampling import Resampling, ResamplingResult
 from schemas.robot import MAX_JOINTS
 
 __all__ = [
+    "Advice",
     "Certificate",
+    "ComplementaryStiffness",
     "Goodness",
     "Identifiability",
     "JointResult",
     "Method",
+    "ObservabilityIndices",
+    "OneSidedBounds",
     "Progress",
     "Provenance",
     "Residual",
+    "RobustLoss",
     "Run",
     "RunOptions",
     "RunRequest",
     "RunResult",
     "RunState",
     "RunSummary",
+    "SigmaTest",
     "StageIdentifiability",
+    "StiffnessPrior",
+    "SuspiciousReading",
     "Weighting",
 ]
 
@@ -42,6 +50,24 @@ _LENGTH: JsonDict = {"unit": "m"}
 
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
+
+
+class StiffnessPrior(Message):
+    """What is known of a joint before anything is measured."""
+
+    stiffness: PositiveStiffness = Field(json_schema_extra=_STIFFNESS)
+    standard_uncertainty: PositiveStiffness = Field(
+        description="Of the stiffness; at most half of it, as the prior is Gaussian in compliance.",
+        json_schema_extra=_STIFFNESS,
+    )
+
+    @field_validator("standard_uncertainty", mode="after")
+    @classmethod
+    def _at_most_half(cls, uncertainty: float, info: ValidationInfo) -> float:
+        stiffness = info.data.get("stiffness")
+        if stiffness is not None and uncertainty > stiffness / 2:
+            raise ValueError("must be at most half of the stiffness; leave the prior out if less is known")
+        return uncertainty
 
 
 class RunOptions(Message):
@@ -74,7 +100,33 @@ class RunOptions(Message):
         examples=[{"joint_2": [1e6, None]}],
         json_schema_extra=_STIFFNESS,
     )
-    loss: Literal["squared"] = Field(default="squared", description="Loss of a whitened residual.")
+    loss: Literal["squared", "huber"] = Field(
+        default="squared",
+        description="Of the norm of each target's whitened residual. `huber` grows linearly beyond a "
+        "threshold, so that a target that was bumped cannot spoil the fit.",
+    )
+    huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
+        default=None,
+        description="For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if "
+        "absent, which 95 % of good readings stay below. Dimensionless.",
+    )
+    complementary_stiffness: Literal["neglected", "included"] = Field(
+        default="neglected",
+        description="Whether the change of the load's torques with the deflection is part of the model "
+        "(Chen & Kao's conservative congruence transformation); the paper neglects it.",
+    )
+    priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=dict,
+        description="What is known of a joint beforehand, from its data sheet say, by the joint's name.",
+        examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
+    )
+    stiffness_order: Annotated[
+        list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
+    ] = Field(
+        default_factory=list,
+        description="Chains of joints, each at least as stiff as the next; they are positive in any case.",
+        examples=[[["joint_2", "joint_4"]]],
+    )
     elasticity: Literal["joints"] = Field(default="joints", description="What bends.")
     resampling: Resampling | None = Field(
         default=None,
@@ -92,6 +144,13 @@ class RunOptions(Message):
             raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
         return length
 
+    @field_validator("huber_threshold", mode="after")
+    @classmethod
+    def _goes_with_its_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
+        if threshold is not None and info.data.get("loss") != "huber":
+            raise ValueError("goes with loss `huber` only")
+        return threshold
+
     @field_validator("stiffness_bounds", mode="after")
     @classmethod
     def _least_below_greatest(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
@@ -105,6 +164,21 @@ class RunRequest(RunOptions):
     """A run as it is posted."""
 
     measurement_set_id: Identifier
+
+
+class OneSidedBounds(Message):
+    """Each holds by itself at the run's confidence; both together hold at less."""
+
+    compliance_at_least: float = Field(json_schema_extra=_COMPLIANCE)
+    compliance_at_most: float = Field(json_schema_extra=_COMPLIANCE)
+    stiffness_at_least: float | None = Field(
+        description="Stiffer than this; null where the compliance may be negative.",
+        json_schema_extra=_STIFFNESS,
+    )
+    stiffness_at_most: float | None = Field(
+        description="Null: no upper limit, the readings cannot tell the joint from rigid.",
+        json_schema_extra=_STIFFNESS,
+    )
 
 
 class JointResult(Message):
@@ -122,13 +196,18 @@ class JointResult(Message):
         json_schema_extra=_COMPLIANCE,
     )
     compliance_interval: tuple[float, float] | None = Field(
-        description="Coverage interval from the covariance, cut at the constraints; null for a "
-        "joint at its bound.",
+        description="Profile-likelihood interval under the constraints, at the run's confidence.",
         json_schema_extra=_COMPLIANCE,
     )
     stiffness_interval: tuple[float, float | None] | None = Field(
         description="The same in stiffness; an upper end of null means: no upper limit.",
         json_schema_extra=_STIFFNESS,
+    )
+    one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
+    prior_to_data: float | None = Field(
+        default=None,
+        description="Information of the prior over that of the readings on this compliance, the others "
+        "unknown; above 1 the prior speaks, not the readings. Null without a prior. Dimensionless.",
     )
     reason: str | None = Field(description="Why there is no number, or why the joint is at a bound.")
 
@@ -144,6 +223,41 @@ class StageIdentifiability(Message):
     singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
 
 
+class ObservabilityIndices(Message):
+    """The field's indices of how well a set of postures shows the parameters (Sun & Hollerbach 2008).
+
+    Of the singular values s of the regressor with each column divided by what the joint could have moved
+    the targets at its full lever, over all readings: no unit, no frame, and sets compare. Larger is better.
+    """
+
+    o1: float = Field(description="Geometric mean of s (Borm & Menq 1991). Dimensionless.")
+    o2: float = Field(description="Least over greatest s (Driels & Pathre 1990). Dimensionless.")
+    o3: float = Field(description="Least s (Nahvi & Hollerbach 1994). Dimensionless.")
+    o4: float = Field(
+        description="Least s squared over the greatest (Nahvi & Hollerbach 1996). Dimensionless."
+    )
+    o5: float = Field(description="1 / sum of 1/s (Sun & Hollerbach 2008). Dimensionless.")
+
+
+class Advice(Message):
+    """A measurement that would tell more of a joint."""
+
+    joint: Name
+    message: str = Field(description="In words: which posture, which load, and what it would bring.")
+    joints: list[float] = Field(
+        description="Angles as the controller shows them.", json_schema_extra={"unit": "rad"}
+    )
+    observation: Name | None = Field(description="The observation that has this posture, if one has.")
+    force: tuple[float, float, float] = Field(
+        description="On the robot, axes of R0, as strong as the strongest of the set.",
+        json_schema_extra={"unit": "N"},
+    )
+    uncertainty_ratio: float | None = Field(
+        description="Standard uncertainty of the compliance after one such reading over that before; null "
+        "where the joint is not observable so far. Dimensionless."
+    )
+
+
 class Identifiability(Message):
     """What the readings can determine."""
 
@@ -154,6 +268,12 @@ class Identifiability(Message):
     )
     combinations: list[list[Name]] = Field(
         description="Groups of joints whose compliances show in the readings only together."
+    )
+    observability: ObservabilityIndices | None = Field(
+        default=None, description="Over the joints that the readings see; null where the rank is not full."
+    )
+    advice: list[Advice] = Field(
+        default_factory=list, description="What to measure next, for the joints that need it most."
     )
     stages: list[StageIdentifiability] = Field(
         description="One a stage of the method: two for the decoupled one, arm then wrist."
@@ -183,6 +303,49 @@ class Goodness(Message):
     sigma_source: Literal["given", "residuals"] = Field(
         description="Whether sigma was stated with the set or estimated from these residuals."
     )
+    test: SigmaTest | None = Field(
+        default=None, description="Of a sigma that was stated; null without residual degrees of freedom."
+    )
+
+
+class SigmaTest(Message):
+    """Chi-square test of the sigma that was stated, against the residuals (two-sided)."""
+
+    p_value: float = Field(description="Probability of residuals as unlikely, if model and sigma are right.")
+    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"] = Field(
+        description="At a level of 1 %."
+    )
+
+
+class ComplementaryStiffness(Message):
+    """How much the change of the load's torques with the deflection matters."""
+
+    included: bool
+    iterations: int = Field(
+        description="Fits until the deflected configurations stood still; 0 if neglected."
+    )
+    largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
+    largest_shift: float | None = Field(
+        description="Largest change of a compliance between neglecting and including it, in units of its "
+        "standard uncertainty; null where that is unknown. Dimensionless."
+    )
+
+
+class SuspiciousReading(Message):
+    """A reading that the robust loss gives less weight."""
+
+    observation: Name
+    target: Name
+    weight: float = Field(description="1 for a good reading. Dimensionless.")
+    residual_norm: float = Field(description="Of the whitened residual: in units of sigma. Dimensionless.")
+
+
+class RobustLoss(Message):
+    """What the Huber loss made of the readings."""
+
+    threshold: float = Field(description="In units of sigma. Dimensionless.")
+    suspicious: list[SuspiciousReading] = Field(description="Worst first, at most 100.")
+    suspicious_count: int
 
 
 class Residual(Message):
@@ -220,6 +383,10 @@ class RunResult(Message):
         description="The length that was used, if the weighting needs one.",
         json_schema_extra=_LENGTH,
     )
+    complementary_stiffness: ComplementaryStiffness | None = Field(
+        default=None, description="Null only in runs of earlier versions."
+    )
+    robust: RobustLoss | None = Field(default=None, description="If the loss is `huber`.")
     resampling: ResamplingResult | None = Field(default=None, description="If the run asked for it.")
     residuals: list[Residual]
     warnings: list[QualityWarning] = Field(

@@ -17,6 +17,7 @@ from solver.methods import (
     PartialPose,
 )
 from solver.pose import refuse_unless_posed
+from solver.prior import Prior
 from solver.problem import Bounds
 from solver.regressor import regressor_blocks
 from solver.robot import Robot
@@ -26,6 +27,7 @@ __all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported"]
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
+Loss = Literal["squared", "huber"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,11 @@ class Settings:
         characteristic_length: [m]; None for the length of least condition number.
         bounds: on the compliances.
         confidence: level of the intervals, between 0 and 1.
+        order: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j.
+        prior: what is known of the compliances beforehand; with weighting by covariance only.
+        loss: of the norm of each target's whitened residual.
+        huber_threshold: for the loss `huber`, in units of sigma.
+        complementary_stiffness: whether K_c is part of the model (METHOD.md §2).
     """
 
     method: Method
@@ -45,6 +52,11 @@ class Settings:
     bounds: Bounds
     characteristic_length: float | None = None
     confidence: float = 0.95
+    order: tuple[tuple[int, int], ...] = ()
+    prior: Prior | None = None
+    loss: Loss = "squared"
+    huber_threshold: float = 2.8
+    complementary_stiffness: bool = False
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:

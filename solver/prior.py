@@ -1,0 +1,47 @@
+"""What is known of the compliances before anything is measured: a data sheet's value with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.exceptions import RequestError
+
+__all__ = ["Prior"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent Gaussian priors of the compliances (METHOD.md §5).
+
+    Attributes:
+        mean: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known.
+        standard_uncertainty: (n,) s₀ [rad/(N·m)], positive; inf for the same joints.
+
+    Raises:
+        RequestError: if a known joint's uncertainty is not positive and finite.
+    """
+
+    mean: FloatArray
+    standard_uncertainty: FloatArray
+
+    def __post_init__(self) -> None:
+        known = self.known
+        if (
+            not (self.standard_uncertainty[known] > 0).all()
+            or not np.isfinite(self.standard_uncertainty[known]).all()
+        ):
+            raise RequestError(
+                "a prior's standard uncertainty is not positive",
+                where="priors",
+                remedy="give a positive stiffness and its standard uncertainty",
+            )
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """(n,) joints of which something is known."""
+        return np.isfinite(self.mean)
