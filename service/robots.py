@@ -65,6 +65,17 @@ class Robots:
         """
         return self._stored(robot_id)
 
+    def find(self, robot_id: str | None, document: messages.RobotDocument | None) -> Robot:
+        """A stored robot, or one that is described and stays unstored.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            RobotError: the description cannot be used.
+        """
+        if document is not None:
+            return _vetted(document)[1]
+        return self.load(robot_id or "")[0]
+
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.get(RobotRecord, robot_id)
         stored = messages.Robot.model_validate_json(record.document)

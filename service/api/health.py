@@ -19,9 +19,9 @@ def get_health(parts: PartsOf) -> Health:
     return Health(status="ok", version=JOINTSTIFF_VERSION, database=parts.store.ping())
 
 
-@router.get("/", include_in_schema=False)
+@router.get("/v1", include_in_schema=False)
 def get_index() -> dict[str, str]:
-    """Where to go from here, for people who open the address in a browser."""
+    """Where to go from here; the page for people is at /."""
     return {
         "name": "Jointstiff",
         "version": JOINTSTIFF_VERSION,

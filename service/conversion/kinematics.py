@@ -1,0 +1,43 @@
+"""Kinematics: from configurations to the places of joints and flange."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from schemas.kinematics import Kinematics, Posture
+from solver.exceptions import RequestError
+from solver.robot import Robot
+from solver.skeleton import Skeleton
+
+__all__ = ["to_kinematics"]
+
+
+def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
+    """The robot in some configurations, or in that of all zeros.
+
+    Raises:
+        RequestError: a configuration that does not have as many angles as the robot has joints.
+    """
+    for number, angles in enumerate(joints):
+        if len(angles) != robot.n:
+            raise RequestError(
+                f"{len(angles)} joint angles for a robot with {robot.n} joints",
+                where=f"joints[{number}]",
+                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            )
+    angles = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
+    skeleton = Skeleton(robot, robot.joint_map.model_angles(angles))
+    postures = zip(
+        skeleton.origin.tolist(),
+        skeleton.axis.tolist(),
+        skeleton.flange_translation.tolist(),
+        skeleton.flange_rotation.transpose(0, 2, 1).tolist(),
+        strict=True,
+    )
+    return Kinematics(
+        joints=list(robot.joint_names),
+        postures=[
+            Posture(joint_origins=origins, joint_axes=axes, flange_origin=origin, flange_axes=flange)
+            for origins, axes, origin, flange in postures
+        ],
+    )
