@@ -14,4 +14,9 @@ Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,00
 times 10 of 19), `post` (a run over HTTP), `exactness` (against exact rational arithmetic). By name only:
 `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability` (kill -9 of workers
 and services; twenty minutes); they start PostgreSQL servers of their own.
+
+Studies, which prove numbers instead of comparing times, by name only as well: `coverage` (how often intervals
+hold the truth; some minutes), `efficiency` (beside the Cramér-Rao bound), `robustness` (gross errors),
+`fanuc` (ten of thirty real configurations), `replication` (the paper's study on a simulated arm; see
+docs/replication.md) and `invariance` (why no characteristic length; see docs/no-characteristic-length.md).
 """

@@ -16,7 +16,22 @@ from typing import Any
 from rich.console import Console
 
 import benchmarks
-from benchmarks import durability, exactness, large, memory, post, resampling, small, workers
+from benchmarks import (
+    coverage,
+    durability,
+    efficiency,
+    exactness,
+    fanuc,
+    invariance,
+    large,
+    memory,
+    post,
+    replication,
+    resampling,
+    robustness,
+    small,
+    workers,
+)
 from benchmarks.report import Section, print_figures, print_section
 
 RUNNERS: dict[str, Callable[..., list[Section]]] = {
@@ -29,9 +44,17 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "exactness": exactness.run,
     "workers": workers.run,
     "durability": durability.run,
+    "coverage": coverage.run,
+    "efficiency": efficiency.run,
+    "robustness": robustness.run,
+    "fanuc": fanuc.run,
+    "replication": replication.run,
+    "invariance": invariance.run,
 }
-BY_NAME = frozenset({"workers", "durability"})
-"""They take long, and run only when they are asked for."""
+STUDIES = frozenset({"coverage", "efficiency", "robustness", "fanuc", "replication", "invariance"})
+"""They prove numbers and compare no times."""
+BY_NAME = frozenset({"workers", "durability"}) | STUDIES
+"""They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal
 
@@ -66,7 +89,7 @@ def _arguments() -> argparse.Namespace:
         "benchmarks",
         nargs="*",
         metavar="BENCHMARK",
-        help=f"{', '.join(RUNNERS)}; all but {' and '.join(sorted(BY_NAME))} if none",
+        help=f"{', '.join(RUNNERS)}; all but {', '.join(sorted(BY_NAME))} if none",
     )
     parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")

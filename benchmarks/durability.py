@@ -27,7 +27,7 @@ from schemas.campaign import Campaign
 from service.campaigns import identify
 from service.database import Database
 from service.records import MeasurementSetRecord, RunRecord
-from service.tables import TABLES, idempotency_keys, run_steps
+from service.tables import TABLES, idempotency_keys, job_steps
 
 __all__ = ["run"]
 
@@ -152,7 +152,7 @@ def _count(database: str, outcome: Outcome) -> None:
     runs = TABLES[RunRecord]
     with closing(Database.open(database)) as opened, opened.reading() as connection:
         outcome.rows = connection.execute(select(func.count()).select_from(runs)).scalar_one()
-        steps = connection.execute(select(func.count(), func.sum(run_steps.c.done))).one()
+        steps = connection.execute(select(func.count(), func.sum(job_steps.c.done))).one()
     outcome.steps, outcome.done = int(steps[0]), int(steps[1])
 
 

@@ -155,7 +155,7 @@ def _cancelling(database: str, *, quick: bool) -> Section:
 def _settled(database: str, run_id: str) -> tuple[int, int]:
     """Draws of a step, and draws done when nothing can come any more."""
     time.sleep(3.0)
-    query = "SELECT coalesce(max(done), 1), coalesce(sum(done), 0) FROM run_steps WHERE run_id = %s"
+    query = "SELECT coalesce(max(done), 1), coalesce(sum(done), 0) FROM job_steps WHERE job_id = %s"
     with psycopg.connect(database, autocommit=True) as connection:
         step, done = connection.execute(query, [run_id]).fetchall()[0]
     return int(step), int(done)

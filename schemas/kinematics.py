@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from pydantic import Field, model_validator
+from pydantic.config import JsonDict
 
 from schemas.base import Identifier, Message, Name, Quantity
 from schemas.robot import MAX_JOINTS, RobotDocument
@@ -13,8 +14,8 @@ __all__ = ["Kinematics", "KinematicsRequest", "Posture"]
 
 MAX_POSTURES = 1_000
 
-_LENGTH = {"unit": "m"}
-_DIRECTION = {"unit": "1"}
+_LENGTH: JsonDict = {"unit": "m"}
+_DIRECTION: JsonDict = {"unit": "1"}
 
 Point = tuple[float, float, float]
 

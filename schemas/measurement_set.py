@@ -7,11 +7,13 @@ from typing import Annotated, Literal
 from pydantic import FailFast, Field, model_validator
 
 from schemas.base import Identifier, Message, Name, Quantity, Timestamp, Vector3
+from schemas.noise import Matrix3, Noise, Sigma, refuse_two_kinds
 from schemas.robot import MAX_JOINTS
 
 __all__ = [
     "MAX_OBSERVATIONS",
     "MAX_TARGETS",
+    "EncoderReading",
     "MeasurementSet",
     "MeasurementSetDocument",
     "MeasurementSetHeader",
@@ -21,6 +23,7 @@ __all__ = [
     "Observation",
     "QualityWarning",
     "Reading",
+    "Severity",
     "StoredMeasurementSet",
     "Units",
 ]
@@ -38,22 +41,12 @@ class Units(Message):
     """Units of every number in the set. Mandatory: kg instead of N cannot be found out later."""
 
     length: LengthUnit = Field(description="Of positions, deflections, load points and sigma.")
-    angle: AngleUnit = Field(description="Of joint angles.")
+    angle: AngleUnit = Field(description="Of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(description="Of forces; 1 kgf = 9.80665 N.")
     moment: MomentUnit | None = Field(
         default=None,
         description="Of moments. May be absent where no moment is given, or where lengths are in "
         "m: then it is the unit of force times m.",
-    )
-
-
-class Noise(Message):
-    """What one tracker reading is worth."""
-
-    sigma: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] = Field(
-        description="Standard uncertainty of one coordinate of one position reading, in the set's "
-        "unit of length. A deflection, being a difference of two, has √2 times that.",
-        examples=[2e-5],
     )
 
 
@@ -70,6 +63,22 @@ class Reading(Message):
         description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's place "
         "in `flange_targets`.",
     )
+    sigma: Sigma | None = Field(
+        default=None,
+        description="Standard uncertainty of one coordinate of either position of this reading, in "
+        "units.length. Where one reading states its own noise all do, and `noise` states none of the tracker.",
+    )
+    unloaded_covariance: Matrix3 | None = Field(
+        default=None,
+        description="In place of `sigma`: covariance of the position before the load, axes of R0, in "
+        "units.length squared. A deflection is a difference of two positions, and states both covariances, too.",
+    )
+    loaded_covariance: Matrix3 | None = Field(default=None, description="The same under load.")
+
+    @model_validator(mode="after")
+    def _one_kind_of_noise(self) -> Reading:
+        refuse_two_kinds(self.sigma, self.unloaded_covariance, self.loaded_covariance)
+        return self
 
     @model_validator(mode="after")
     def _either_positions_or_deflection(self) -> Reading:
@@ -78,6 +87,23 @@ class Reading(Message):
         if not (both if self.deflection is None else neither):
             raise ValueError("give either `unloaded` and `loaded`, or `deflection` alone")
         return self
+
+
+class EncoderReading(Message):
+    """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
+
+    The motor's encoder closes the loop meanwhile, so the difference is how far the joint itself bent.
+    """
+
+    joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
+    unloaded: Quantity = Field(
+        description="Angle before the load, in units.angle, counted as the robot's model counts the joint: "
+        "with the sign of its axis, after the joint map. A constant offset does not matter."
+    )
+    loaded: Quantity = Field(description="The same under load, in units.angle.")
+
+
+_EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_length=MAX_JOINTS)]
 
 
 class Observation(Message):
@@ -99,6 +125,11 @@ class Observation(Message):
     readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
         description="What was read of each target, at most once a target."
     )
+    encoder_readings: _EncoderReadings | None = Field(
+        default=None,
+        description="What secondary encoders read, at most once a joint. Not where they close the loop, as "
+        "they show no deflection then.",
+    )
 
 
 class MeasurementSetHeader(Message):
@@ -110,7 +141,10 @@ class MeasurementSetHeader(Message):
         description="Which encoders close the position loop: those of the motors, or secondary "
         "encoders behind the gearboxes."
     )
-    noise: Noise | None = Field(default=None, description="If absent, sigma is estimated from the residuals.")
+    noise: Noise | None = Field(
+        default=None,
+        description="If absent, and no reading states its own, sigma is estimated from the residuals.",
+    )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
         description="Targets in the flange frame, in units.length; needed for deflections.",
@@ -135,11 +169,28 @@ class MeasurementSetRequest(MeasurementSetDocument):
     robot_id: Identifier = Field(description="The robot that was measured.")
 
 
+Severity = Literal["error", "warning", "note"]
+
 WarningCode = Literal[
     "targets_not_rigid",
+    "target_moved",
+    "targets_swapped",
     "target_off_model",
+    "observations_out_of_order",
+    "duplicated_observation",
+    "joint_sign_suspect",
+    "joints_swapped",
+    "length_unit_suspect",
+    "force_unit_suspect",
+    "force_sign_suspect",
+    "drift_in_time",
+    "repeated_readings",
+    "residual_outlier",
+    "deflections_unexplained",
     "target_name_suspect",
     "deflection_against_force",
+    "encoder_against_torque",
+    "encoder_deflection_implausibly_large",
     "joint_outside_limits",
     "angle_unit_suspect",
     "deflection_implausibly_large",
@@ -148,8 +199,13 @@ WarningCode = Literal[
     "sigma_suspect",
     "zero_load",
     "residuals_exceed_sigma",
+    "sigma_overstated",
+    "prior_dominates",
     "low_compensation",
+    "configurations_differ",
+    "robot_models_differ",
     "stiffness_implausible",
+    "complementary_stiffness_matters",
 ]
 
 
@@ -157,6 +213,11 @@ class QualityWarning(Message):
     """Something suspicious but not impossible, in a set or in a fit. Shown on every run."""
 
     code: WarningCode = Field(description="Kind of the suspicion.")
+    severity: Severity = Field(
+        default="warning",
+        description="`error`: almost certainly a mistake, mend it before trusting any number; `warning`: look "
+        "into it; `note`: good to know. Nothing is refused or changed for any of them.",
+    )
     where: str | None = Field(description="Which observation or reading; null for the whole set.")
     message: str = Field(description="What was seen, with its figure and unit.")
     remedy: str = Field(description="What to check.")

@@ -9,7 +9,7 @@ from pydantic import Field
 from schemas.base import MAX_NAME_LENGTH, Message
 from schemas.run import Method, RunState, Weighting
 
-__all__ = ["MAX_PAGE", "PageQuery", "RobotQuery", "RunQuery", "SetQuery"]
+__all__ = ["MAX_PAGE", "ComparisonQuery", "PageQuery", "PairQuery", "RobotQuery", "RunQuery", "SetQuery"]
 
 MAX_PAGE = 100
 
@@ -52,4 +52,21 @@ class RunQuery(PageQuery):
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
     method: Method | None = Field(default=None, description="Only those by this method.")
     weighting: Weighting | None = Field(default=None, description="Only those with these weights.")
+    state: RunState | None = Field(default=None, description="Only those in this state.")
+
+
+class ComparisonQuery(PageQuery):
+    """Which comparisons."""
+
+    measurement_set_id: Reference | None = Field(default=None, description="Only those of this set.")
+    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
+    state: RunState | None = Field(default=None, description="Only those in this state.")
+
+
+class PairQuery(PageQuery):
+    """Which pairs."""
+
+    first_set_id: Reference | None = Field(default=None, description="Only those with this first set.")
+    second_set_id: Reference | None = Field(default=None, description="Only those with this second set.")
+    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
     state: RunState | None = Field(default=None, description="Only those in this state.")

@@ -17,6 +17,7 @@ __all__ = [
     "Advice",
     "Certificate",
     "ComplementaryStiffness",
+    "EncoderResidual",
     "Goodness",
     "Identifiability",
     "JointResult",
@@ -47,6 +48,7 @@ RunState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 _COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
 _STIFFNESS: JsonDict = {"unit": "N.m/rad"}
 _LENGTH: JsonDict = {"unit": "m"}
+_ANGLE: JsonDict = {"unit": "rad"}
 
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
@@ -226,13 +228,15 @@ class StageIdentifiability(Message):
 class ObservabilityIndices(Message):
     """The field's indices of how well a set of postures shows the parameters (Sun & Hollerbach 2008).
 
-    Of the singular values s of the regressor with each column divided by what the joint could have moved
-    the targets at its full lever, over all readings: no unit, no frame, and sets compare. Larger is better.
+    Of the singular values s of the regressor with each column divided by what it would have been had the
+    force pulled across the joint's lever and the moment turned about its axis, in every observation: no
+    unit, no frame, and sets of any size compare. They concern the readings of all targets, whatever the
+    method made of them. Larger is better; none exceeds 1.
     """
 
     o1: float = Field(description="Geometric mean of s (Borm & Menq 1991). Dimensionless.")
     o2: float = Field(description="Least over greatest s (Driels & Pathre 1990). Dimensionless.")
-    o3: float = Field(description="Least s (Nahvi & Hollerbach 1994). Dimensionless.")
+    o3: float = Field(description="Least s (Nahvi, Hollerbach & Hayward 1994). Dimensionless.")
     o4: float = Field(
         description="Least s squared over the greatest (Nahvi & Hollerbach 1996). Dimensionless."
     )
@@ -249,12 +253,19 @@ class Advice(Message):
     )
     observation: Name | None = Field(description="The observation that has this posture, if one has.")
     force: tuple[float, float, float] = Field(
-        description="On the robot, axes of R0, as strong as the strongest of the set.",
+        description="On the robot, axes of R0, as strong as the strongest of the set; at the load point of "
+        "that observation, for a new posture at that of the strongest force.",
         json_schema_extra={"unit": "N"},
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading over that before; null "
-        "where the joint is not observable so far. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets over that "
+        "before, as the partial pose has them, without constraints and priors; null where the readings so "
+        "far do not determine the compliance. Dimensionless."
+    )
+    standard_uncertainty: float | None = Field(
+        default=None,
+        description="Of the compliance after that reading; null where sigma is unknown.",
+        json_schema_extra=_COMPLIANCE,
     )
 
 
@@ -273,14 +284,22 @@ class Identifiability(Message):
         default=None, description="Over the joints that the readings see; null where the rank is not full."
     )
     advice: list[Advice] = Field(
-        default_factory=list, description="What to measure next, for the joints that need it most."
+        default_factory=list,
+        description="What to measure next, for at most three joints: those without a number, at zero "
+        "compliance, or with a standard uncertainty above a tenth of it. At most two pieces a joint, the "
+        "better first: another load in a posture of the set, and a new posture.",
+    )
+    weakest: list[str] = Field(
+        default_factory=list,
+        description="In words, for each stage with a condition number above 100: which joints the readings "
+        "hardly tell apart, and in which proportion.",
     )
     stages: list[StageIdentifiability] = Field(
         description="One a stage of the method: two for the decoupled one, arm then wrist."
     )
 
 
-SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set"]
+SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
 
 
 class Certificate(Message):
@@ -290,15 +309,20 @@ class Certificate(Message):
     dual: float = Field(description="Greatest gradient of the wrong sign.")
     complementarity: float = Field(description="Greatest min(slack, multiplier).")
     solved_by: list[SupportFinder] = Field(
-        description="What found the joints at their bounds, for each stage of the method: least squares "
-        "(none), principal pivoting, Clarabel, or the exact active-set method."
+        description="What found the joints at their bounds, for the robust loss if there is one, then for "
+        "each stage of the method: least squares "
+        "(none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the "
+        "joints, the least-distance problem."
     )
 
 
 class Goodness(Message):
     """Chi-square of the readings' residuals under sigma."""
 
-    chi_square: float = Field(description="Sum of squared whitened residuals. Dimensionless.")
+    chi_square: float = Field(
+        description="Sum of squared whitened residuals; with the robust loss each is cut at the threshold, "
+        "and the sum scaled to the same expectation. Dimensionless."
+    )
     degrees_of_freedom: float
     sigma_source: Literal["given", "residuals"] = Field(
         description="Whether sigma was stated with the set or estimated from these residuals."
@@ -332,7 +356,7 @@ class ComplementaryStiffness(Message):
 
 
 class SuspiciousReading(Message):
-    """A reading that the robust loss gives less weight."""
+    """A reading that the robust loss gives less weight, and that one good reading in a thousand resembles."""
 
     observation: Name
     target: Name
@@ -358,6 +382,16 @@ class Residual(Message):
     residual: tuple[float, float, float] = Field(
         description="Measured minus predicted, axes of R0.", json_schema_extra=_LENGTH
     )
+
+
+class EncoderResidual(Message):
+    """One secondary encoder in one observation."""
+
+    observation: Name
+    joint: Name
+    deflection: float = Field(description="Loaded minus unloaded.", json_schema_extra=_ANGLE)
+    predicted: float = Field(json_schema_extra=_ANGLE)
+    residual: float = Field(description="Measured minus predicted.", json_schema_extra=_ANGLE)
 
 
 class RunResult(Message):
@@ -389,6 +423,9 @@ class RunResult(Message):
     robust: RobustLoss | None = Field(default=None, description="If the loss is `huber`.")
     resampling: ResamplingResult | None = Field(default=None, description="If the run asked for it.")
     residuals: list[Residual]
+    encoder_residuals: list[EncoderResidual] = Field(
+        default_factory=list, description="If secondary encoders were read."
+    )
     warnings: list[QualityWarning] = Field(
         description="What was noticed when the set was stored, then what the fit itself raises."
     )

@@ -11,15 +11,20 @@ import anyio.to_thread
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
+from schemas.comparison import ComparisonRequest
+from schemas.kinematics import KinematicsRequest
 from schemas.measurement_set import MeasurementSetRequest
+from schemas.pair import PairRequest
 from schemas.problem import Problem
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
-from service.api import health, measurement_sets, robots, runs
+from service.api import comparisons, health, kinematics, measurement_sets, pairs, robots, runs
 from service.api.bodies import LARGE_BODIES
 from service.api.errors import install_error_handlers
-from service.api.parts import Parts
-from service.runs import Announce
+from service.api.progress import Watches
+from service.jobs import Announce
+from service.page import install_page
+from service.parts import Parts
 from service.store import Store
 from service.versions import JOINTSTIFF_VERSION
 
@@ -60,9 +65,11 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
         lifespan=_lifespan,
     )
     app.state.parts = Parts.of(store, announce)
+    app.state.watches = Watches()
     app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
-    for module in (robots, measurement_sets, runs, health):
+    for module in (robots, kinematics, measurement_sets, runs, comparisons, pairs, health):
         app.include_router(module.router)
+    install_page(app)
     install_error_handlers(app)
     _describe_bodies(app)
     return app
@@ -77,7 +84,10 @@ async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
 def _describe_bodies(app: FastAPI) -> None:
     """Add the schemas of the bodies, which FastAPI does not see as it does not parse them."""
     _, definitions = models_json_schema(
-        [(message, "validation") for message in (RobotDocument, MeasurementSetRequest, RunRequest, Problem)],
+        [
+            (message, "validation")
+            for message in (RobotDocument, KinematicsRequest, MeasurementSetRequest, RunRequest, ComparisonRequest, PairRequest, Problem)
+        ],
         ref_template="#/components/schemas/{model}",
     )
     generate = app.openapi

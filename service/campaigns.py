@@ -3,37 +3,24 @@
 from __future__ import annotations
 
 from codecs import BOM_UTF8
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import product
 from pathlib import Path
-from types import MappingProxyType
-from typing import Final, get_args
 
 from schemas.campaign import Campaign
+from schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
 from schemas.measurement_set import MeasurementSetRequest
+from schemas.pair import Pair, PairOptions, PairRequest, PairSide
 from schemas.problem import Problem
-from schemas.run import Method, Run, RunOptions, RunRequest, Weighting
+from schemas.run import Progress, Run, RunOptions, RunRequest
 from service.api.bodies import MAX_SET_BYTES
-from service.api.parts import Parts
 from service.parsing import MalformedError, parse
+from service.parts import Parts
 from service.problems import http_problem, invalid_request, problem_of
 from service.store import Store
-from service.terminal import ComparisonRow
 from solver.exceptions import InputError, RequestError
 
-__all__ = ["METHODS", "PAPER_WEIGHTING", "CampaignError", "compare", "identify", "read_campaign"]
-
-METHODS: Final[tuple[Method, ...]] = get_args(Method)
-
-PAPER_WEIGHTING: Final[Mapping[Method, Weighting]] = MappingProxyType(
-    {
-        "complete_pose": "characteristic_length",
-        "partial_pose": "covariance",
-        "decoupled_partial_pose": "covariance",
-    }
-)
-"""As in the paper. Weighted by covariance the complete pose would equal the partial pose (METHOD.md §3)."""
+__all__ = ["CampaignError", "compare", "identify", "pair", "read_campaign"]
 
 
 class CampaignError(Exception):
@@ -61,61 +48,86 @@ def read_campaign(path: Path) -> Campaign:
         raise CampaignError(invalid_request(error.faults)) from None
 
 
-def identify(campaign: Campaign, options: RunOptions, tell: Callable[[int], object] | None = None) -> Run:
+def identify(
+    campaign: Campaign, options: RunOptions, tell: Callable[[Progress], object] | None = None
+) -> Run:
     """Carry out one run.
 
     Args:
         campaign: robot and readings.
         options: how to identify.
-        tell: told how many draws are done, if the run resamples.
+        tell: told of the progress, if the run resamples.
 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    with _running(campaign, tell) as run:
-        return run(options)
+    with _stored(campaign, tell) as (parts, set_id):
+        request = RunRequest(measurement_set_id=set_id, **options.model_dump())
+        with _as_campaign_error("run"):
+            record = parts.runs.create(request, None)
+        return parts.runs.current(record.id)
 
 
-def compare(campaign: Campaign) -> list[ComparisonRow]:
-    """Carry out the paper's three methods, unconstrained and constrained.
+def compare(
+    campaign: Campaign, options: ComparisonOptions, tell: Callable[[Progress], object] | None = None
+) -> Comparison:
+    """Carry out one comparison.
+
+    Args:
+        campaign: robot and readings; its run is not asked.
+        options: what to compare.
+        tell: told of the progress, if the comparison resamples.
 
     Raises:
-        CampaignError: the robot or the readings cannot be used.
+        CampaignError: the robot, the readings or the request cannot be used.
     """
-    rows = []
-    with _running(campaign) as run:
-        for method, positive in product(METHODS, (False, True)):
-            options = RunOptions(method=method, weighting=PAPER_WEIGHTING[method], positive=positive)
-            try:
-                outcome: Run | Problem = run(options)
-            except CampaignError as error:
-                outcome = error.problem
-            rows.append(ComparisonRow(method, positive, outcome))
-    return rows
+    with _stored(campaign, tell) as (parts, set_id):
+        request = ComparisonRequest(measurement_set_id=set_id, **options.model_dump())
+        with _as_campaign_error("comparison"):
+            record = parts.comparisons.create(request, None)
+        return parts.comparisons.current(record.id)
+
+
+def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
+    """Compare two campaigns.
+
+    Args:
+        first: such as with the motors' encoders in the loop, or before.
+        second: such as with secondary encoders in the loop, or after.
+        options: how to identify both; their own runs are not asked.
+
+    Raises:
+        CampaignError: a robot, readings or the request cannot be used.
+    """
+    with Store.open("sqlite://") as store:
+        parts = Parts.of(store)
+        sides = [
+            PairSide(measurement_set_id=_stored_set(parts, campaign, f"{name}."))
+            for name, campaign in (("first", first), ("second", second))
+        ]
+        request = PairRequest(first=sides[0], second=sides[1], **dict(options))
+        with _as_campaign_error("pair"):
+            record = parts.pairs.create(request, None)
+        return parts.pairs.current(record.id)
 
 
 @contextmanager
-def _running(
-    campaign: Campaign, tell: Callable[[int], object] | None = None
-) -> Iterator[Callable[[RunOptions], Run]]:
-    """The same path as over HTTP, on a store in memory."""
+def _stored(campaign: Campaign, tell: Callable[[Progress], object] | None) -> Iterator[tuple[Parts, str]]:
+    """The same path as over HTTP, on a store in memory: its parts, and the id of the measurement set."""
     with Store.open("sqlite://") as store:
         parts = Parts.of(store, tell=tell)
-        with _as_campaign_error("robot"):
-            robot = parts.robots.create(campaign.robot, None)
-        document = campaign.measurement_set
-        with _as_campaign_error("measurement_set"):
-            fields = {name: getattr(document, name) for name in type(document).model_fields}
-            request = MeasurementSetRequest.model_construct(robot_id=robot.id, **fields)
-            stored = parts.sets.create(request, None)
+        yield parts, _stored_set(parts, campaign)
 
-        def run(options: RunOptions) -> Run:
-            request = RunRequest(measurement_set_id=stored.id, **options.model_dump())
-            with _as_campaign_error("run"):
-                record = parts.runs.create(request, None)
-            return Run.model_validate_json(record.document)
 
-        yield run
+def _stored_set(parts: Parts, campaign: Campaign, file: str = "") -> str:
+    """Store robot and readings; the id of the measurement set. `file` says which one, if there are two."""
+    with _as_campaign_error(f"{file}robot"):
+        robot = parts.robots.create(campaign.robot, None)
+    document = campaign.measurement_set
+    with _as_campaign_error(f"{file}measurement_set"):
+        fields = {name: getattr(document, name) for name in type(document).model_fields}
+        request = MeasurementSetRequest.model_construct(robot_id=robot.id, **fields)
+        return parts.sets.create(request, None).id
 
 
 @contextmanager

@@ -8,13 +8,14 @@ import secrets
 import socket
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 from pydantic import ValidationError
 
 from examples.simulator import default_arm, simulate_campaign
-from schemas.resampling import MAX_REPETITIONS
+from schemas.comparison import Comparison, ComparisonOptions
+from schemas.pair import PairOptions
 from schemas.run import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
@@ -23,20 +24,35 @@ from service.cli_options import (
     CampaignFile,
     DatabaseUrl,
     EncoderChoice,
+    FirstFile,
     LoadChoice,
+    LossChoice,
     MethodChoice,
+    Priors,
+    Repetitions,
+    Resample,
+    SecondFile,
+    Seed,
+    Stiffer,
     WeightingChoice,
+    chains,
+    priors,
 )
 from service.client import RefusedError, ServiceClient
+from service.comparison_csv import comparison_csv
+from service.comparison_table import comparison_table
 from service.demo import run_demo
+from service.pair_table import pair_report
 from service.problems import invalid_request
 from service.server import ServerError, run_server
 from service.store_errors import StoreError
-from service.terminal import comparison_table, console, problem_text, progress_bar, run_report
+from service.terminal import console, problem_text, progress_bar, run_report
 from service.versions import JOINTSTIFF_VERSION
 from service.worker import run_worker
 
 __all__ = ["main"]
+
+Options = TypeVar("Options", RunOptions, ComparisonOptions)
 
 app = typer.Typer(
     name="jointstiff",
@@ -48,6 +64,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+
+_INCLUDED = {True: "included", False: "neglected", None: None}
 
 
 @app.command()
@@ -64,15 +82,26 @@ def identify(
         bool | None,
         typer.Option("--positive/--unconstrained", help="Compliance zero or positive, or free."),
     ] = None,
+    loss: Annotated[LossChoice | None, typer.Option(help="huber bounds what a bumped target can do.")] = None,
+    huber_threshold: Annotated[
+        float | None,
+        typer.Option(min=0.1, max=100.0, metavar="SIGMAS", help="For loss huber; 2.8 if absent."),
+    ] = None,
+    complementary_stiffness: Annotated[
+        bool | None,
+        typer.Option(
+            "--complementary-stiffness/--neglect-complementary-stiffness",
+            help="Let the load follow the deflection, or not.",
+        ),
+    ] = None,
+    prior: Priors = None,
+    stiffer: Stiffer = None,
     confidence: Annotated[
         float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
     ] = None,
-    resample: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="M", help="Repeat the fit on M random configurations."),
-    ] = None,
-    repetitions: Annotated[int, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+    resample: Resample = None,
+    repetitions: Repetitions = 1000,
+    seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
     """Identify the joint stiffnesses of a campaign, without a server."""
@@ -81,14 +110,19 @@ def identify(
         "weighting": weighting,
         "characteristic_length": characteristic_length,
         "positive": positive,
+        "loss": loss,
+        "huber_threshold": huber_threshold,
+        "complementary_stiffness": _INCLUDED[complementary_stiffness],
+        "priors": priors(prior),
+        "stiffness_order": chains(stiffer),
         "confidence": confidence,
-        "resampling": resample and {"size": resample, "repetitions": repetitions, "seed": seed},
+        "resampling": _resampling(resample, repetitions, seed),
     }
     changes = {name: value for name, value in chosen.items() if value is not None}
     try:
         campaign = read_campaign(file)
         options = _changed(campaign.run, changes)
-        with progress_bar(options.resampling.repetitions if options.resampling else None) as tell:
+        with progress_bar(shown=options.resampling is not None) as tell:
             run = campaigns.identify(campaign, options, tell)
     except CampaignError as error:
         raise _refused(error) from error
@@ -101,17 +135,80 @@ def identify(
 
 
 @app.command()
-def compare(file: CampaignFile, *, as_json: AsJson = False) -> None:
-    """Compare the three methods on a campaign, unconstrained and constrained."""
+def compare(
+    file: CampaignFile,
+    *,
+    resample: Resample = None,
+    repetitions: Repetitions = 1000,
+    seed: Seed = 0,
+    positive: Annotated[
+        bool | None,
+        typer.Option("--positive/--unconstrained", help="Compliances zero or positive, or free, not both."),
+    ] = None,
+    as_json: AsJson = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a table for spreadsheets.")] = False,
+) -> None:
+    """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
+    constraint = None if positive is None else ["positive" if positive else "unconstrained"]
+    chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
     try:
-        rows = campaigns.compare(read_campaign(file))
+        campaign = read_campaign(file)
+        given = {name: value for name, value in chosen.items() if value is not None}
+        options = _changed(ComparisonOptions(confidence=campaign.run.confidence), given)
+        with progress_bar(shown=resample is not None) as tell:
+            comparison = campaigns.compare(campaign, options, tell)
+    except CampaignError as error:
+        raise _refused(error) from error
+    _print_comparison(comparison, as_json=as_json, as_csv=as_csv)
+    if comparison.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def _print_comparison(comparison: Comparison, *, as_json: bool, as_csv: bool) -> None:
+    if as_json:
+        typer.echo(comparison.model_dump_json(indent=2))
+    elif as_csv and comparison.result is not None:
+        typer.echo(comparison_csv(comparison.result), nl=False)
+    else:
+        out = console()
+        out.print(comparison_table(comparison, out.width))
+
+
+@app.command()
+def pair(
+    first: FirstFile,
+    second: SecondFile,
+    *,
+    method: Annotated[MethodChoice | None, typer.Option(help="Instead of the first file's.")] = None,
+    ordered: Annotated[
+        bool, typer.Option("--ordered", help="Also both in one problem: no joint is softer in the second.")
+    ] = False,
+    confidence: Annotated[
+        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two campaigns: encoders of motors and secondary ones, before and after, unit A and B.
+
+    Both are identified as the run in the first file says.
+    """
+    try:
+        campaign, other = read_campaign(first), read_campaign(second)
+        options = _changed(campaign.run, {"method": method} if method is not None else {})
+        chosen = PairOptions.model_validate(
+            {"options": options.model_dump(), "ordered": ordered, "confidence": confidence}
+        )
+        found = campaigns.pair(campaign, other, chosen)
+    except ValidationError as error:
+        raise _refused(CampaignError(invalid_request(error.errors()))) from error
     except CampaignError as error:
         raise _refused(error) from error
     if as_json:
-        dumped = [row.outcome.model_dump(mode="json") for row in rows]
-        typer.echo(json.dumps(dumped, indent=2))
-        return
-    console().print(comparison_table(rows))
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        console().print(pair_report(found))
+    if found.state != "succeeded":
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -205,11 +302,11 @@ def post(
         understood = read_campaign(file)
         campaign = understood.model_dump(mode="json", exclude_unset=True)
         resampling = understood.run.resampling
-        with ServiceClient(server) as client:
+        with ServiceClient(server, _warn) as client:
+            client.ping()
             robot, stored = client.post_campaign(campaign)
-            with progress_bar(resampling.repetitions if resampling else None) as tell:
-                options = campaign.get("run", {})
-                run = client.run(stored["id"], options, lambda progress: tell(progress.done))
+            with progress_bar(shown=resampling is not None) as tell:
+                run = client.run(stored["id"], campaign.get("run", {}), tell)
     except (CampaignError, RefusedError) as error:
         raise _refused(error) from error
     for kind, identifier in (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id)):
@@ -230,11 +327,19 @@ def demo(
     raise typer.Exit(run_demo(port=_demo_port(port, once=once), database=database, once=once))
 
 
-def _changed(options: RunOptions, changes: Mapping[str, object]) -> RunOptions:
+def _changed(options: Options, changes: Mapping[str, object]) -> Options:
     try:
-        return RunOptions.model_validate({**options.model_dump(), **changes})
+        return type(options).model_validate({**options.model_dump(), **changes})
     except ValidationError as error:
         raise CampaignError(invalid_request(error.errors())) from None
+
+
+def _resampling(size: int | None, repetitions: int, seed: int) -> dict[str, int] | None:
+    return None if size is None else {"size": size, "repetitions": repetitions, "seed": seed}
+
+
+def _warn(message: str) -> None:
+    console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 
 
 def _failed(reason: str, remedy: str) -> typer.Exit:

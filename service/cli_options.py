@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from schemas.resampling import MAX_REPETITIONS
+
 __all__ = [
     "AsJson",
     "CampaignFile",
     "DatabaseUrl",
     "EncoderChoice",
+    "FirstFile",
     "LoadChoice",
+    "LossChoice",
     "MethodChoice",
+    "Priors",
+    "Repetitions",
+    "Resample",
+    "SecondFile",
+    "Seed",
+    "Stiffer",
     "WeightingChoice",
+    "chains",
+    "priors",
 ]
 
 CampaignFile = Annotated[
@@ -28,6 +41,26 @@ CampaignFile = Annotated[
         help="Campaign: robot, measurement set and run in one JSON document.",
     ),
 ]
+FirstFile = Annotated[
+    Path,
+    typer.Argument(
+        exists=True,
+        dir_okay=False,
+        readable=True,
+        metavar="FIRST",
+        help="Campaign with the motors' encoders in the loop, or before.",
+    ),
+]
+SecondFile = Annotated[
+    Path,
+    typer.Argument(
+        exists=True,
+        dir_okay=False,
+        readable=True,
+        metavar="SECOND",
+        help="Campaign with secondary encoders in the loop, or after.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 DatabaseUrl = Annotated[
     str,
@@ -37,6 +70,53 @@ DatabaseUrl = Annotated[
         help="sqlite:///FILE, or postgresql://USER:PASSWORD@HOST/NAME.",
     ),
 ]
+Resample = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="M", help="Repeat each fit on M random configurations."),
+]
+Repetitions = Annotated[int, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of the draws.")]
+Priors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--prior",
+        metavar="JOINT=STIFFNESS:UNCERTAINTY",
+        help="What a data sheet says of a joint, in N.m/rad, such as joint_5=4e5:4e4. May be repeated.",
+    ),
+]
+Stiffer = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--stiffer",
+        metavar="JOINT,JOINT,...",
+        help="Joints, each at least as stiff as the next, such as joint_2,joint_4. May be repeated.",
+    ),
+]
+
+
+def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
+    """What `--prior` says, as the request has it; None if it was not given.
+
+    Raises:
+        typer.BadParameter: naming the text that is none.
+    """
+    found = {}
+    for text in texts or ():
+        name, _, numbers = text.rpartition("=")
+        stiffness, _, uncertainty = numbers.partition(":")
+        try:
+            found[name] = {"stiffness": float(stiffness), "standard_uncertainty": float(uncertainty)}
+        except ValueError as error:
+            raise typer.BadParameter(
+                f"'{text}' is not like joint_5=4e5:4e4, a joint, its stiffness and its standard uncertainty",
+                param_hint="--prior",
+            ) from error
+    return found or None
+
+
+def chains(texts: Sequence[str] | None) -> list[list[str]] | None:
+    """What `--stiffer` says, as the request has it; None if it was not given."""
+    return [[name.strip() for name in text.split(",")] for text in texts or ()] or None
 
 
 class MethodChoice(StrEnum):
@@ -53,6 +133,13 @@ class WeightingChoice(StrEnum):
     COVARIANCE = "covariance"
     LENGTH = "characteristic_length"
     UNIFORM = "uniform"
+
+
+class LossChoice(StrEnum):
+    """Losses of METHOD.md §5."""
+
+    SQUARED = "squared"
+    HUBER = "huber"
 
 
 class LoadChoice(StrEnum):

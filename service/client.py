@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+from uuid import uuid4
 
 import httpx
 from pydantic import ValidationError
 
+from schemas.comparison import Comparison
 from schemas.problem import Problem
 from schemas.run import Progress, Run
 from service.problems import http_problem
 
-__all__ = ["RefusedError", "ServiceClient"]
+__all__ = ["PATIENCE_SECONDS", "RefusedError", "ServiceClient"]
 
+PATIENCE_SECONDS: Final = 60.0
+"""For a service that answered before and does not now."""
 _LOOK_SECONDS: Final = 0.2
+_FIRST_PAUSE: Final = 0.2
+_LONGEST_PAUSE: Final = 2.0
+_UNAVAILABLE: Final = 503
+
+Job = TypeVar("Job", Run, Comparison)
 
 
 class RefusedError(Exception):
@@ -27,17 +37,42 @@ class RefusedError(Exception):
 
 
 class ServiceClient:
-    """Posts robots, measurement sets and runs."""
+    """Posts robots, measurement sets and jobs, and waits for what goes on.
 
-    def __init__(self, address: str) -> None:
-        """Make a client for the service at an address such as http://127.0.0.1:8000."""
-        self._http = httpx.Client(base_url=address, timeout=60.0)
+    A service that answered once and does not now is being restarted, most of the time: requests are repeated
+    until it answers again. Each post carries a key that makes it safe to repeat.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        warn: Callable[[str], object] | None = None,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        """Make a client.
+
+        Args:
+            address: of the service, such as http://127.0.0.1:8000.
+            warn: told when the service does not answer and is asked again.
+            transport: carries the requests, if not over the network.
+        """
+        self._http = httpx.Client(base_url=address, timeout=60.0, transport=transport)
+        self._warn = warn
+        self._answered = False
 
     def __enter__(self) -> ServiceClient:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._http.close()
+
+    def ping(self) -> None:
+        """Find out that the service is there; from now on it is waited for.
+
+        Raises:
+            RefusedError: it is not.
+        """
+        self._answer("GET", "/health")
 
     def post_campaign(self, document: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Post the robot and the readings of a campaign document.
@@ -65,28 +100,90 @@ class ServiceClient:
         Raises:
             RefusedError: the service refuses it, or does not answer.
         """
+        return self._carried_out(Run, "/v1/runs", options | {"measurement_set_id": set_id}, tell)
+
+    def compare(
+        self, set_id: str, options: dict[str, Any], tell: Callable[[Progress], object] | None = None
+    ) -> Comparison:
+        """Post a comparison on a stored measurement set, and wait for its end.
+
+        Args:
+            set_id: of the measurement set.
+            options: what to compare.
+            tell: told of the progress of a comparison that takes long.
+
+        Raises:
+            RefusedError: the service refuses it, or does not answer.
+        """
         body = options | {"measurement_set_id": set_id}
-        run = Run.model_validate(self._post("/v1/runs?wait=1", body))
-        while run.state in {"queued", "running"}:
+        return self._carried_out(Comparison, "/v1/comparisons", body, tell)
+
+    def _carried_out(
+        self,
+        kind: type[Job],
+        collection: str,
+        body: dict[str, Any],
+        tell: Callable[[Progress], object] | None,
+    ) -> Job:
+        job = kind.model_validate(self._post(f"{collection}?wait=1", body))
+        while job.state in {"queued", "running"}:
             time.sleep(_LOOK_SECONDS)
-            run = Run.model_validate(self._request("GET", f"/v1/runs/{run.id}"))
-            if tell is not None and run.progress is not None:
-                tell(run.progress)
-        return run
+            job = kind.model_validate(self._answer("GET", f"{collection}/{job.id}"))
+            if tell is not None and job.progress is not None:
+                tell(job.progress)
+        return job
 
     def _post(self, path: str, body: object) -> dict[str, Any]:
-        return self._request("POST", path, body)
+        content = json.dumps(body).encode()
+        headers = {"Content-Type": "application/json", "Idempotency-Key": uuid4().hex}
+        return self._answer("POST", path, content=content, headers=headers)
 
-    def _request(self, verb: str, path: str, body: object = None) -> dict[str, Any]:
+    def _answer(self, verb: str, path: str, **parts: Any) -> dict[str, Any]:  # noqa: ANN401 - httpx's
+        """Ask until there is an answer.
+
+        Raises:
+            RefusedError: the service refuses, never answered, or has not for `PATIENCE_SECONDS`.
+        """
+        request = self._request(verb, path, **parts)
+        deadline, pause = time.monotonic() + PATIENCE_SECONDS, _FIRST_PAUSE
+        while True:
+            found = self._try(request)
+            if isinstance(found, dict):
+                return found
+            if not self._answered or time.monotonic() + pause > deadline:
+                raise RefusedError(found)
+            if pause == _FIRST_PAUSE and self._warn is not None:
+                self._warn(f"{found.detail}; trying again for {PATIENCE_SECONDS:.0f} s")
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)
+
+    def _request(self, verb: str, path: str, **parts: Any) -> httpx.Request:  # noqa: ANN401 - httpx's
         try:
-            response = self._http.request(verb, path, json=body)
-        except (httpx.TransportError, httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
-            silence = f"no answer from {self._http.base_url}: {error}"
-            raise RefusedError(http_problem(503, silence, "start it: jointstiff serve")) from error
+            return self._http.build_request(verb, path, **parts)
+        except httpx.InvalidURL as error:
+            raise RefusedError(self._silence(error)) from error
+
+    def _try(self, request: httpx.Request) -> dict[str, Any] | Problem:
+        """The answer; or, if it may be had later, why there is none now.
+
+        Raises:
+            RefusedError: the service refuses.
+        """
+        try:
+            response = self._http.send(request)
+        except httpx.TransportError as error:
+            return self._silence(error)
+        self._answered = True
+        if response.status_code == _UNAVAILABLE:
+            return _problem_of(response)
         if not response.is_success:
             raise RefusedError(_problem_of(response))
         answer: dict[str, Any] = response.json()
         return answer
+
+    def _silence(self, error: Exception) -> Problem:
+        silence = f"no answer from {self._http.base_url}: {error}"
+        return http_problem(_UNAVAILABLE, silence, "start it: jointstiff serve")
 
 
 def _problem_of(response: httpx.Response) -> Problem:

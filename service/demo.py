@@ -9,15 +9,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import product
 from typing import Final
 
 import httpx
 
 from examples.simulator import default_arm, simulate_campaign
-from service.campaigns import METHODS, PAPER_WEIGHTING
 from service.client import RefusedError, ServiceClient
-from service.terminal import ComparisonRow, comparison_table, console, problem_text, run_report
+from service.comparison_table import comparison_table
+from service.terminal import console, problem_text, run_report
 
 __all__ = ["run_demo"]
 
@@ -58,19 +57,14 @@ def _tour(client: ServiceClient) -> int:
             f"posted robot {robot['id']} and measurement set {stored['id']} "
             f"({len(stored['observations'])} observations, {len(stored['warnings'])} warnings)\n"
         )
-        runs = {
-            (method, positive): client.run(
-                stored["id"],
-                {"method": method, "weighting": PAPER_WEIGHTING[method], "positive": positive},
-            )
-            for method, positive in product(METHODS, (False, True))
-        }
+        run = client.run(stored["id"], {})
+        comparison = client.compare(stored["id"], {})
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1
-    out.print(run_report(runs["partial_pose", True]))
+    out.print(run_report(run))
     out.print()
-    out.print(comparison_table([ComparisonRow(*key, run) for key, run in runs.items()]))
+    out.print(comparison_table(comparison, out.width))
     return 0
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 
-from schemas.run import RunOptions, RunResult
+from schemas.run import EncoderResidual, RunOptions, RunResult
 from service.conversion import (
+    to_encoder_residuals,
     to_resampling_result,
     to_result,
     to_settings,
     to_warnings,
 )
 from service.prepared import PreparedSet
-from service.resample import ResamplingWork
-from solver.identification import identify
+from solver.advice import advise
+from solver.encoder_prediction import predict_encoders
+from solver.estimate import Estimate
+from solver.identification import Settings, identify
 from solver.plausibility import judge
 from solver.prediction import predict
 from solver.resampling import Resamples
@@ -25,16 +28,14 @@ __all__ = ["run_identification"]
 def run_identification(
     prepared: PreparedSet,
     options: RunOptions,
-    parts: Sequence[Resamples] | None = None,
-    tell: Callable[[int], object] | None = None,
+    parts: Sequence[Resamples] = (),
 ) -> RunResult:
-    """Identify, predict, resample, and report.
+    """Identify, predict, and report.
 
     Args:
         prepared: what was measured.
         options: how to identify.
-        parts: the draws, in order, if they were computed elsewhere.
-        tell: told how many draws are done, after each step.
+        parts: the fits of the draws, in order, if it resamples.
 
     Raises:
         RequestError: the options do not fit the robot or the set.
@@ -44,22 +45,35 @@ def run_identification(
     """
     settings = to_settings(options, prepared.robot)
     estimate = identify(prepared.robot, prepared.measurements, settings)
-    prediction = predict(prepared.robot, prepared.measurements, estimate.compliance)
+    prediction = predict(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+    )
     warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
-    result = to_result(estimate, prediction, prepared.measurements, prepared.readings, warnings)
-    if options.resampling is None:
+    advice = advise(prepared.robot, prepared.measurements, estimate)
+    result = to_result(estimate, prediction, prepared.measurements, prepared.readings, warnings, advice)
+    result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
+    if options.resampling is None or not parts:
         return result
-    if parts is None:
-        work = ResamplingWork(prepared, options, options.resampling)
-        parts = list(_computed(work, tell))
     summary = summarise(Resamples.concatenate(parts), confidence=options.confidence)
     repetitions = options.resampling.repetitions
     resampling = to_resampling_result(summary, result.joints, repetitions)
     return result.model_copy(update={"resampling": resampling})
 
 
-def _computed(work: ResamplingWork, tell: Callable[[int], object] | None) -> Iterator[Resamples]:
-    for span in work.steps():
-        yield work.compute(span)
-        if tell is not None:
-            tell(span[1])
+def _encoder_residuals(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> list[EncoderResidual]:
+    encoders = prepared.measurements.encoders
+    if encoders is None:
+        return []
+    predicted = predict_encoders(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+    )
+    labels = prepared.readings.labels.tolist()
+    return to_encoder_residuals(encoders, predicted, labels, prepared.robot.joint_names)

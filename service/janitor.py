@@ -1,34 +1,57 @@
-"""Sees to it that every run ends: idle work is given to others, runs that cannot go on are failed."""
+"""Sees to it that every job ends: idle work is given to others, jobs that cannot go on are failed."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import timedelta
 from typing import Final
 
-from service.engine import ENDED_BADLY, Engine
-from service.runs import Runs
-from service.store import Store
+from service.engine import Engine
+from service.heartbeats import Heartbeats
+from service.jobs import AnyJobs
+from service.ledger import Outcome
 
-__all__ = ["BEAT_SECONDS", "SILENT_SECONDS", "Janitor", "WorkerLostError"]
+__all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "SILENT_SECONDS", "Janitor", "WorkerLostError"]
 
 BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
 SILENT_SECONDS: Final = 30.0
 """A worker not heard of for so long is taken for dead."""
+KEEP_SECONDS: Final = 3600.0
+"""What the steps of a job computed is kept for so long after its end."""
+_REMOVED: Final = 20
+"""Jobs whose steps are removed at a look."""
 
 
 class WorkerLostError(Exception):
-    """The engine gave a run up."""
+    """The engine gave a job up."""
 
 
 class Janitor:
     """Of one worker. It looks at every beat; what it does is safe to repeat, and others do the same."""
 
-    def __init__(self, store: Store, runs: Runs, engine: Engine, executor: str) -> None:
-        self._store = store
-        self._runs = runs
+    def __init__(
+        self,
+        heartbeats: Heartbeats,
+        jobs: Mapping[str, AnyJobs],
+        engine: Engine,
+        executor: str,
+        keep: timedelta = timedelta(seconds=KEEP_SECONDS),
+    ) -> None:
+        """Look after the jobs of a store.
+
+        Args:
+            heartbeats: of its workers.
+            jobs: by the name of their kind.
+            engine: of this worker.
+            executor: name of this worker.
+            keep: for how long after the end of a job what its steps computed is kept.
+        """
+        self._heartbeats = heartbeats
+        self._jobs = jobs
         self._engine = engine
         self._executor = executor
+        self._keep = keep
         self._idle: set[str] = set()
         self._lost: set[str] = set()
 
@@ -38,8 +61,8 @@ class Janitor:
         Raises:
             StoreUnavailableError: the database does not answer; look again later.
         """
-        living = self._store.run_log.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
-        pending = self._engine.pending()
+        living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
+        pending = self._engine.ledger.pending()
         mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
         # Taken by this process and not carried out: its thread ended without a word, say on a full disk.
         idle = mine - self._engine.active
@@ -48,23 +71,48 @@ class Janitor:
         if living and living[0] == self._executor:  # one of the living is enough
             abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
             self._resume(abandoned, pending)
-            self._fail_lost()
+            self._look_after_jobs()
+            self._tidy()
 
     def hand_over(self) -> None:
         """Leave what this worker has begun to the others, as it is about to end."""
-        pending = self._engine.pending()
+        pending = self._engine.ledger.pending()
         self._resume({name for name, (_, executor) in pending.items() if executor == self._executor}, pending)
-        self._store.run_log.forget(self._executor)
+        self._heartbeats.forget(self._executor)
 
     def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
-        self._engine.resume((name, pending[name][0]) for name in names)
+        self._engine.ledger.resume((name, pending[name][0]) for name in names)
 
-    def _fail_lost(self) -> None:
-        """End open runs whose workflow has ended without ending them, or is not there, two looks in a row."""
-        open_runs = self._store.run_log.open_runs()
-        outcomes = self._engine.outcomes(open_runs) if open_runs else {}
-        lost = {run for run in open_runs if outcomes.get(run, "ERROR") in (*ENDED_BADLY, "SUCCESS")}
-        for run_id in lost & self._lost:
-            how = outcomes.get(run_id, "unknown to the engine")
-            self._runs.fail(run_id, WorkerLostError(f"the engine gave run {run_id} up: {how}"))
+    def _look_after_jobs(self) -> None:
+        lost = set()
+        for kind, jobs in self._jobs.items():
+            open_jobs = jobs.log.open_jobs()
+            outcomes = self._engine.ledger.outcomes(open_jobs) if open_jobs else {}
+            self._renew(kind, {job for job, outcome in outcomes.items() if outcome.outdated})
+            lost |= self._fail_lost(jobs, open_jobs, outcomes)
         self._lost = lost
+
+    def _renew(self, kind: str, outdated: set[str]) -> None:
+        """Announce again what waits for a worker of an earlier version; there will be no such worker."""
+        for job_id in outdated:
+            self._jobs[kind].log.forget_steps([job_id])
+            self._engine.ledger.renew(kind, job_id)
+
+    def _fail_lost(self, jobs: AnyJobs, open_jobs: list[str], outcomes: dict[str, Outcome]) -> set[str]:
+        """End open jobs whose workflow has ended without ending them, or is not there, two looks in a row.
+
+        Returns:
+            Those that look lost now.
+        """
+        lost = {job for job in open_jobs if job not in outcomes or outcomes[job].ended}
+        for job_id in lost & self._lost:
+            how = outcomes[job_id].status if job_id in outcomes else "unknown to the engine"
+            jobs.fail(job_id, WorkerLostError(f"the engine gave job {job_id} up: {how}"))
+        return lost
+
+    def _tidy(self) -> None:
+        """Remove the steps of jobs that ended a while ago: only the result is asked for from then on."""
+        ended = self._engine.ledger.forget_ended(self._keep, _REMOVED)
+        if ended:
+            for jobs in self._jobs.values():
+                jobs.log.forget_steps(ended)

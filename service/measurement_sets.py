@@ -14,6 +14,7 @@ from service.records import IdempotencyKey, MeasurementSetRecord
 from service.robots import Robots
 from service.store import Store
 from service.store_errors import NotFoundError
+from solver.encoder_prediction import inspect_encoders
 from solver.exceptions import MeasurementError
 from solver.integrity import inspect
 from solver.robot import Robot
@@ -47,6 +48,7 @@ class MeasurementSets:
         measurements = to_measurements(request, readings, robot)
         targets = tuple(readings.targets.tolist())
         findings = inspect(robot, measurements, targets, degrees=request.units.angle == "deg")
+        findings += inspect_encoders(robot, measurements)
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations"}),
             id=uuid4().hex,

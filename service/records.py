@@ -12,10 +12,15 @@ from typing import ClassVar, Generic, TypeVar
 
 __all__ = [
     "AnyRecord",
+    "ComparisonEntry",
+    "ComparisonRecord",
     "Entry",
     "IdempotencyKey",
+    "JobRecord",
     "MeasurementSetEntry",
     "MeasurementSetRecord",
+    "PairEntry",
+    "PairRecord",
     "Record",
     "RecordPage",
     "RobotRecord",
@@ -90,6 +95,49 @@ class RunRecord(RunEntry):
 
 
 @dataclass(frozen=True, slots=True)
+class ComparisonEntry:
+    """A comparison in a listing."""
+
+    title: ClassVar[str] = "comparison"
+
+    id: str
+    measurement_set_id: str
+    robot_id: str
+    state: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonRecord(ComparisonEntry):
+    """A comparison with its result."""
+
+    document: str
+    """JSON text of `schemas.comparison.Comparison`."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairEntry:
+    """A pair in a listing."""
+
+    title: ClassVar[str] = "pair"
+
+    id: str
+    first_set_id: str
+    second_set_id: str
+    robot_id: str
+    state: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class PairRecord(PairEntry):
+    """A pair with its result."""
+
+    document: str
+    """JSON text of `schemas.pair.Pair`."""
+
+
+@dataclass(frozen=True, slots=True)
 class IdempotencyKey:
     """What a client sent to make a repeated post harmless."""
 
@@ -99,10 +147,11 @@ class IdempotencyKey:
     """Hash of the body that came with it."""
 
 
-AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord
+AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord | ComparisonRecord | PairRecord
 
-Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, RunRecord)
-Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, RunEntry)
+Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord, PairRecord)
+JobRecord = TypeVar("JobRecord", RunRecord, ComparisonRecord, PairRecord)
+Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, RunEntry, ComparisonEntry, PairEntry)
 
 
 @dataclass(frozen=True, slots=True)

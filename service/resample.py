@@ -13,14 +13,13 @@ from schemas.resampling import Resampling
 from schemas.run import RunOptions
 from service.conversion import to_settings
 from service.prepared import PreparedSet
+from service.work import Span
 from solver.exceptions import RequestError
 from solver.gram_blocks import GramBlocks, gram_blocks
+from solver.problem import Bounds
 from solver.resampling import Resamples, ResamplingPlan, resample
 
-__all__ = ["ResamplingWork", "Span", "decode", "encode"]
-
-Span = tuple[int, int]
-"""First repetition, and one past the last."""
+__all__ = ["ResamplingWork", "decode", "encode"]
 
 STEP_SECONDS: Final = 0.25
 _SECONDS_A_REPETITION: Final = 8e-6
@@ -29,7 +28,7 @@ _SECONDS_A_READING: Final = 2.5e-8
 
 
 class ResamplingWork:
-    """What one run resamples: the blocks are computed once, when the first step asks for them."""
+    """What one fit resamples: the blocks are computed once, when the first step asks for them."""
 
     def __init__(self, prepared: PreparedSet, options: RunOptions, resampling: Resampling) -> None:
         """Check what is asked for.
@@ -68,13 +67,17 @@ class ResamplingWork:
             (start, min(start + size, self.repetitions)) for start in range(0, self.repetitions, size)
         )
 
-    def compute(self, span: Span) -> Resamples:
+    def compute(self, span: Span, bounds: Bounds | None = None) -> Resamples:
         """Fit some of the draws; the same numbers whoever computes them, however they are cut.
+
+        Args:
+            span: first repetition, and one past the last.
+            bounds: on the compliances, instead of those of the options.
 
         Raises:
             JointstiffError: as the identification of the whole set does.
         """
-        return resample(self._blocks, self._plan, self._settings.bounds, *span)
+        return resample(self._blocks, self._plan, self._settings.bounds if bounds is None else bounds, *span)
 
 
 def encode(resamples: Resamples) -> str:

@@ -16,7 +16,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from service.app import create_app
-from service.engine import Announcer
+from service.ledger import Ledger
 from service.store import Store
 from service.supervisor import Supervisor
 from service.terminal import console
@@ -60,7 +60,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
         )
     with ExitStack() as stack:
         store = stack.enter_context(Store.open(database))
-        announcer = stack.enter_context(closing(Announcer(store, database)))
+        ledger = stack.enter_context(closing(Ledger(store, database)))
         listener = stack.enter_context(_listen(host, port))
         port = listener.getsockname()[1]
         stack.enter_context(Supervisor(database, workers, f"{socket.gethostname()}-{port}-{_mark(database)}"))
@@ -71,7 +71,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             markup=False,
             soft_wrap=True,
         )
-        app = create_app(store, announcer.announce)
+        app = create_app(store, ledger.announce)
         config = uvicorn.Config(
             app,
             log_level="warning",

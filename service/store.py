@@ -1,7 +1,7 @@
-"""The store: robots, measurement sets and runs in SQLite or PostgreSQL.
+"""The store: robots, measurement sets and jobs in SQLite or PostgreSQL.
 
 Records are never changed or deleted here, and are listed in the order in which they came; what changes about
-a run is `run_log`'s.
+a job is `job_log`'s.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from sqlalchemy import Connection, Row, func, select
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database, Dialect
+from service.heartbeats import Heartbeats
+from service.job_log import JobLog
 from service.migrations import migrate
 from service.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
-from service.run_log import RunLog
 from service.statements import INSERT_KEY, PING, STATEMENTS
 from service.store_errors import CursorError, IdempotencyConflictError, NotFoundError, StoreError
 from service.tables import FILTERS, PARENTS, TABLES
@@ -33,15 +34,15 @@ _NO_FILTERS: Mapping[str, str] = MappingProxyType({})
 
 
 class Store:
-    """Robots, measurement sets and runs, kept. Safe to use from several threads.
+    """Robots, measurement sets and jobs, kept. Safe to use from several threads.
 
     Attributes:
-        run_log: What changes about runs until they end.
+        heartbeats: Of the workers.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self.run_log = RunLog(database)
+        self.heartbeats = Heartbeats(database)
 
     @classmethod
     def open(cls, url: str) -> Store:
@@ -77,6 +78,10 @@ class Store:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def job_log(self, record: type) -> JobLog:
+        """What changes about the jobs of a kind of record until they end."""
+        return JobLog(self._database, record)
 
     def schema(self) -> str | None:
         """Where its tables are: the schema on PostgreSQL, None on SQLite."""

@@ -27,14 +27,18 @@ from sqlalchemy import (
 
 from service.records import (
     AnyRecord,
+    ComparisonEntry,
+    ComparisonRecord,
     MeasurementSetEntry,
     MeasurementSetRecord,
+    PairEntry,
+    PairRecord,
     RobotRecord,
     RunEntry,
     RunRecord,
 )
 
-__all__ = ["FILTERS", "PARENTS", "TABLES", "heartbeats", "idempotency_keys", "metadata", "run_steps"]
+__all__ = ["FILTERS", "PARENTS", "TABLES", "heartbeats", "idempotency_keys", "job_steps", "metadata"]
 
 metadata = MetaData(
     naming_convention={
@@ -120,6 +124,27 @@ _runs = _listed(
     filters=("measurement_set_id", "robot_id", "method", "weighting", "state"),
 )
 
+_comparisons = _listed(
+    "comparisons",
+    Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
+    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
+    Column("state", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("document", Text, nullable=False),
+    filters=("measurement_set_id", "robot_id", "state"),
+)
+
+_pairs = _listed(
+    "pairs",
+    Column("first_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
+    Column("second_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
+    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
+    Column("state", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("document", Text, nullable=False),
+    filters=("first_set_id", "second_set_id", "robot_id", "state"),
+)
+
 idempotency_keys = Table(
     "idempotency_keys",
     metadata,
@@ -130,10 +155,10 @@ idempotency_keys = Table(
     Column("created_at", UtcDateTime, nullable=False),
 )
 
-run_steps = Table(
-    "run_steps",
+job_steps = Table(
+    "job_steps",
     metadata,
-    Column("run_id", String, ForeignKey("runs.id"), primary_key=True),
+    Column("job_id", String, primary_key=True),  # of a job of any kind
     Column("start", Integer, primary_key=True, autoincrement=False),
     Column("done", Integer, nullable=False),
 )
@@ -152,6 +177,10 @@ TABLES: Mapping[type, Table] = MappingProxyType(
         MeasurementSetRecord: _measurement_sets,
         RunEntry: _runs,
         RunRecord: _runs,
+        ComparisonEntry: _comparisons,
+        ComparisonRecord: _comparisons,
+        PairEntry: _pairs,
+        PairRecord: _pairs,
     }
 )
 """Where records and entries live."""
@@ -166,6 +195,12 @@ PARENTS: Mapping[type, Mapping[str, type[AnyRecord]]] = MappingProxyType(
         RobotRecord: {},
         MeasurementSetRecord: {"robot_id": RobotRecord},
         RunRecord: {"measurement_set_id": MeasurementSetRecord, "robot_id": RobotRecord},
+        ComparisonRecord: {"measurement_set_id": MeasurementSetRecord, "robot_id": RobotRecord},
+        PairRecord: {
+            "first_set_id": MeasurementSetRecord,
+            "second_set_id": MeasurementSetRecord,
+            "robot_id": RobotRecord,
+        },
     }
 )
 """What must be there before a record can be added: column → kind."""

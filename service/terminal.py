@@ -4,45 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import floor, log10
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import ResamplingResult
-from schemas.run import JointResult, Run, RunResult
+from schemas.run import Identifiability, JointResult, Progress, Run, RunResult
 
-__all__ = ["ComparisonRow", "comparison_table", "console", "problem_text", "progress_bar", "run_report"]
+__all__ = [
+    "METHOD_NAMES",
+    "concise_stiffness",
+    "console",
+    "problem_text",
+    "progress_bar",
+    "run_report",
+    "warning_lines",
+]
 
 _VERDICTS = {
     "identified": "[green]identified[/]",
     "at_bound": "[yellow]at bound[/]",
     "not_observable": "[dim]not observable[/]",
 }
-_METHODS = {
+METHOD_NAMES = {
     "complete_pose": "complete pose",
     "partial_pose": "partial pose",
     "decoupled_partial_pose": "decoupled partial pose",
 }
-_SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
+_SIGMA = {
+    "consistent": "agrees with sigma",
+    "residuals_too_large": "residuals larger than sigma allows",
+    "residuals_too_small": "residuals smaller than sigma says",
+}
 _MEGA = 1e-6
 _WARNINGS_SHOWN = 8
 _NARROWEST = 80
-
-
-@dataclass(frozen=True)
-class ComparisonRow:
-    """One method on one set: a run, or why it was refused."""
-
-    method: str
-    positive: bool
-    outcome: Run | Problem
 
 
 def run_report(run: Run) -> RenderableType:
@@ -51,24 +53,65 @@ def run_report(run: Run) -> RenderableType:
         return problem_text(run.error) if run.error else Text(f"the run is {run.state}")
     result = run.result
     parts: list[RenderableType] = [
-        *(Text(line, style="yellow") for line in _warnings(result)),
+        *(Text(line, style="yellow") for line in warning_lines(result.warnings)),
         _joints_table(run, result),
     ]
     parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
     parts.append(_summary(result))
+    parts += [Text(f"  {line}", style="dim") for line in _complementary_stiffness(result)]
+    parts += [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
+    parts += [Text(f"  {line}", style="dim") for line in _identifiability(result.identifiability)]
     if result.resampling is not None:
         parts += [Text(), _resampling_table(run, result.resampling)]
     return Group(*parts)
 
 
-def _warnings(result: RunResult) -> list[str]:
+def _identifiability(found: Identifiability) -> list[str]:
+    """How well the readings show the joints, and what to measure next."""
+    lines = []
+    if found.observability is not None and found.condition_number is not None:
+        indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability)
+        lines.append(f"observability {indices}; condition number {found.condition_number:.3g}")
+    lines += found.weakest
+    lines += [f"next, for {advice.joint}: {advice.message}" for advice in found.advice]
+    return lines
+
+
+def _complementary_stiffness(result: RunResult) -> list[str]:
+    """Whether it matters that the load follows the deflection."""
+    size = result.complementary_stiffness
+    if size is None:
+        return []
+    shift = "" if size.largest_shift is None else f" by at most {size.largest_shift:.2g} std. uncertainties"
+    verb = f"included ({size.iterations} fits), it changes" if size.included else "neglected, it would change"
+    return [f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"]
+
+
+def _suspicious(result: RunResult) -> list[str]:
+    """The readings that the robust loss mistrusts, worst first."""
+    robust = result.robust
+    if robust is None:
+        return []
+    lines = [
+        f"Huber loss, threshold {robust.threshold:g} sigma: {robust.suspicious_count} suspicious readings"
+    ]
+    lines += [
+        f"{reading.observation}, {reading.target}: residual of {reading.residual_norm:.3g} sigma, "
+        f"weight {reading.weight:.2g}"
+        for reading in robust.suspicious[:_WARNINGS_SHOWN]
+    ]
+    hidden = robust.suspicious_count - _WARNINGS_SHOWN
+    return [*lines, f"and {hidden} more (--json lists them)"] if hidden > 0 else lines
+
+
+def warning_lines(warnings: Sequence[QualityWarning]) -> list[str]:
     """The warnings as lines: those of the fit first, as they concern all numbers."""
-    ordered = sorted(result.warnings, key=lambda warning: warning.where is not None)
+    ordered = sorted(warnings, key=lambda warning: warning.where is not None)
     lines = []
     for warning in ordered[:_WARNINGS_SHOWN]:
         place = f"{warning.where}: " if warning.where else ""
         lines.append(f"warning: {place}{warning.message}; {warning.remedy}")
-    hidden = len(result.warnings) - _WARNINGS_SHOWN
+    hidden = len(warnings) - _WARNINGS_SHOWN
     if hidden > 0:
         lines.append(f"warning: and {hidden} more (--json shows all)")
     return lines
@@ -78,16 +121,19 @@ def _joints_table(run: Run, result: RunResult) -> Table:
     request = run.request
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
     table = Table(
-        title=f"Joint stiffness, {_METHODS[request.method]}, {request.weighting} weights, {constraint}",
+        title=f"Joint stiffness, {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}",
         caption="stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
     )
     table.add_column("joint")
     table.add_column("stiffness", justify="right")
     table.add_column("std. uncertainty", justify="right")
     table.add_column(f"{100 * request.confidence:g} % interval", justify="right")
+    if request.priors:
+        table.add_column("prior/data", justify="right")
     table.add_column("verdict")
     for joint in result.joints:
-        table.add_row(Text(joint.name), *_stiffness_cells(joint), _VERDICTS[joint.status])
+        prior = [_prior_cell(joint, known=joint.name in request.priors)] if request.priors else []
+        table.add_row(Text(joint.name), *_stiffness_cells(joint), *prior, _VERDICTS[joint.status])
     return table
 
 
@@ -120,30 +166,45 @@ def _resampling_table(run: Run, resampling: ResamplingResult) -> Table:
 
 
 @contextmanager
-def progress_bar(total: int | None) -> Iterator[Callable[[int], None]]:
+def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
     """A bar on the standard error, with the time left; none where nothing takes long."""
-    if total is None:
+    if not shown:
         yield lambda _: None
         return
     columns = (TextColumn("resampling"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ProgressBar(*columns, console=console(stderr=True), transient=True) as bar:
-        task = bar.add_task("resampling", total=total)
-        yield lambda done: bar.update(task, completed=done)
+        task = bar.add_task("resampling", total=None)
+        yield lambda progress: bar.update(task, total=progress.total, completed=progress.done)
 
 
 def _stiffness_cells(joint: JointResult) -> tuple[str, str, str]:
     if joint.compliance is None:
         return "—", "—", "—"
     if joint.stiffness is None:
-        return "rigid", "—", "—"
+        return "rigid", "—", _open_interval(joint)
     uncertainty = _stiffness_uncertainty(joint)
     interval = "—"
     if joint.stiffness_interval is not None:
         low, high = joint.stiffness_interval
-        upper = "∞" if high is None else _rounded(high, uncertainty)
-        interval = f"{_rounded(low, uncertainty)} … {upper}"
+        if high is None:
+            interval = _open_interval(joint)
+        else:
+            interval = f"{_rounded(low, uncertainty)} … {_rounded(high, uncertainty)}"
     shown = "—" if uncertainty is None else _rounded(uncertainty, uncertainty)
     return _rounded(joint.stiffness, uncertainty), shown, interval
+
+
+def _open_interval(joint: JointResult) -> str:
+    """Where there is no upper end: the one-sided bound, which is the higher one."""
+    least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
+    return "—" if least is None else f"> {_MEGA * least:.3g}"
+
+
+def _prior_cell(joint: JointResult, *, known: bool) -> str:
+    """Information of the prior over that of the readings."""
+    if joint.prior_to_data is not None:
+        return f"{joint.prior_to_data:.2g}"
+    return "prior only" if known and joint.status != "not_observable" else "—"
 
 
 def _stiffness_uncertainty(joint: JointResult) -> float | None:
@@ -172,71 +233,12 @@ def _summary(result: RunResult) -> Text:
         lines.append(f"sigma of a reading {1e6 * result.sigma:.1f} µm ({goodness.sigma_source})")
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
-        lines.append(f"χ²/dof {ratio:.2f} (1 where model and sigma are right)")
+        verdict = f": {_SIGMA[goodness.test.verdict]}" if goodness.test else ""
+        lines.append(f"χ²/dof {ratio:.2f}{verdict} (1 where model and sigma are right)")
     return Text("  " + ", ".join(lines))
 
 
-def comparison_table(rows: Sequence[ComparisonRow]) -> RenderableType:
-    """The methods side by side, unconstrained and constrained, as in the paper's Table II."""
-    results = [_result(row) for row in rows]
-    first = next((result for result in results if result is not None), None)
-    table = Table(
-        title="Stiffness in 10⁶ N·m/rad by each method, compliance free or ≥ 0",
-        box=SIMPLE_HEAD,
-        padding=0,
-        show_edge=False,
-    )
-    table.add_column("", no_wrap=True)
-    for row in rows:
-        header = f"{_SHORT[row.method]} {'≥ 0' if row.positive else 'free'}"
-        table.add_column(header, justify="right", no_wrap=True)
-    for j, joint in enumerate(first.joints if first else []):
-        table.add_row(Text(joint.name), *(_concise(r.joints[j]) if r else Text("") for r in results))
-    table.add_section()
-    table.add_row("explained", *(_percent(result) for result in results))
-    table.add_row("rms [µm]", *(f"{1e6 * r.rms_residual:.0f}" if r else "" for r in results))
-    return Group(*_shared_warnings(results), table, _legend(rows), *_refusals(rows))
-
-
-def _legend(rows: Sequence[ComparisonRow]) -> Text:
-    lengths = [result.characteristic_length for row in rows if (result := _result(row))]
-    length = next((f" of {length:.3g} m" for length in lengths if length), "")
-    return Text(
-        "3.188(17): 3.188 with standard uncertainty 0.017; rigid: compliance 0\n"
-        f"CP: complete pose, translations divided by a length{length}; with\n"
-        "    covariance weights it would equal PP. PP: partial pose. DPP: decoupled.\n"
-        "explained: share of the mean deflection; rms: of the residual vectors",
-        style="dim",
-    )
-
-
-def _shared_warnings(results: Sequence[RunResult | None]) -> list[Text]:
-    """The warnings of all runs, each once."""
-    lines = dict.fromkeys(line for result in results if result for line in _warnings(result))
-    return [Text(line, style="yellow") for line in lines]
-
-
-def _refusals(rows: Sequence[ComparisonRow]) -> list[Text]:
-    """Why a method has no column of numbers, once a method."""
-    reasons = {}
-    for row in rows:
-        problem = row.outcome.error if isinstance(row.outcome, Run) else row.outcome
-        if problem is not None:
-            reasons[row.method] = f"{_SHORT[row.method]} ({_METHODS[row.method]}): {problem.detail}"
-    return [Text(reason, style="yellow") for reason in reasons.values()]
-
-
-def _result(row: ComparisonRow) -> RunResult | None:
-    return row.outcome.result if isinstance(row.outcome, Run) else None
-
-
-def _percent(result: RunResult | None) -> str:
-    if result is None or result.compensation is None:
-        return "—"
-    return f"{100 * result.compensation:.1f} %"
-
-
-def _concise(joint: JointResult) -> Text:
+def concise_stiffness(joint: JointResult) -> Text:
     """Value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
     if joint.stiffness is None:
         return Text("—" if joint.compliance is None else "rigid", style="dim")

@@ -1,4 +1,4 @@
-"""A worker process: carries out long runs until it is told to stop."""
+"""A worker process: carries out long jobs until it is told to stop."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Final
 
-from service.api.parts import Parts
 from service.engine import Engine
 from service.janitor import BEAT_SECONDS, SILENT_SECONDS, Janitor
+from service.parts import Parts
 from service.store import Store
 from service.supervisor import DATABASE_VARIABLE
 from service.terminal import console
@@ -44,10 +44,10 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     store = Store.open(database)
-    runs = Parts.of(store).runs
-    store.run_log.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
-    with Engine(store, runs, database, executor) as engine:
-        janitor = Janitor(store, runs, engine, executor)
+    jobs = Parts.of(store).jobs
+    store.heartbeats.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
+    with Engine(store, jobs, database, executor) as engine:
+        janitor = Janitor(store.heartbeats, jobs, engine, executor)
         console().print(f"worker {executor} ready", markup=False)
         pause = _EARLY_BEAT
         while not stop.is_set():
@@ -65,7 +65,7 @@ def _patiently(act: Callable[[], None]) -> None:
     try:
         act()
     except Exception:
-        _logger.warning("could not look after the runs; trying again", exc_info=True)
+        _logger.warning("could not look after the jobs; trying again", exc_info=True)
 
 
 def _end_with(parent: int) -> None:

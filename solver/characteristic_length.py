@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 __all__ = ["least_condition_length"]
 
@@ -26,6 +25,7 @@ def least_condition_length(linear: FloatArray, angular: FloatArray) -> float:
     Returns:
         L between 1 mm and 1 km [m].
     """
+    from scipy.optimize import minimize_scalar  # takes a second to import, which few processes need
 
     def log_condition(decade: float) -> float:
         stacked = np.concatenate([linear / 10.0**decade, angular])

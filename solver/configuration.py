@@ -99,7 +99,8 @@ def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, Float
     translation = np.empty((count, 3))
     # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
     joint = data.oMi[robot.flange_joint_id]
-    live_jacobian, live_rotation, live_translation = data.J, joint.rotation, joint.translation
+    live_rotation, live_translation = joint.rotation, joint.translation
+    live_jacobian = data.J.reshape(6, robot.n)  # of a single joint eigenpy makes a vector
     for angles, J, R, t in zip(q, jacobian, rotation, translation, strict=True):
         pin.computeJointJacobians(model, data, angles)
         J[:] = live_jacobian

@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
+from solver.complementary_stiffness import ComplementaryStiffness
 from solver.compression import Compression
 from solver.exceptions import MeasurementError
 from solver.identifiability import Identifiability, Visibility
+from solver.informed import prior_to_data
 from solver.methods import Fit
-from solver.problem import Bounds
+from solver.robust import RobustFit
+from solver.scale import Scale, SigmaTest, scale_of, sigma_test
+from solver.settings import Settings
 from solver.solve import Certificate
+from solver.verdict import Evidence, JointCompliance, verdicts
 
 __all__ = ["Estimate", "JointCompliance", "assemble"]
 
 FloatArray = npt.NDArray[np.float64]
-
-_NO_UNCERTAINTY = (
-    "its uncertainty is unknown, as there are no more readings than joints and sigma is not given: "
-    "state noise, or measure more"
-)
-
-
-@dataclass(frozen=True)
-class JointCompliance:
-    """What the readings say of one joint; numbers are None where they say nothing.
-
-    Attributes:
-        compliance: [rad/(N·m)].
-        standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
-        interval: coverage interval of the compliance, cut at the bounds [rad/(N·m)].
-        reason: why there is no number, or which bound holds it.
-    """
-
-    name: str
-    status: Literal["identified", "at_bound", "not_observable"]
-    compliance: float | None = None
-    standard_uncertainty: float | None = None
-    interval: tuple[float, float] | None = None
-    reason: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +41,11 @@ class Estimate:
         characteristic_length: [m], where the weighting used one.
         identifiability: of each stage of the method.
         certificates: of each stage of the method.
+        regressor: (m, n) of all readings, compressed and weighted by their covariance in units of sigma,
+            whatever the method made of them.
+        visibility: of the joints in the same readings.
+        complementary_stiffness: how much it matters.
+        robust: what the Huber loss made of the readings; None for the squared loss.
     """
 
     joints: tuple[JointCompliance, ...]
@@ -74,16 +58,15 @@ class Estimate:
     characteristic_length: float | None
     identifiability: tuple[Identifiability, ...]
     certificates: tuple[Certificate, ...]
+    regressor: FloatArray
+    visibility: Visibility
+    complementary_stiffness: ComplementaryStiffness | None = None
+    robust: RobustFit | None = None
 
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """What the residuals say of sigma."""
-
-    sigma: float | None
-    chi_square: float
-    degrees_of_freedom: float
-    quantile: float
+    @property
+    def sigma_test(self) -> SigmaTest | None:
+        """Of a sigma that was stated; None where it was not, or without residual degrees of freedom."""
+        return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
 
 
 def assemble(
@@ -93,8 +76,7 @@ def assemble(
     *,
     names: tuple[str, ...],
     sigma: float | None,
-    confidence: float,
-    bounds: Bounds,
+    settings: Settings,
     characteristic_length: float | None,
 ) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
@@ -105,19 +87,22 @@ def assemble(
         whitened: compressed rows of all targets, whitened in units of sigma.
         names: of the n joints.
         sigma: as stated with the readings [m], or None.
-        confidence: level of the intervals.
-        bounds: on the compliances.
+        settings: constraints, prior and confidence.
         characteristic_length: [m], if one was used.
 
     Returns:
         The estimate.
     """
-    scale = _scale(fit, whitened, sigma, confidence)
+    scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
+    if fit.alone is not None:
+        scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(scale, fit, covariance)
-    joints = tuple(
-        _verdict(j, names, fit, visibility, covariance, scale.quantile, bounds) for j in range(len(names))
-    )
+    ratios = np.full(len(names), np.nan)
+    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
+        ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
+    evidence = Evidence(names, fit, visibility, scale, settings.constraints, settings.confidence, ratios)
+    joints = verdicts(evidence)
     return Estimate(
         joints=joints,
         compliance=fit.compliance,
@@ -129,10 +114,12 @@ def assemble(
         characteristic_length=characteristic_length,
         identifiability=fit.identifiability,
         certificates=fit.certificates,
+        regressor=whitened.matrix,
+        visibility=visibility,
     )
 
 
-def _refuse_overflow(scale: _Scale, fit: Fit, covariance: FloatArray | None) -> None:
+def _refuse_overflow(scale: Scale, fit: Fit, covariance: FloatArray | None) -> None:
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]
     if not all(np.isfinite(array).all() for array in numbers):
@@ -141,86 +128,3 @@ def _refuse_overflow(scale: _Scale, fit: Fit, covariance: FloatArray | None) -> 
             where="units",
             remedy="check the units of force, length and sigma",
         )
-
-
-def _scale(fit: Fit, whitened: Compression, sigma: float | None, confidence: float) -> _Scale:
-    """Chi-square of the targets' residuals, its degrees of freedom, and sigma.
-
-    For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``; for weighted
-    least squares that is rows − p. It lets the three methods be judged on the same readings.
-    """
-    R = whitened.matrix
-    squares = float(np.sum((R @ fit.compliance - whitened.rhs) ** 2))
-    parameters = sum(analysis.rank for analysis in fit.identifiability)
-    information = float(np.sum((R @ fit.covariance) * R))
-    freedom = max(0.0, whitened.rows - 2 * parameters + information)
-    tail = 0.5 + confidence / 2
-    if sigma is not None:
-        with np.errstate(all="ignore"):  # an overflow is refused later, with its remedy
-            chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
-        return _Scale(sigma, chi_square, freedom, float(special.ndtri(tail)))
-    if freedom < 0.5:
-        return _Scale(None, 0.0, freedom, float("inf"))
-    estimated = float(np.sqrt(squares / freedom))
-    return _Scale(estimated, freedom, freedom, float(special.stdtrit(freedom, tail)))
-
-
-def _verdict(
-    j: int,
-    names: tuple[str, ...],
-    fit: Fit,
-    visibility: Visibility,
-    covariance: FloatArray | None,
-    quantile: float,
-    bounds: Bounds,
-) -> JointCompliance:
-    name = names[j]
-    uncertainty = None if covariance is None else float(np.sqrt(covariance[j, j]))
-    hidden = _hidden(j, names, fit, visibility, uncertainty)
-    if hidden is not None:
-        return JointCompliance(name, "not_observable", reason=hidden)
-    value = float(fit.compliance[j])
-    if fit.active[j]:
-        bound = "greatest" if fit.active[j] < 0 else "least"
-        why = (
-            "its compliance is at zero: these readings cannot tell it from rigid"
-            if value == 0.0
-            else f"it is held by the {bound} stiffness that was asked for"
-        )
-        return JointCompliance(name, "at_bound", value, uncertainty, None, why)
-    interval = None
-    if uncertainty is not None:
-        interval = (
-            max(value - quantile * uncertainty, float(bounds.lower[j])),
-            min(value + quantile * uncertainty, float(bounds.upper[j])),
-        )
-    reason = _NO_UNCERTAINTY if uncertainty is None else None
-    return JointCompliance(name, "identified", value, uncertainty, interval, reason)
-
-
-def _hidden(
-    j: int,
-    names: tuple[str, ...],
-    fit: Fit,
-    visibility: Visibility,
-    uncertainty: float | None,
-) -> str | None:
-    """Why joint j has no number, or None if it has one."""
-    if visibility.null[j]:
-        return visibility.reasons[j]
-    for analysis in fit.identifiability:
-        for group in analysis.combinations:
-            if j in group.joints:
-                together = ", ".join(names[k] for k in group.joints)
-                return (
-                    f"only a combination of {together} shows in the readings: add postures in which "
-                    "their axes differ"
-                )
-    reference = float(visibility.reference_compliance[j])
-    if uncertainty is not None and uncertainty > reference:
-        return (
-            f"the noise hides {names[j]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) "
-            f"exceeds {reference:.2g} rad/(N.m), with which it alone would explain all that moved; "
-            "add loads that twist it more"
-        )
-    return None

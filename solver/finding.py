@@ -5,13 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Finding", "FindingCode", "length_text"]
+__all__ = ["Finding", "FindingCode", "Severity", "length_text"]
+
+Severity = Literal["error", "warning", "note"]
 
 FindingCode = Literal[
     "targets_not_rigid",
+    "target_moved",
+    "targets_swapped",
     "target_off_model",
+    "observations_out_of_order",
+    "duplicated_observation",
+    "joint_sign_suspect",
+    "joints_swapped",
+    "length_unit_suspect",
+    "force_unit_suspect",
+    "force_sign_suspect",
+    "drift_in_time",
+    "repeated_readings",
+    "residual_outlier",
+    "deflections_unexplained",
     "target_name_suspect",
     "deflection_against_force",
+    "encoder_against_torque",
+    "encoder_deflection_implausibly_large",
     "joint_outside_limits",
     "angle_unit_suspect",
     "deflection_implausibly_large",
@@ -20,8 +37,11 @@ FindingCode = Literal[
     "sigma_suspect",
     "zero_load",
     "residuals_exceed_sigma",
+    "sigma_overstated",
+    "prior_dominates",
     "low_compensation",
     "stiffness_implausible",
+    "complementary_stiffness_matters",
 ]
 
 
@@ -34,12 +54,14 @@ class Finding:
         observation: index of the observation; None for the whole set.
         message: what was seen, with figure and unit.
         remedy: what to check.
+        severity: "error" where it is almost certainly a mistake, "note" where it is good to know.
     """
 
     code: FindingCode
     observation: int | None
     message: str
     remedy: str
+    severity: Severity = "warning"
 
 
 def length_text(length: float) -> str:

@@ -15,12 +15,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from solver.exceptions import UnsupportedMethodError
 from solver.identifiability import Exposure
 from solver.identification import Settings, identify, spherical_wrist
 from solver.measurements import Measurements
 from solver.pose import fit_displacement
 from solver.problem import Bounds
-from solver.readings import DerivedReadings, pose_readings, target_readings, wrist_centre_readings
+from solver.readings import (
+    DerivedReadings,
+    encoder_readings,
+    pose_readings,
+    target_readings,
+    wrist_centre_readings,
+)
 from solver.regressor import RegressorBlock, regressor_blocks
 from solver.robot import Robot
 from solver.wrist import WRIST_JOINTS
@@ -47,6 +54,7 @@ class StageBlocks:
         rows: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read.
         gram: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows.
         unit: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)].
+        size: norm of the weighted readings d, by which they are divided.
     """
 
     joints: JointIndices
@@ -54,6 +62,7 @@ class StageBlocks:
     rows: FloatArray
     gram: FloatArray
     unit: FloatArray
+    size: float = 1.0
 
     def total(self, weights: FloatArray) -> FloatArray:
         """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
@@ -126,7 +135,9 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
 
     Raises:
         JointstiffError: as `solver.identification.identify` does on the full set.
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
     """
+    _refuse_nonlinear(settings)
     unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
     length = identify(robot, measurements, unbounded).characteristic_length
     exposure = Exposure(robot.joint_names)
@@ -150,21 +161,53 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
     )
 
 
+def _refuse_nonlinear(settings: Settings) -> None:
+    """Sums over configurations serve every draw only where no draw changes the rows."""
+    if settings.loss != "squared":
+        raise UnsupportedMethodError(
+            f"resampling goes with the squared loss, and loss {settings.loss} was asked for",
+            where="resampling",
+            remedy="leave resampling out, or use loss squared without the suspicious readings",
+        )
+    if settings.complementary_stiffness:
+        raise UnsupportedMethodError(
+            "resampling neglects the complementary stiffness, and it was to be included",
+            where="resampling",
+            remedy="leave resampling out, or neglect the complementary stiffness",
+        )
+    if settings.prior is not None or settings.order:
+        raise UnsupportedMethodError(
+            "resampling goes with neither priors nor an order of the joints",
+            where="resampling",
+            remedy="leave resampling out, or priors and order",
+        )
+
+
 def _weighted_rows(
     robot: Robot, settings: Settings, length: float | None, block: RegressorBlock
 ) -> tuple[FloatArray, ...]:
     """(B, r, n + 1) rows for each stage, weighted as `solver.methods` does."""
     uniform = settings.weighting == "uniform"
     count, equal = len(block.torque), np.ones(3) if uniform else None
+    joints = np.arange(robot.n)
     if settings.method == "partial_pose":
-        return (_weigh(target_readings(block), equal, count),)
+        return (_with_encoders(_weigh(target_readings(block), equal, count), block, joints),)
     displacement = fit_displacement(block)
     if settings.method == "complete_pose":
         length = 1.0 if uniform else length
         weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
-        return (_weigh(pose_readings(block, displacement), weight, count),)
+        return (_with_encoders(_weigh(pose_readings(block, displacement), weight, count), block, joints),)
     centre, *_ = wrist_centre_readings(block, displacement, spherical_wrist(robot).centre)
-    return _weigh(centre, equal, count), _weigh(target_readings(block), equal, count)
+    return (
+        _with_encoders(_weigh(centre, equal, count), block, joints[:-WRIST_JOINTS]),
+        _with_encoders(_weigh(target_readings(block), equal, count), block, joints[-WRIST_JOINTS:]),
+    )
+
+
+def _with_encoders(rows: FloatArray, block: RegressorBlock, joints: JointIndices) -> FloatArray:
+    """The rows (B, r, n + 1) of a stage, and after them those of the encoders of some joints."""
+    encoders = encoder_readings(block, joints)
+    return rows if encoders is None else np.concatenate([rows, encoders.whitened()], axis=1)
 
 
 def _weigh(readings: DerivedReadings, root_weight: FloatArray | None, count: int) -> FloatArray:
@@ -192,4 +235,4 @@ def _stage(rows: FloatArray, joints: JointIndices, known: JointIndices) -> Stage
     norms = np.where(norms > 0, norms, 1.0)
     scaled = chosen / norms
     gram = np.swapaxes(scaled, 1, 2) @ scaled
-    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1])
+    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1], float(norms[-1]))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import replace
+from functools import partial
 
+import numpy as np
+import numpy.typing as npt
+
+from solver.complementary_stiffness import ComplementaryStiffness
 from solver.estimate import Estimate, assemble
-from solver.exceptions import NotObservableError, UnsupportedMethodError
-from solver.identifiability import Exposure, Visibility
+from solver.exceptions import UnsupportedMethodError
+from solver.identifiability import Exposure
 from solver.measurements import Measurements
 from solver.methods import (
     CompletePose,
@@ -16,47 +20,16 @@ from solver.methods import (
     MethodAccumulator,
     PartialPose,
 )
+from solver.passes import Pass, fit_pass, neglected_shift, until_still, visible
 from solver.pose import refuse_unless_posed
-from solver.prior import Prior
-from solver.problem import Bounds
 from solver.regressor import regressor_blocks
 from solver.robot import Robot
+from solver.settings import Method, Settings, Weighting
 from solver.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
 
-__all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported"]
+__all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported", "spherical_wrist"]
 
-Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
-Weighting = Literal["covariance", "characteristic_length", "uniform"]
-Loss = Literal["squared", "huber"]
-
-
-@dataclass(frozen=True, eq=False)
-class Settings:
-    """How to identify.
-
-    Attributes:
-        method: see METHOD.md §4.
-        weighting: see METHOD.md §3; `characteristic_length` goes with the complete pose only.
-        characteristic_length: [m]; None for the length of least condition number.
-        bounds: on the compliances.
-        confidence: level of the intervals, between 0 and 1.
-        order: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j.
-        prior: what is known of the compliances beforehand; with weighting by covariance only.
-        loss: of the norm of each target's whitened residual.
-        huber_threshold: for the loss `huber`, in units of sigma.
-        complementary_stiffness: whether K_c is part of the model (METHOD.md §2).
-    """
-
-    method: Method
-    weighting: Weighting
-    bounds: Bounds
-    characteristic_length: float | None = None
-    confidence: float = 0.95
-    order: tuple[tuple[int, int], ...] = ()
-    prior: Prior | None = None
-    loss: Loss = "squared"
-    huber_threshold: float = 2.8
-    complementary_stiffness: bool = False
+FloatArray = npt.NDArray[np.float64]
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
@@ -78,23 +51,66 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     """
     refuse_unsupported(robot, measurements, settings)
     length = _characteristic_length(robot, measurements, settings)
-    method = _accumulator(robot, settings, length)
-    exposure = Exposure(robot.joint_names)
-    for block in regressor_blocks(robot, measurements):
-        exposure.add(block)
-        method.add(block)
-    visibility = _visibility(exposure)
-    fit = method.fit(visibility.null, settings.bounds)
-    return assemble(
-        fit,
-        visibility,
-        method.judged.rows,
+    new_method = partial(_accumulator, robot, settings, length)
+    first = last = fit_pass(robot, measurements, settings, new_method)
+    iterations = 0
+    if settings.complementary_stiffness:
+        last, iterations = until_still(robot, measurements, settings, new_method, first)
+    estimate = _assembled(robot, measurements, settings, last, length)
+    if settings.complementary_stiffness:
+        shift: FloatArray | None = last.fit.compliance - first.fit.compliance
+    else:
+        prior = settings.prior.rows(estimate.sigma) if settings.prior and estimate.sigma else None
+        shift = neglected_shift(robot, measurements, first, prior)
+    size = ComplementaryStiffness(
+        included=settings.complementary_stiffness,
+        iterations=iterations,
+        largest_ratio=first.largest_stiffness.ratio(estimate.compliance, _known(estimate)),
+        largest_shift=_in_standard_uncertainties(shift, estimate),
+    )
+    return replace(estimate, complementary_stiffness=size)
+
+
+def _assembled(
+    robot: Robot, measurements: Measurements, settings: Settings, last: Pass, length: float | None
+) -> Estimate:
+    """The estimate of the last fit; a robust scale takes the place of a sigma that is not known."""
+    robust, targets = last.robust, last.targets
+    estimate = assemble(
+        last.fit,
+        last.visibility,
+        last.method.judged.rows,
         names=robot.joint_names,
-        sigma=measurements.sigma,
-        confidence=settings.confidence,
-        bounds=settings.bounds,
+        sigma=measurements.sigma if robust is None else robust.sigma,
+        settings=settings,
         characteristic_length=length,
     )
+    if robust is None or targets is None:
+        return estimate
+    return replace(
+        estimate,
+        sigma_given=measurements.sigma is not None,
+        chi_square=targets.chi_square(estimate.compliance, sigma=robust.sigma, threshold=robust.threshold),
+        certificates=(robust.certificate, *estimate.certificates),
+        robust=robust,
+    )
+
+
+def _known(estimate: Estimate) -> npt.NDArray[np.bool_]:
+    """(n,) joints with an estimate."""
+    return np.array([joint.compliance is not None for joint in estimate.joints])
+
+
+def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:
+    """Largest change of an estimate in units of its standard uncertainty."""
+    if shift is None:
+        return None
+    ratios = [
+        abs(float(change)) / joint.standard_uncertainty
+        for change, joint in zip(shift, estimate.joints, strict=True)
+        if joint.compliance is not None and joint.standard_uncertainty
+    ]
+    return max(ratios, default=None)
 
 
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
@@ -112,11 +128,27 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         refuse_unless_posed(measurements)
     if settings.method == "decoupled_partial_pose":
         spherical_wrist(robot)
+    _refuse_prior_or_order(settings)
+    if measurements.encoders is not None and settings.weighting != "covariance":
+        raise UnsupportedMethodError(
+            f"weighting {settings.weighting} cannot weigh the encoders' angles against lengths",
+            where="weighting",
+            remedy="use weighting covariance, or leave the encoder readings out",
+        )
     if settings.weighting == "characteristic_length" and settings.method != "complete_pose":
         raise UnsupportedMethodError(
             f"{settings.method} has no rotations to weigh against translations",
             where="weighting",
             remedy="use weighting covariance, or method complete_pose",
+        )
+
+
+def _refuse_prior_or_order(settings: Settings) -> None:
+    if settings.prior is not None and settings.weighting != "covariance":
+        raise UnsupportedMethodError(
+            f"weighting {settings.weighting} does not say what a reading is worth beside a prior",
+            where="weighting",
+            remedy="use weighting covariance, or leave the priors out",
         )
 
 
@@ -159,22 +191,4 @@ def _characteristic_length(robot: Robot, measurements: Measurements, settings: S
     for block in regressor_blocks(robot, measurements):
         exposure.add(block)
         search.add(block)
-    return search.length(_visibility(exposure).null)
-
-
-def _visibility(exposure: Exposure) -> Visibility:
-    visibility = exposure.visibility()
-    if not exposure.anything_moved:
-        raise NotObservableError(
-            "no target moved at all, so nothing can be said of any joint",
-            where="observations",
-            remedy="check that the loaded readings were taken under load",
-        )
-    if visibility.null.all():
-        reasons = "; ".join(str(reason).split(":")[0] for reason in visibility.reasons)
-        raise NotObservableError(
-            f"the readings determine no joint: {reasons}",
-            where="observations",
-            remedy="add loads that twist the joints, and targets away from their axes",
-        )
-    return visibility
+    return search.length(visible(exposure).null)

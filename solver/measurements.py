@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from solver.encoders import EncoderReadings
 from solver.exceptions import MeasurementError
 
 __all__ = ["ISOTROPIC_DIFFERENCE", "Measurements"]
@@ -35,10 +36,15 @@ class Measurements:
         present: (N, T) which targets were read; the others hold zeros.
         sigma: standard uncertainty of one coordinate of one reading [m]; None if unknown.
         covariance: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma².
+        weight: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by
+            it already, and rows that are not weighted by covariance are weighted by it. None for ones.
+        encoders: what secondary encoders read of the joints; None if there are none. It takes a sigma
+            to weigh them against the targets.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
-            not positive, or a covariance is not symmetric positive definite.
+            not positive, encoders were read and sigma is unknown, or a covariance is not symmetric
+            positive definite.
     """
 
     joints: FloatArray
@@ -51,6 +57,8 @@ class Measurements:
     present: BoolArray
     sigma: float | None = None
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
+    encoders: EncoderReadings | None = None
+    weight: FloatArray | None = None
 
     def __post_init__(self) -> None:
         count, targets = self.present.shape
@@ -74,6 +82,28 @@ class Measurements:
         if self.covariance.shape not in {(3, 3), (count, targets, 3, 3)}:
             _check("covariance", self.covariance, (count, targets, 3, 3))
         self.covariance.setflags(write=False)
+        if self.weight is not None:
+            _check("weight", self.weight, (count, targets))
+        if self.encoders is not None:
+            self._check_encoders(self.encoders)
+
+    def _check_encoders(self, encoders: EncoderReadings) -> None:
+        if encoders.deflection.shape != self.joints.shape:
+            _check("encoder_readings", encoders.deflection, self.joints.shape)
+        if self.sigma is None:
+            raise MeasurementError(
+                "encoders were read and the tracker's sigma is not given, so angles and lengths cannot be "
+                "weighed against each other",
+                where="noise",
+                remedy="state noise.sigma and noise.encoder_sigma, or leave the encoder readings out",
+            )
+
+    @property
+    def encoder_lever(self) -> float:
+        """Length on which an encoder's deflection weighs like a target's [m]; 0 without encoders."""
+        if self.encoders is None or self.sigma is None:
+            return 0.0
+        return self.encoders.lever(self.sigma)
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -92,6 +122,8 @@ class Measurements:
             present=self.present[rows],
             sigma=self.sigma,
             covariance=covariance,
+            encoders=None if self.encoders is None else self.encoders[rows],
+            weight=None if self.weight is None else self.weight[rows],
         )
 
 

@@ -33,18 +33,30 @@ class Prediction:
     rms_residual: float
 
 
-def predict(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Prediction:
+def predict(
+    robot: Robot,
+    measurements: Measurements,
+    compliance: FloatArray,
+    *,
+    complementary_stiffness: bool = False,
+) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (METHOD.md §2).
 
     Args:
         robot: n joints.
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
+        complementary_stiffness: whether the load follows the deflection, as in the fit that found the
+            compliances: the deflections are then those of the exact balance, to third order.
 
     Returns:
         The prediction beside the measurements.
+
+    Raises:
+        SolverError: the load finds no balance with joints of that compliance.
     """
-    predicted = np.concatenate([block.A @ compliance for block in regressor_blocks(robot, measurements)])
+    blocks = regressor_blocks(robot, measurements, compliance if complementary_stiffness else None)
+    predicted = np.concatenate([block.A @ compliance for block in blocks])
     residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
     left = np.linalg.norm(residual[measurements.present], axis=-1)
     moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()

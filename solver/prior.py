@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from solver.exceptions import RequestError
 
-__all__ = ["Prior"]
+__all__ = ["Prior", "PriorRows"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,3 +45,34 @@ class Prior:
     def known(self) -> npt.NDArray[np.bool_]:
         """(n,) joints of which something is known."""
         return np.isfinite(self.mean)
+
+    def rows(self, sigma: float) -> PriorRows:
+        """The prior as readings of the compliances beside those of the targets.
+
+        Args:
+            sigma: standard uncertainty of one coordinate of one reading [m], the unit of weighted rows.
+        """
+        known = self.known
+        weight = np.where(known, sigma / self.standard_uncertainty, 0.0)
+        return PriorRows(weight, np.where(known, self.mean, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PriorRows:
+    """One row ``(sigma/s₀) c_j = (sigma/s₀) c₀`` for each joint of which something is known.
+
+    Attributes:
+        weight: (n,) sigma/s₀ [m / (rad/(N·m))]; zero where nothing is known.
+        mean: (n,) c₀ [rad/(N·m)].
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+
+    def select(self, joints: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """The rows (k, p) that say something of p joints, and their right-hand side (k,)."""
+        weight = self.weight[joints]
+        known = np.flatnonzero(weight)
+        rows = np.zeros((len(known), len(joints)))
+        rows[np.arange(len(known)), known] = weight[known]
+        return rows, weight[known] * self.mean[joints][known]

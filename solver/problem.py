@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from solver.exceptions import RequestError, SolverError
 
-__all__ = ["Bounds", "IdentificationProblem"]
+__all__ = ["Bounds", "IdentificationProblem", "Inequalities"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,13 +53,35 @@ class Bounds:
 
 
 @dataclass(frozen=True, eq=False)
+class Inequalities:
+    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds.
+
+    Attributes:
+        matrix: (k, n), no row of zeros.
+        least: (k,).
+
+    Raises:
+        SolverError: if a number is not finite, or a row is zero.
+    """
+
+    matrix: FloatArray
+    least: FloatArray
+
+    def __post_init__(self) -> None:
+        rows_hold = np.isfinite(self.matrix).all() and np.isfinite(self.least).all()
+        if not rows_hold or not self.matrix.any(axis=1).all():
+            raise SolverError("an inequality says nothing", remedy="report this with the data")
+
+
+@dataclass(frozen=True, eq=False)
 class IdentificationProblem:
-    """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper.
+    """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper, and to linear inequalities if there are any.
 
     Attributes:
         R: (m, n) compressed, weighted regressor; every column has a positive norm.
         z: (m,) compressed, weighted deflections.
         bounds: of the n compliances.
+        inequalities: that hold besides, or None.
 
     Raises:
         SolverError: if a number is not finite, shapes disagree, or a column is zero.
@@ -68,6 +90,7 @@ class IdentificationProblem:
     R: FloatArray
     z: FloatArray
     bounds: Bounds
+    inequalities: Inequalities | None = None
 
     def __post_init__(self) -> None:
         shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}

@@ -14,6 +14,7 @@ from solver.regressor import RegressorBlock, whitener
 __all__ = [
     "DerivedReadings",
     "Stage",
+    "encoder_readings",
     "pose_readings",
     "target_readings",
     "wrist_centre_readings",
@@ -31,12 +32,15 @@ class DerivedReadings:
         y: (K, m) derived reading.
         whitener: (m, m) or (K, m, m) matrix W with ``cov(y) = (Wᵀ W)⁻¹`` in units of sigma².
         count: how many of the K m rows are readings, the others being padding of zeros.
+        weight: (K, 1, 1) of each group where it is not weighted by covariance, from a robust loss; None for
+            ones. The covariance holds it already.
     """
 
     A: FloatArray
     y: FloatArray
     whitener: FloatArray
     count: int
+    weight: FloatArray | None = None
 
     def select(self, columns: npt.NDArray[np.intp]) -> DerivedReadings:
         """The same rows for some of the parameters, in the given order."""
@@ -57,11 +61,17 @@ class DerivedReadings:
     def weighted(self, root_weight: FloatArray) -> FloatArray:
         """(K, m, n + 1) rows diag(s) [A y] for the root weights s (m,)."""
         augmented = np.concatenate([self.A, self.y[..., None]], axis=-1)
-        return augmented * root_weight[:, None]
+        rows: FloatArray = augmented * root_weight[:, None]
+        return rows if self.weight is None else rows * np.sqrt(self.weight)
+
+    @property
+    def influence(self) -> FloatArray:
+        """(K, m, n) A, weighted by a robust loss if there is one."""
+        return self.A if self.weight is None else self.A * self.weight
 
     def spread(self, root_weight: FloatArray) -> FloatArray:
-        """(K, m, n) rows W⁻ᵀ diag(s²) A, whose Gram matrix is AᵀΩ cov(y) Ω A with Ω = diag(s²)."""
-        scaled: FloatArray = self.A * (root_weight**2)[:, None]
+        """(K, m, n) rows W⁻ᵀ Ω A, whose Gram matrix is AᵀΩ cov(y) Ω A with Ω = weight · diag(s²)."""
+        scaled: FloatArray = self.influence * (root_weight**2)[:, None]
         inverse_transposed = np.swapaxes(np.linalg.inv(self.whitener), -1, -2)
         return inverse_transposed @ scaled
 
@@ -78,6 +88,11 @@ class Stage:
         self.rows = Compression(parameters + 1)
         self._spread = Compression(parameters)
 
+    @property
+    def by_covariance(self) -> bool:
+        """Whether the rows are weighted by their covariance, so that they are those of the likelihood."""
+        return self._root_weight is None
+
     def add(self, readings: DerivedReadings) -> None:
         """Take in rows."""
         if self._root_weight is None:
@@ -85,6 +100,29 @@ class Stage:
         else:
             self.rows.add(readings.weighted(self._root_weight), count=readings.count)
             self._spread.add(readings.spread(self._root_weight))
+
+    def add_encoders(
+        self, block: RegressorBlock, joints: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
+    ) -> None:
+        """Take in what secondary encoders read, if they were read.
+
+        Args:
+            block: B observations.
+            joints: the joints whose encoders take part.
+            columns: the joint of each of the stage's parameters.
+        """
+        readings = encoder_readings(block, joints)
+        if readings is not None:
+            self.add(readings.select(columns))
+
+    def moment(self, readings: DerivedReadings | None) -> FloatArray:
+        """(n,) AᵀΩ y of rows that are not taken in, weighted as those that are; zero for None."""
+        if readings is None:
+            return np.zeros(self.rows.matrix.shape[1])
+        rows = readings.whitened() if self._root_weight is None else readings.weighted(self._root_weight)
+        flat = rows.reshape(-1, rows.shape[-1])
+        moment: FloatArray = flat[:, :-1].T @ flat[:, -1]
+        return moment
 
     def covariance(self, columns: npt.NDArray[np.intp], inverse: FloatArray) -> FloatArray:
         """Covariance of the unconstrained estimate of some columns, the others being known.
@@ -112,6 +150,7 @@ def target_readings(block: RegressorBlock) -> DerivedReadings:
         y=part.deflection.reshape(-1, 3),
         whitener=weights if weights.ndim == 2 else weights.reshape(-1, 3, 3),
         count=3 * int(part.present.sum()),
+        weight=None if part.weight is None else part.weight.reshape(-1, 1, 1),
     )
 
 
@@ -124,6 +163,7 @@ def pose_readings(block: RegressorBlock, displacement: RigidDisplacement) -> Der
         y=displacement.x,
         whitener=displacement.factor,
         count=displacement.x.size,
+        weight=_poorest(block),
     )
 
 
@@ -153,5 +193,42 @@ def wrist_centre_readings(
         y=np.einsum("bij,bj->bi", extrapolation, displacement.x),
         whitener=np.linalg.inv(np.linalg.qr(half.transpose(0, 2, 1), mode="r")).transpose(0, 2, 1),
         count=3 * len(arm),
+        weight=_poorest(block),
     )
     return readings, half @ displacement.basis.transpose(0, 2, 1), jacobian
+
+
+def encoder_readings(block: RegressorBlock, joints: npt.NDArray[np.intp]) -> DerivedReadings | None:
+    """Secondary encoders: one row ``δθ_j = τ_j c_j`` for each joint that was read, of variance 2 σ_e².
+
+    They take part in every method: what they say of a joint does not pass through the targets.
+
+    Args:
+        block: B observations.
+        joints: (p,) the joints whose encoders take part.
+
+    Returns:
+        B groups of p rows for all n joints [rad], weighted in units of the tracker's sigma²; None where no
+        encoder was read.
+    """
+    part = block.measurements
+    if part.encoders is None:
+        return None
+    present = part.encoders.present[:, joints]
+    A = np.zeros((*present.shape, block.torque.shape[1]))
+    A[:, np.arange(len(joints)), joints] = np.where(present, block.torque[:, joints], 0.0)
+    return DerivedReadings(
+        A=A,
+        y=np.where(present, part.encoders.deflection[:, joints], 0.0),
+        whitener=part.encoder_lever / np.sqrt(2.0) * np.eye(len(joints)),
+        count=int(present.sum()),
+    )
+
+
+def _poorest(block: RegressorBlock) -> FloatArray | None:
+    """(B, 1, 1) least robust weight of an observation's targets: its pose is as good as they are."""
+    part = block.measurements
+    if part.weight is None:
+        return None
+    poorest: FloatArray = np.where(part.present, part.weight, 1.0).min(axis=1)
+    return poorest[:, None, None]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.configuration import Configurations
-from solver.exceptions import MeasurementError
+from solver.exceptions import MeasurementError, SolverError
 from solver.measurements import Measurements
 from solver.robot import Robot
 
@@ -25,16 +25,26 @@ BoolArray = npt.NDArray[np.bool_]
 BLOCK_LENGTH = 2048
 """Configurations in a block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
+_BALANCE_ROUNDS = 40
+"""Each shrinks the error by the ratio of K_c to the joint stiffness, mostly a thousandth."""
+_BALANCED = 1e-15
+"""Change of a joint's deflection [rad] that is rounding: 3e-15 m at the end of the largest arm."""
+_LARGEST_DEFLECTION = 1.0
+"""A balance further away [rad] may be on another branch."""
+
 
 @dataclass(frozen=True, eq=False)
 class RegressorBlock:
     """Regressors of B observations of T targets of a robot with n joints.
 
+    Without a compliance the configurations are the unloaded ones. With one, they are those half-way to the
+    balance of springs and load, and the torques are those in that balance.
+
     Attributes:
         configurations: the kinematics.
         torque: (B, n) torque of the load about each joint [N·m].
         load_jacobian: (B, 3, n) J_v at the load point [m/rad].
-        points: (B, T, 3) the targets in R0, unloaded [m].
+        points: (B, T, 3) the targets in R0, in these configurations [m].
         jacobian: (B, T, 3, n) J_v at the targets [m/rad].
         A: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present.
         measurements: the observations themselves.
@@ -68,31 +78,91 @@ def joint_torque(
     return by_force + by_moment
 
 
-def regressor_blocks(robot: Robot, measurements: Measurements) -> Iterator[RegressorBlock]:
+def regressor_blocks(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+) -> Iterator[RegressorBlock]:
     """Yield the regressors block by block.
+
+    With a compliance c they hold the complementary stiffness (METHOD.md §2): A c is then the deflection of
+    the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
+    and targets are those half-way, at q + δθ/2, where they are secants of the motion: between two poses the
+    rotation of the flange about its half-way axes moves each target by ``δφ × (its half-way lever)``.
 
     Args:
         robot: n joints.
         measurements: N observations.
+        compliance: (n,) of the joints [rad/(N·m)]; None leaves out how they move the load.
 
     Yields:
         Blocks of at most `BLOCK_LENGTH` observations, in order.
+
+    Raises:
+        SolverError: the load finds no balance with joints of that compliance.
     """
     if len(measurements) <= BLOCK_LENGTH:
-        yield _block(robot, measurements)
+        yield _block(robot, measurements, compliance)
         return
     for start in range(0, len(measurements), BLOCK_LENGTH):
-        yield _block(robot, measurements[start : start + BLOCK_LENGTH])
+        yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
 
 
-def _block(robot: Robot, part: Measurements) -> RegressorBlock:
-    configurations = Configurations(robot, robot.joint_map.model_angles(part.joints))
-    load_points = configurations.to_base(part.load_point[:, None])
-    load_jacobian = configurations.jacobian_at(load_points)[:, 0]
-    torque = joint_torque(configurations, load_jacobian, part.force, part.moment)
+def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
+    q = robot.joint_map.model_angles(part.joints)
+    configurations = Configurations(robot, q)
     points = part.position
+    if compliance is not None:
+        return _deflected_block(robot, part, configurations, q, compliance)
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
+    load_jacobian, torque = _load(configurations, part)
+    return _assembled(configurations, load_jacobian, torque, points, part)
+
+
+def _deflected_block(
+    robot: Robot, part: Measurements, unloaded: Configurations, q: FloatArray, compliance: FloatArray
+) -> RegressorBlock:
+    deflection, torque = _balance(robot, part, q, compliance)
+    halfway = Configurations(robot, q + 0.5 * deflection)
+    in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
+    in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
+    load_jacobian, _ = _load(halfway, part)
+    return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
+
+
+def _balance(
+    robot: Robot, part: Measurements, q: FloatArray, compliance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Deflections (B, n) [rad] and torques (B, n) [N·m] with ``δθ = c ∘ τ(q + δθ)``, by fixed point."""
+    deflection = np.zeros(q.shape)
+    for _ in range(_BALANCE_ROUNDS):
+        _, torque = _load(Configurations(robot, q + deflection), part)
+        change = np.abs(compliance * torque - deflection).max()
+        deflection = compliance * torque
+        if not np.abs(deflection).max() <= _LARGEST_DEFLECTION:
+            break
+        if change <= _BALANCED:
+            return deflection, torque
+    raise SolverError(
+        "the load finds no balance near the unloaded posture with joints as soft as these",
+        where="complementary_stiffness",
+        remedy="neglect the complementary stiffness, or check the units of force and length",
+    )
+
+
+def _load(configurations: Configurations, part: Measurements) -> tuple[FloatArray, FloatArray]:
+    """J_v at the load point (B, 3, n) [m/rad] and the load's torques (B, n) [N·m]."""
+    load_points = configurations.to_base(part.load_point[:, None])
+    load_jacobian = configurations.jacobian_at(load_points)[:, 0]
+    return load_jacobian, joint_torque(configurations, load_jacobian, part.force, part.moment)
+
+
+def _assembled(
+    configurations: Configurations,
+    load_jacobian: FloatArray,
+    torque: FloatArray,
+    points: FloatArray,
+    part: Measurements,
+) -> RegressorBlock:
     jacobian = configurations.jacobian_at(points)
     A = jacobian * torque[:, None, None]
     if not part.present.all():

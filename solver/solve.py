@@ -7,6 +7,8 @@ if the optimality conditions hold in the data. Supports are proposed cheapest fi
 with a certificate is the answer, by convexity, whoever proposed it: least squares where no bound is
 active, then pivoting, then Clarabel, then an exact active set. Stating a problem in cvxpy, compiled or
 not, costs several times what the rest of an identification does; so what pivoting settles never gets there.
+Where linear inequalities hold besides, the same goes for the rows that are tight: none of the inequalities,
+then those of an exact least-distance problem, then Clarabel's.
 """
 
 from __future__ import annotations
@@ -14,23 +16,25 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import cvxpy as cp
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import lsq_linear
 
 from solver.exceptions import SolverError
-from solver.problem import IdentificationProblem
+from solver.least_distance import Inequality, active_rows, conditions, multipliers_of, polish
+from solver.problem import IdentificationProblem, Inequalities
+
+if TYPE_CHECKING:
+    import cvxpy as cp  # takes two seconds, and is hardly ever needed: imported where it is
 
 __all__ = ["CERTIFICATE_TOLERANCE", "Certificate", "Solution", "solve"]
 
 FloatArray = npt.NDArray[np.float64]
 Support = npt.NDArray[np.int8]
-SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set"]
+SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
 
 CERTIFICATE_TOLERANCE = 1e-12
 """Greatest relative violation of an optimality condition that is taken for rounding."""
@@ -51,6 +55,9 @@ _CLARABEL = {
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
 
 _FREE, _LOWER, _UPPER = 0, -1, 1
+
+_TOUCHES = 1e-6
+"""Slack at which an interior point may stand from a row that is tight at the optimum."""
 
 _PIVOTS = 8
 """Rounds of pivoting: each costs a tenth of a call of cvxpy."""
@@ -87,11 +94,18 @@ class Solution:
         compliance: (n,) [rad/(N·m)].
         active: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0.
         certificate: evidence that it is the optimum.
+        tight: (k,) inequalities that hold with equality up to rounding; None where the problem has none.
     """
 
     compliance: FloatArray
     active: Support
     certificate: Certificate
+    tight: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a constraint holds with equality."""
+        return bool(self.active.any()) or (self.tight is not None and bool(self.tight.any()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +140,14 @@ def solve(problem: IdentificationProblem) -> Solution:
         problem.bounds.lower / unit,
         problem.bounds.upper / unit,
     )
+    within_bounds = _solve_within_bounds(problem, scaled, unit)
+    if problem.inequalities is None:
+        return within_bounds
+    return _solve_with_inequalities(problem, problem.inequalities, scaled, unit, within_bounds)
+
+
+def _solve_within_bounds(problem: IdentificationProblem, scaled: _Scaled, unit: FloatArray) -> Solution:
+    """The optimum as if there were no inequalities besides the bounds."""
     finders: tuple[tuple[SupportFinder, Callable[[_Scaled], Support | None]], ...] = (
         ("least_squares", _support_without_bounds),
         ("pivoting", _support_from_pivoting),
@@ -140,11 +162,78 @@ def solve(problem: IdentificationProblem) -> Solution:
         certificate = _certify(scaled, x, name)
         if certificate.holds:
             return _unscaled(problem, x, unit, certificate)
-    raise SolverError(
+    raise _not_certified(certificate)
+
+
+def _not_certified(certificate: Certificate) -> SolverError:
+    return SolverError(
         f"no solution satisfies the optimality conditions to {CERTIFICATE_TOLERANCE:g} "
         f"(primal {certificate.primal:.1e}, dual {certificate.dual:.1e})",
         remedy="report this with the data",
     )
+
+
+def _solve_with_inequalities(
+    problem: IdentificationProblem,
+    inequalities: Inequalities,
+    scaled: _Scaled,
+    unit: FloatArray,
+    within_bounds: Solution,
+) -> Solution:
+    """The optimum under the inequalities, given that without them."""
+    slack = inequalities.matrix @ within_bounds.compliance - inequalities.least
+    if (slack >= 0).all():
+        return replace(within_bounds, tight=slack <= 0)
+    general = _as_rows(scaled, inequalities.matrix * unit, inequalities.least)
+    start = within_bounds.compliance / unit
+    finders: tuple[tuple[SupportFinder, Callable[[], tuple[npt.NDArray[np.bool_], FloatArray] | None]], ...]
+    finders = (
+        ("least_distance", lambda: _rows_from_least_distance(general, start)),
+        ("clarabel", lambda: _rows_from_clarabel(scaled, general)),
+    )
+    certificate = Certificate(np.inf, np.inf, 0.0, "least_distance")
+    for name, find in finders:
+        found = find()
+        if found is None:
+            continue
+        x = polish(general, *found)
+        # Rows that the proposal left out but that hold up to rounding, and pull, are put on it exactly.
+        x = _snap(scaled, polish(general, multipliers_of(general, x) > 0, x))
+        primal, dual = conditions(general, x)
+        certificate = Certificate(primal, dual, 0.0, name)
+        if certificate.holds:
+            tight = general.tight(x)[-len(slack) :]
+            return replace(_unscaled(problem, x, unit, certificate), tight=tight)
+    raise _not_certified(certificate)
+
+
+def _as_rows(scaled: _Scaled, matrix: FloatArray, least: FloatArray) -> Inequality:
+    """Bounds and inequalities as rows of unit norm, the inequalities last."""
+    below, above = np.isfinite(scaled.lower), np.isfinite(scaled.upper)
+    identity = np.eye(len(scaled.lower))
+    norms = np.linalg.norm(matrix, axis=1)
+    return Inequality(
+        scaled.A,
+        scaled.b,
+        np.vstack([identity[below], -identity[above], matrix / norms[:, None]]),
+        np.concatenate([scaled.lower[below], -scaled.upper[above], least / norms]),
+    )
+
+
+def _rows_from_least_distance(
+    general: Inequality, start: FloatArray
+) -> tuple[npt.NDArray[np.bool_], FloatArray] | None:
+    active = active_rows(general)
+    return None if active is None else (active, start)
+
+
+def _rows_from_clarabel(
+    scaled: _Scaled, general: Inequality
+) -> tuple[npt.NDArray[np.bool_], FloatArray] | None:
+    """The rows with a multiplier among those that Clarabel's point all but touches."""
+    k = len(general.d) - int(np.isfinite(scaled.lower).sum() + np.isfinite(scaled.upper).sum())
+    x = _clarabel(scaled, (general.B[-k:], general.d[-k:]))
+    return None if x is None else (multipliers_of(general, x, _TOUCHES) > 0, x)
 
 
 def _snap(scaled: _Scaled, x: FloatArray) -> FloatArray:
@@ -232,6 +321,8 @@ def _support_from_clarabel(scaled: _Scaled) -> Support | None:
 
 def _support_from_active_set(scaled: _Scaled) -> Support:
     """Exact active-set least squares (Stark & Parker's BVLS), for ties that an interior point blurs."""
+    from scipy.optimize import lsq_linear
+
     outcome = lsq_linear(scaled.A, scaled.b, bounds=(scaled.lower, scaled.upper), method="bvls", tol=1e-15)
     return np.asarray(outcome.active_mask, dtype=np.int8)
 
@@ -246,33 +337,42 @@ class _Parametrised:
     b: cp.Parameter
     below: tuple[cp.Parameter, cp.Parameter]
     above: tuple[cp.Parameter, cp.Parameter]
+    rows: tuple[cp.Parameter, cp.Parameter] | None
     lock: threading.Lock
 
 
 @lru_cache(maxsize=64)
-def _parametrised(rows: int, columns: int) -> _Parametrised:
+def _parametrised(rows: int, columns: int, inequalities: int) -> _Parametrised:
+    import cvxpy as cp
+
     x, r = cp.Variable(columns), cp.Variable(rows)
     A, b = cp.Parameter((rows, columns)), cp.Parameter(rows)
     # A bound that does not exist has selector 0 and limit 0: 0 x ≥ 0 always holds.
     below = cp.Parameter(columns, nonneg=True), cp.Parameter(columns)
     above = cp.Parameter(columns, nonneg=True), cp.Parameter(columns)
-    problem = cp.Problem(
-        cp.Minimize(cp.sum_squares(r)),
-        [
-            r == A @ x - b,
-            cp.multiply(below[0], x) >= below[1],
-            cp.multiply(above[0], x) <= above[1],
-        ],
-    )
-    return _Parametrised(problem, x, A, b, below, above, threading.Lock())
+    constraints = [
+        r == A @ x - b,
+        cp.multiply(below[0], x) >= below[1],
+        cp.multiply(above[0], x) <= above[1],
+    ]
+    general = None
+    if inequalities:
+        general = cp.Parameter((inequalities, columns)), cp.Parameter(inequalities)
+        constraints.append(general[0] @ x >= general[1])
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(r)), constraints)
+    return _Parametrised(problem, x, A, b, below, above, general, threading.Lock())
 
 
-def _clarabel(scaled: _Scaled) -> FloatArray | None:
+def _clarabel(scaled: _Scaled, rows: tuple[FloatArray, FloatArray] | None = None) -> FloatArray | None:
     """Solve by Clarabel; any status but `optimal` is a failure, whatever values it leaves behind."""
-    compiled = _parametrised(*scaled.A.shape)
+    import cvxpy as cp
+
+    compiled = _parametrised(*scaled.A.shape, 0 if rows is None else len(rows[1]))
     with compiled.lock, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate answer is recognised by its status below
         compiled.A.value, compiled.b.value = scaled.A, scaled.b
+        if compiled.rows is not None and rows is not None:
+            compiled.rows[0].value, compiled.rows[1].value = rows
         for (selector, limit), bound in (
             (compiled.below, scaled.lower),
             (compiled.above, scaled.upper),
@@ -287,3 +387,27 @@ def _clarabel(scaled: _Scaled) -> FloatArray | None:
     if status != cp.OPTIMAL or value is None or not np.isfinite(value).all():
         return None
     return np.asarray(value, dtype=np.float64)
+
+
+def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: SupportFinder) -> Certificate:
+    """Evaluate the optimality conditions of a problem at compliances found elsewhere.
+
+    Args:
+        problem: as for `solve`.
+        compliance: (n,) [rad/(N·m)].
+        solved_by: what found them.
+    """
+    column_norms = problem.column_norms
+    size = float(np.linalg.norm(problem.z)) or 1.0
+    unit = size / column_norms
+    scaled = _Scaled(
+        problem.R / column_norms,
+        problem.z / size,
+        problem.bounds.lower / unit,
+        problem.bounds.upper / unit,
+    )
+    if problem.inequalities is None:
+        return _certify(scaled, compliance / unit, solved_by)
+    inequalities = problem.inequalities
+    general = _as_rows(scaled, inequalities.matrix * unit, inequalities.least)
+    return Certificate(*conditions(general, compliance / unit), 0.0, solved_by)

@@ -1,4 +1,7 @@
 import { render } from "preact";
+import { App } from "./app";
+import { text } from "./text";
 
+document.documentElement.lang = text.language;
 const page = document.getElementById("page");
-if (page) render(<h1>Jointstiff</h1>, page);
+if (page) render(<App />, page);

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-__all__ = ["MEASUREMENT_SETS", "ROBOTS", "RUNS"]
+__all__ = ["COMPARISONS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS"]
 
 _QUARTER: Final = 1.5707963267948966
 
@@ -86,4 +86,26 @@ RUNS: Final[dict[str, Any]] = {
         "weighting": "covariance",
         "stiffness_bounds": {"joint_2": [1e6, None]},
     },
+}
+
+COMPARISONS: Final[dict[str, Any]] = {
+    "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
+    "two methods, 10 configurations drawn 1000 times": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "methods": [
+            {"method": "complete_pose", "weighting": "characteristic_length", "characteristic_length": 0.6},
+            {"method": "partial_pose"},
+        ],
+        "constraints": ["positive"],
+        "resampling": {"size": 10, "repetitions": 1000, "seed": 1},
+    },
+}
+
+PAIRS: Final[dict[str, Any]] = {
+    "two encoders": {
+        "first": {"measurement_set_id": "ID_OF_THE_SET_WITH_MOTOR_ENCODERS"},
+        "second": {"measurement_set_id": "ID_OF_THE_SET_WITH_SECONDARY_ENCODERS"},
+        "ordered": True,
+    },
+    "two runs": {"first": {"run_id": "ID_OF_A_RUN"}, "second": {"run_id": "ID_OF_ANOTHER"}},
 }

@@ -30,4 +30,6 @@ def get_index() -> dict[str, str]:
         "robots": "/v1/robots",
         "measurement_sets": "/v1/measurement-sets",
         "runs": "/v1/runs",
+        "comparisons": "/v1/comparisons",
+        "pairs": "/v1/pairs",
     }

@@ -1,51 +1,24 @@
-"""What the routes are handed: the parts of the application, and the vocabulary of their parameters."""
+"""What the routes share: the parts of the application, and the vocabulary of their answers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends, Request, Response
+from pydantic import BaseModel
 
 from schemas.problem import Problem
-from service.measurement_sets import MeasurementSets
-from service.robots import Robots
-from service.runs import Announce, Runs
-from service.store import Store
+from service.parts import Parts
 
 __all__ = [
-    "ACCEPTED",
     "EVENT_STREAM",
     "LOCATION",
-    "Parts",
     "PartsOf",
+    "accepted",
     "created",
     "json_response",
     "problems",
 ]
-
-
-@dataclass(frozen=True)
-class Parts:
-    """The application's parts, composed once."""
-
-    store: Store
-    robots: Robots
-    sets: MeasurementSets
-    runs: Runs
-
-    @classmethod
-    def of(
-        cls,
-        store: Store,
-        announce: Announce | None = None,
-        tell: Callable[[int], object] | None = None,
-    ) -> Parts:
-        """Compose the parts on a store; for the others see `Runs`."""
-        robots = Robots(store)
-        sets = MeasurementSets(store, robots)
-        return cls(store, robots, sets, Runs(store, sets, announce, tell))
 
 
 def _parts(request: Request) -> Parts:
@@ -79,16 +52,21 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     }
 
 
-ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
-    202: {
-        "description": "Stored, and not finished yet: look again at its address.",
-        "headers": {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}},
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Run"}}},
+def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """The OpenAPI description of the answer to a post that takes longer."""
+    return {
+        202: {
+            "description": "Stored, and not finished yet: look again at its address.",
+            "headers": {
+                "Location": {"description": "Address of the resource.", "schema": {"type": "string"}}
+            },
+            "content": {"application/json": {"schema": {"$ref": f"#/components/schemas/{message.__name__}"}}},
+        }
     }
-}
+
 
 EVENT_STREAM: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "Events of the run.", "content": {"text/event-stream": {}}}
+    200: {"description": "Events of the job.", "content": {"text/event-stream": {}}}
 }
 
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {
@@ -101,6 +79,7 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {
 _DESCRIPTIONS: Final = {
     400: "The client left before its body was complete.",
     404: "There is no such resource.",
+    409: "It has not succeeded: look at its state.",
     413: "The body is too large.",
     415: "The body is not declared as JSON.",
     422: "The request cannot be carried out; `where` names the field and `remedy` how to mend it.",

@@ -1,50 +1,134 @@
-"""Progress of runs as server-sent events."""
+"""Progress of jobs as server-sent events: one look at a job serves all who follow it."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Final
 
 from fastapi.concurrency import run_in_threadpool
 
-from schemas.run import Run
-from service.run_log import OPEN_STATES
+from service.job_log import Standing
+from service.jobs import AnyJobs
+from service.kinds import Job
+from service.store_errors import StoreUnavailableError
 
-__all__ = ["MAX_WAIT_SECONDS", "ended", "events"]
+__all__ = ["MAX_WAIT_SECONDS", "Watches", "wait_for_end"]
 
 MAX_WAIT_SECONDS: Final = 60
 _LOOK_SECONDS: Final = 0.1
 _EVENT_SECONDS: Final = 0.5
-"""Between two events: hundreds of clients that follow runs must not keep the others waiting."""
+"""Between two looks at a job that is followed."""
 _QUIET_LOOKS: Final = 30
 """After so many looks without news a comment is sent, so that proxies keep the connection."""
+_AT_A_TIME: Final = 8
+"""Followers that are told between two turns of the loop: hundreds must not keep other clients waiting."""
 
 
-async def ended(look: Callable[[], Run], wait: float) -> Run:
-    """The run when it has ended, or as it is after `wait` seconds."""
+async def wait_for_end(jobs: AnyJobs, job_id: str, wait: float) -> None:
+    """Return when a job has ended, or after `wait` seconds."""
     clock = asyncio.get_running_loop().time
     deadline = clock() + wait
-    run = await run_in_threadpool(look)
-    while run.state in OPEN_STATES and clock() < deadline:
+    while (await run_in_threadpool(jobs.standing, job_id)).goes_on and clock() < deadline:
         await asyncio.sleep(_LOOK_SECONDS)
-        run = await run_in_threadpool(look)
-    return run
 
 
-async def events(look: Callable[[], Run]) -> AsyncIterator[str]:
-    """`progress` events while the run goes on, then one `end` event with its final state."""
-    told, quiet = "", 0
-    while True:
-        run = await run_in_threadpool(look)
-        news = run.model_dump_json(include={"id", "state", "progress"})
-        if run.state not in OPEN_STATES:
-            yield f"event: end\ndata: {news}\n\n"
-            return
-        quiet = 0 if news != told else quiet + 1
-        if news != told:
-            yield f"event: progress\ndata: {news}\n\n"
-        elif quiet % _QUIET_LOOKS == 0:
-            yield ": still running\n\n"
-        told = news
-        await asyncio.sleep(_EVENT_SECONDS)
+@dataclass(frozen=True, eq=False)
+class _News:
+    """An event, or a comment, and whether it is the last one."""
+
+    text: str
+    last: bool = False
+
+
+class _Watch:
+    """One task that looks at a job while someone follows it."""
+
+    def __init__(self, jobs: AnyJobs, job_id: str) -> None:
+        self.followers = 0
+        self.news: _News | None = None
+        self._waiting: list[asyncio.Future[None]] = []
+        self._task = asyncio.create_task(self._look(jobs, job_id))
+
+    async def changed(self) -> None:
+        """Wait for other news.
+
+        Raises:
+            Exception: whatever ended the task that looks for them.
+        """
+        if self._task.done():
+            await self._task
+        told = asyncio.get_running_loop().create_future()
+        self._waiting.append(told)
+        await told
+
+    def stop(self) -> None:
+        """No one follows any more."""
+        self._task.cancel()
+
+    async def _look(self, jobs: AnyJobs, job_id: str) -> None:
+        try:
+            await self._follow(jobs, job_id)
+        except Exception as error:
+            for told in self._waiting:
+                if not told.done():
+                    told.set_exception(error)
+            raise
+
+    async def _follow(self, jobs: AnyJobs, job_id: str) -> None:
+        job = await run_in_threadpool(jobs.current, job_id)
+        standing, quiet = Standing(job.state, job.progress.done if job.progress else 0), 0
+        while standing.goes_on:
+            progress = job.progress and job.progress.model_copy(update={"done": standing.done})
+            event = _event("progress", job.model_copy(update={"state": standing.state, "progress": progress}))
+            quiet = quiet + 1 if self.news and self.news.text == event else 0
+            if quiet == 0:
+                await self._tell(_News(event))
+            elif quiet % _QUIET_LOOKS == 0:
+                await self._tell(_News(": still running\n\n"))
+            await asyncio.sleep(_EVENT_SECONDS)
+            with suppress(StoreUnavailableError):  # it will be back
+                standing = await run_in_threadpool(jobs.standing, job_id)
+        await self._tell(_News(_event("end", await run_in_threadpool(jobs.current, job_id)), last=True))
+
+    async def _tell(self, news: _News) -> None:
+        self.news, waiting, self._waiting = news, self._waiting, []
+        for number, told in enumerate(waiting, start=1):
+            if not told.done():  # it may have left
+                told.set_result(None)
+            if number % _AT_A_TIME == 0:
+                await asyncio.sleep(0)
+
+
+class Watches:
+    """The jobs that someone follows. Belongs to one event loop."""
+
+    def __init__(self) -> None:
+        self._watches: dict[str, _Watch] = {}
+
+    async def events(self, jobs: AnyJobs, job_id: str) -> AsyncIterator[str]:
+        """`progress` events while a job goes on, then one `end` event with its final state."""
+        watch = self._watches.get(job_id)
+        if watch is None:
+            watch = self._watches[job_id] = _Watch(jobs, job_id)
+        watch.followers += 1
+        try:
+            told: _News | None = None
+            while told is None or not told.last:
+                if watch.news is None or watch.news is told:
+                    await watch.changed()
+                else:
+                    told = watch.news
+                    yield told.text
+        finally:
+            watch.followers -= 1
+            if watch.followers == 0:
+                watch.stop()
+                self._watches.pop(job_id, None)
+
+
+def _event(name: str, job: Job) -> str:
+    data = job.model_dump_json(include={"id", "state", "progress"})
+    return f"event: {name}\ndata: {data}\n\n"

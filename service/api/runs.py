@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query, Response
-from fastapi.concurrency import run_in_threadpool
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from schemas.base import Page
@@ -14,31 +12,26 @@ from schemas.query import RunQuery
 from schemas.run import Run, RunRequest, RunSummary
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.parts import ACCEPTED, EVENT_STREAM, LOCATION, PartsOf, created, json_response, problems
-from service.api.progress import MAX_WAIT_SECONDS, ended, events
+from service.api.jobs import JobId, Wait, answer, follow
+from service.api.parts import EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
 from service.records import RunEntry
-from service.run_log import OPEN_STATES
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/v1/runs", tags=["runs"])
-
-RunId = Annotated[str, Path(max_length=64)]
 
 
 @router.post(
     "",
     status_code=201,
     response_model=Run,
-    responses=LOCATION | ACCEPTED | problems(400, 413, 415, 422),
+    responses=LOCATION | accepted(Run) | problems(400, 413, 415, 422),
     openapi_extra=describe_body(RunRequest, RUNS),
 )
 async def post_run(
     parts: PartsOf,
     body: Annotated[Body[RunRequest], Depends(read_body(RunRequest, MAX_RUN_BYTES))],
-    wait: Annotated[
-        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Seconds to wait for the end of a long run.")
-    ] = 5,
+    wait: Wait = 5,
 ) -> Response:
     """Identify the joint stiffnesses, and store the result with its provenance.
 
@@ -46,12 +39,7 @@ async def post_run(
     run as it is and its address. A method that the readings cannot support is refused, and nothing is
     stored. Any other failure is a stored run in state `failed` that says why.
     """
-    record = await run_in_threadpool(parts.runs.create, body.message, body.key)
-    if record.state not in OPEN_STATES:
-        return created("runs", record.id, record.document)
-    run = await ended(partial(parts.runs.current, record.id), wait)
-    status = 202 if run.state in OPEN_STATES else 201
-    return created("runs", run.id, run.model_dump_json(), status)
+    return await answer(parts.runs, "runs", body, wait)
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))
@@ -63,7 +51,7 @@ def list_runs(parts: PartsOf, query: Annotated[RunQuery, Query()]) -> Page[RunSu
 
 
 @router.get("/{run_id}", response_model=Run, responses=problems(404, 422))
-def get_run(parts: PartsOf, run_id: RunId) -> Response:
+def get_run(parts: PartsOf, run_id: JobId) -> Response:
     """One run with its request, progress, result and provenance. Once ended it never changes."""
     return json_response(parts.runs.document(run_id))
 
@@ -73,16 +61,12 @@ def get_run(parts: PartsOf, run_id: RunId) -> Response:
     response_class=StreamingResponse,
     responses=EVENT_STREAM | problems(404, 422),
 )
-async def get_run_events(parts: PartsOf, run_id: RunId) -> StreamingResponse:
+async def get_run_events(request: Request, parts: PartsOf, run_id: JobId) -> StreamingResponse:
     """Follow a run: `progress` events with its state and progress, then one `end` event."""
-    look = partial(parts.runs.current, run_id)
-    await run_in_threadpool(look)  # a run that is not there is a 404, not an event
-    return StreamingResponse(
-        events(look), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
-    )
+    return await follow(request, parts.runs, run_id)
 
 
 @router.post("/{run_id}/cancel", response_model=Run, responses=problems(404, 422))
-def cancel_run(parts: PartsOf, run_id: RunId) -> Response:
+def cancel_run(parts: PartsOf, run_id: JobId) -> Response:
     """End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is."""
     return json_response(parts.runs.cancel(run_id).model_dump_json())

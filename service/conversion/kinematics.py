@@ -25,8 +25,8 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
                 where=f"joints[{number}]",
                 remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
             )
-    angles = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
-    skeleton = Skeleton(robot, robot.joint_map.model_angles(angles))
+    controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
+    skeleton = Skeleton(robot, robot.joint_map.model_angles(controller))
     postures = zip(
         skeleton.origin.tolist(),
         skeleton.axis.tolist(),

@@ -8,7 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas import measurement_set as sets
+from service.conversion.encoders import EncoderArrays
+from service.conversion.noise import to_noise
 from service.conversion.readings import ReadingArrays
+from solver.encoders import EncoderReadings
 from solver.exceptions import MeasurementError
 from solver.finding import Finding
 from solver.measurements import Measurements
@@ -43,17 +46,59 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     deflection = np.where(
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
+    joints = _ANGLE[header.units.angle] * readings.joints
+    position, deflection = length * _positions(header, readings), length * deflection
+    sigma, covariance = to_noise(
+        header,
+        readings.noise,
+        robot,
+        length=length,
+        joints=joints,
+        position=position,
+        deflection=deflection,
+        in_flange=readings.as_deflection,
+        present=readings.present,
+    )
     return Measurements(
-        joints=_ANGLE[header.units.angle] * readings.joints,
+        joints=joints,
         force=_FORCE[header.units.force] * readings.force,
         moment=_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _load_points(header, readings),
-        position=length * _positions(header, readings),
+        position=position,
         in_flange=readings.as_deflection,
-        deflection=length * deflection,
+        deflection=deflection,
         present=readings.present,
-        sigma=length * header.noise.sigma if header.noise is not None else None,
+        sigma=sigma,
+        covariance=covariance,
+        encoders=_encoder_readings(header, readings.encoders, robot),
     )
+
+
+def _encoder_readings(
+    header: sets.MeasurementSetHeader, encoders: EncoderArrays | None, robot: Robot
+) -> EncoderReadings | None:
+    """Deflections of the model's joints, where their encoders were read and say something."""
+    if encoders is None:
+        return None
+    if header.encoders == "secondary":
+        first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
+        raise MeasurementError(
+            "the loop closes on the secondary encoders, so they show no deflection",
+            where=f"observations[{first}].encoder_readings",
+            remedy="leave encoder_readings out, or measure with the loop closed on the motors' encoders",
+        )
+    if header.noise is None or header.noise.encoder_sigma is None:
+        raise MeasurementError(
+            "encoders were read and it is not said what their readings are worth",
+            where="noise" if header.noise is None else "noise.encoder_sigma",
+            remedy="state both noise.sigma and noise.encoder_sigma: they weigh angles against lengths",
+        )
+    angle, columns = _ANGLE[header.units.angle], encoders.columns(robot.joint_names)
+    deflection = np.zeros((len(encoders.present), robot.n))
+    present = np.zeros(deflection.shape, dtype=np.bool_)
+    deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)
+    present[:, columns] = encoders.present
+    return EncoderReadings(deflection, present, angle * header.noise.encoder_sigma)
 
 
 def _moment_factor(units: sets.Units, readings: ReadingArrays) -> float:
@@ -104,6 +149,7 @@ def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.Q
     return [
         sets.QualityWarning(
             code=finding.code,
+            severity=finding.severity,
             where=None
             if finding.observation is None
             else f"observations[{finding.observation}] '{readings.labels[finding.observation]}'",

@@ -15,6 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas.measurement_set import MAX_TARGETS, MeasurementSetHeader, Observation, Reading
+from schemas.noise import Noise
+from service.conversion.encoders import EncoderArrays
+from service.conversion.point_noise import PointNoise
 from solver.exceptions import MeasurementError
 
 __all__ = ["ReadingArrays", "content_hash"]
@@ -40,6 +43,8 @@ class ReadingArrays:
         as_deflection: (N, T) which readings came as a deflection.
         unloaded: (N, T, 3) positions in R0; zero for deflections.
         loaded: (N, T, 3) positions in R0, or the deflection itself.
+        encoders: what secondary encoders read; None if there are none.
+        noise: what readings state of their own; None if they do not.
     """
 
     labels: npt.NDArray[np.str_]
@@ -54,14 +59,16 @@ class ReadingArrays:
     as_deflection: BoolArray
     unloaded: FloatArray
     loaded: FloatArray
+    encoders: EncoderArrays | None = None
+    noise: PointNoise | None = None
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
         """Arrange the observations.
 
         Raises:
-            MeasurementError: joints of different lengths, a label or a target given twice, too many
-                different targets.
+            MeasurementError: joints of different lengths, a label, a target or an encoder given twice,
+                too many different targets or encoders, noise stated of some readings only.
         """
         _refuse_ragged(observations)
         _refuse_duplicate_labels(observations)
@@ -84,6 +91,8 @@ class ReadingArrays:
             as_deflection=_scatter(shape, place, [r.deflection is not None for r in readings], np.bool_),
             unloaded=_scatter((*shape, 3), place, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
             loaded=_scatter((*shape, 3), place, [r.loaded or r.deflection for r in readings], np.float64),
+            encoders=EncoderArrays.from_observations(observations),
+            noise=PointNoise.from_readings(shape, place, readings),
         )
 
     def observations(self) -> list[Observation]:
@@ -97,16 +106,18 @@ class ReadingArrays:
                 moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
                 load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
                 readings=[self._reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
+                encoder_readings=self.encoders.readings(i) if self.encoders else None,
             )
             for i in range(len(self.labels))
         ]
 
     def _reading(self, i: int, t: int) -> Reading:
         loaded = tuple(self.loaded[i, t].tolist())
+        noise = self.noise.fields(i, t) if self.noise else {}
         if self.as_deflection[i, t]:
-            return Reading.model_construct(target=str(self.targets[t]), deflection=loaded)
+            return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
         unloaded = tuple(self.unloaded[i, t].tolist())
-        return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded)
+        return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **noise)
 
     def pack(self) -> bytes:
         """Serialise as npz, without pickles."""
@@ -118,10 +129,20 @@ class ReadingArrays:
     def unpack(cls, blob: bytes) -> ReadingArrays:
         """Read what `pack` wrote."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-            return cls(**{field.name: archive[field.name] for field in fields(cls)})
+            arrays = {name: archive[name] for name in cls._always()}
+            encoders, noise = EncoderArrays.from_archive(archive), PointNoise.from_archive(archive)
+            return cls(**arrays, encoders=encoders, noise=noise)
+
+    @classmethod
+    def _always(cls) -> list[str]:
+        """Names of the arrays that every set has."""
+        return [field.name for field in fields(cls) if field.name not in {"encoders", "noise"}]
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """By name; without encoders and noise the same as earlier versions stored, and so is their hash."""
+        arrays = {name: getattr(self, name) for name in self._always()}
+        arrays |= self.encoders.arrays() if self.encoders else {}
+        return arrays | (self.noise.arrays() if self.noise else {})
 
     def digest(self) -> bytes:
         """SHA-256 of names, types, shapes and contents."""
@@ -134,8 +155,16 @@ class ReadingArrays:
 
 def content_hash(header: MeasurementSetHeader, readings: ReadingArrays) -> str:
     """SHA-256 of a set: its header and its readings, not its name."""
-    text = header.model_dump_json(include={"units", "encoders", "noise", "flange_targets", "load_point"})
+    text = header.model_dump_json(
+        include={"units", "encoders", "noise", "flange_targets", "load_point"},
+        # Sets without it keep the hash that earlier versions gave them.
+        exclude={"noise": _unstated(header.noise)} if header.noise else None,
+    )
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
+
+
+def _unstated(noise: Noise) -> set[str]:
+    return {name for name in ("encoder_sigma", "instrument") if getattr(noise, name) is None}
 
 
 def _flatten(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
@@ -9,8 +10,12 @@ import numpy as np
 from schemas import run as runs
 from schemas.measurement_set import QualityWarning
 from schemas.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
+from service.conversion.identifiability import to_identifiability
+from service.conversion.joints import to_joint
 from service.conversion.readings import ReadingArrays
-from solver.estimate import Estimate, JointCompliance
+from service.conversion.robust_loss import to_robust_loss
+from solver.advice import Advice
+from solver.estimate import Estimate
 from solver.measurements import Measurements
 from solver.prediction import Prediction
 from solver.resampling_summary import ResamplingSummary
@@ -24,10 +29,11 @@ def to_result(
     measurements: Measurements,
     readings: ReadingArrays,
     warnings: list[QualityWarning],
+    advice: Sequence[Advice] = (),
 ) -> runs.RunResult:
-    """The numbers of a run, with residuals by observation and target."""
+    """The numbers of a run, with residuals by observation and target, and advice on what to measure next."""
     return runs.RunResult(
-        joints=[_joint(joint) for joint in estimate.joints],
+        joints=[to_joint(joint) for joint in estimate.joints],
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         sigma=estimate.sigma,
@@ -35,10 +41,13 @@ def to_result(
             chi_square=estimate.chi_square,
             degrees_of_freedom=estimate.degrees_of_freedom,
             sigma_source="given" if estimate.sigma_given else "residuals",
+            test=_sigma_test(estimate),
         ),
-        identifiability=_identifiability(estimate),
+        identifiability=to_identifiability(estimate, advice, readings.labels.tolist()),
         certificate=_certificate(estimate),
         characteristic_length=estimate.characteristic_length,
+        complementary_stiffness=_complementary_stiffness(estimate),
+        robust=to_robust_loss(estimate, readings),
         residuals=_residuals(prediction, measurements, readings),
         warnings=warnings,
     )
@@ -80,55 +89,20 @@ def _finite_pair(pair: tuple[float, float]) -> tuple[float, float] | None:
     return pair if all(map(isfinite, pair)) else None
 
 
-def _joint(joint: JointCompliance) -> runs.JointResult:
-    return runs.JointResult(
-        name=joint.name,
-        status=joint.status,
-        compliance=joint.compliance,
-        stiffness=_stiffness(joint.compliance),
-        standard_uncertainty=joint.standard_uncertainty,
-        compliance_interval=joint.interval,
-        stiffness_interval=_stiffness_interval(joint.interval),
-        reason=joint.reason,
-    )
+def _sigma_test(estimate: Estimate) -> runs.SigmaTest | None:
+    test = estimate.sigma_test
+    return None if test is None else runs.SigmaTest(p_value=test.p_value, verdict=test.verdict)
 
 
-def _stiffness(compliance: float | None) -> float | None:
-    """1 / c; None for a rigid joint and for numbers whose inverse overflows."""
-    if not compliance:
+def _complementary_stiffness(estimate: Estimate) -> runs.ComplementaryStiffness | None:
+    size = estimate.complementary_stiffness
+    if size is None:
         return None
-    return _finite(1.0 / compliance)
-
-
-def _stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
-    """[1/c_hi, 1/c_lo], open above where the compliance reaches zero.
-
-    An interval of compliances that are all negative, or that spans zero downwards, is no interval of
-    stiffness: it has no least stiffness.
-    """
-    if interval is None or interval[0] < 0 or interval[1] <= 0:
-        return None
-    return 1.0 / interval[1], _stiffness(interval[0])
-
-
-def _identifiability(estimate: Estimate) -> runs.Identifiability:
-    names = [joint.name for joint in estimate.joints]
-    analyses = estimate.identifiability
-    return runs.Identifiability(
-        parameters=len(names),
-        rank=sum(analysis.rank for analysis in analyses),
-        condition_number=_finite(max(analysis.condition_number for analysis in analyses)),
-        combinations=[
-            [names[j] for j in group.joints] for analysis in analyses for group in analysis.combinations
-        ],
-        stages=[
-            runs.StageIdentifiability(
-                rank=analysis.rank,
-                condition_number=_finite(analysis.condition_number),
-                singular_values=analysis.singular_values.tolist(),
-            )
-            for analysis in analyses
-        ],
+    return runs.ComplementaryStiffness(
+        included=size.included,
+        iterations=size.iterations,
+        largest_ratio=size.largest_ratio,
+        largest_shift=size.largest_shift,
     )
 
 

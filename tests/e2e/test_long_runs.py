@@ -23,11 +23,12 @@ from sqlalchemy import func, select
 
 from examples.simulator import default_arm, simulate_campaign
 from schemas.campaign import Campaign
+from schemas.comparison import ComparisonOptions
 from schemas.resampling import MAX_REPETITIONS
 from service import campaigns
 from service.database import Database
 from service.records import RunRecord
-from service.tables import TABLES, run_steps
+from service.tables import TABLES, job_steps
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc"
@@ -139,6 +140,40 @@ def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     assert client.get(address).json() == cancelled
     assert client.post(f"{address}/cancel").json() == cancelled
     assert [data["state"] for _, data in followed(client, address)] == ["cancelled"]
+
+
+def test_a_comparison_is_carried_out_by_workers_with_the_same_numbers(
+    client: httpx.Client, set_id: str, campaign: dict[str, Any]
+) -> None:
+    options = {"resampling": RESAMPLING | {"repetitions": 5_000}}
+    answer = client.post("/v1/comparisons?wait=0", json=options | {"measurement_set_id": set_id})
+    assert answer.status_code == 202
+    address = answer.headers["location"]
+    assert address == f"/v1/comparisons/{answer.json()['id']}"
+    assert client.get(f"{address}/table.csv").status_code == 409
+
+    told = list(followed(client, address))
+
+    assert [name for name, _ in told] == ["progress"] * (len(told) - 1) + ["end"]
+    assert told[-1][1]["progress"]["done"] == 8 * 5_000
+    found = client.get(address).json()
+    document = Campaign.model_validate_json(json.dumps(campaign))
+    here = campaigns.compare(document, ComparisonOptions.model_validate(options))
+    assert numbers(found) == numbers(json.loads(here.model_dump_json()))
+    table = client.get(f"{address}/table.csv")
+    assert table.headers["content-type"].startswith("text/csv")
+    assert table.text.count("\r\n") == 8 * 6 + 1
+
+
+def test_a_cancelled_comparison_stays_as_it_is(client: httpx.Client, set_id: str) -> None:
+    body = {"measurement_set_id": set_id, "resampling": LONGEST}
+    address = client.post("/v1/comparisons?wait=0", json=body).headers["location"]
+    until(lambda: client.get(address).json()["progress"]["done"] > 0)
+    cancelled = client.post(f"{address}/cancel").json()
+    assert (cancelled["state"], cancelled["result"]) == ("cancelled", None)
+    assert 0 < cancelled["progress"]["done"] < 8 * LONGEST["repetitions"]
+    assert client.get(address).json() == cancelled
+    assert client.get(f"{address}/table.csv").status_code == 409
 
 
 def test_a_key_belongs_to_one_long_run(client: httpx.Client, set_id: str) -> None:
@@ -334,7 +369,7 @@ def further(client: httpx.Client, address: str, done: int) -> int:
     return run["progress"]["done"]
 
 
-def until(met: Callable[[], bool], seconds: float = 30.0) -> None:
+def until(met: Callable[[], bool], seconds: float = 90.0) -> None:
     deadline = time.monotonic() + seconds
     while not met():
         assert time.monotonic() < deadline, f"not within {seconds:.0f} s"
@@ -351,8 +386,8 @@ def numbers(run: dict[str, Any]) -> dict[str, Any]:
 def steps_of(database: str, run_id: str) -> tuple[int, int, int]:
     """How many rows a run has; how many of its draws are done; and how many make a step."""
     runs = TABLES[RunRecord]
-    done, step = func.coalesce(func.sum(run_steps.c.done), 0), func.coalesce(func.max(run_steps.c.done), 0)
+    done, step = func.coalesce(func.sum(job_steps.c.done), 0), func.coalesce(func.max(job_steps.c.done), 0)
     with closing(Database.open(database)) as opened, opened.reading() as connection:
         rows = connection.execute(select(func.count()).where(runs.c.id == run_id)).scalar_one()
-        found = connection.execute(select(done, step).where(run_steps.c.run_id == run_id)).one()
+        found = connection.execute(select(done, step).where(job_steps.c.job_id == run_id)).one()
     return rows, *found

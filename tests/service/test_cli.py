@@ -13,6 +13,7 @@ import pytest
 from campaigns import shared
 from typer.testing import CliRunner
 
+from schemas.comparison import Comparison
 from schemas.run import Run
 from service.cli import app
 
@@ -71,7 +72,12 @@ def test_compare_shows_three_methods_twice(run, campaign):
     for column in ("CP free", "CP ≥ 0", "PP free", "PP ≥ 0", "DPP free", "DPP ≥ 0"):
         assert column in shown
     assert "explained" in shown
-    assert len(json.loads(run("compare", campaign, "--json").stdout)) == 6
+    found = Comparison.model_validate_json(run("compare", campaign, "--json").stdout)
+    assert [(entry.method, entry.positive) for entry in found.result.entries] == [
+        (method, positive)
+        for method in ("complete_pose", "complete_pose", "partial_pose", "decoupled_partial_pose")
+        for positive in (False, True)
+    ]
 
 
 def test_compare_says_why_a_method_is_missing(run, tmp_path):

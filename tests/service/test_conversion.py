@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from examples.simulator import default_arm, simulate_campaign
 from schemas.measurement_set import MeasurementSetDocument, Observation
 from service.conversion import ReadingArrays, content_hash
-from service.conversion.results import _stiffness_interval
+from service.conversion.joints import _stiffness_interval
 
 
 @pytest.mark.parametrize("length", ["m", "mm"])

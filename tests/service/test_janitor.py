@@ -1,26 +1,28 @@
-"""Every run ends: what the janitor of a worker does about work that nobody does."""
+"""Every job ends: what the janitor of a worker does about work that nobody does."""
 
 from __future__ import annotations
 
 import pytest
-from test_runs import request, stored_set
+from test_runs import request, runs_of, stored_set
 
-from service.api.parts import Parts
 from service.engine import _patient
 from service.janitor import Janitor
-from service.runs import Runs
+from service.ledger import VERSION, Outcome
 from service.store import Store
 from service.store_errors import StoreUnavailableError
 
 
 class LedgerEngine:
-    """An engine that is a ledger: what is pending, with whom, and what became of runs."""
+    """An engine that is a ledger: what is pending, with whom, and what became of jobs."""
 
     def __init__(self):
+        self.ledger = self
         self.active = set()
         self.taken = {}
         self.ended = {}
         self.resumed = []
+        self.renewed = []
+        self.forgotten = []
 
     def pending(self):
         return dict(self.taken)
@@ -30,8 +32,15 @@ class LedgerEngine:
             self.resumed.append((name, kind))
             self.taken.pop(name)
 
-    def outcomes(self, run_ids):
-        return {name: status for name, status in self.ended.items() if name in run_ids}
+    def outcomes(self, job_ids):
+        return {name: outcome for name, outcome in self.ended.items() if name in job_ids}
+
+    def renew(self, kind, job_id):
+        self.renewed.append((kind, job_id))
+        self.ended[job_id] = Outcome("ENQUEUED", VERSION)
+
+    def forget_ended(self, _age, limit):
+        return self.forgotten[:limit]
 
 
 @pytest.fixture
@@ -42,7 +51,7 @@ def store(database_url):
 
 @pytest.fixture
 def runs(store):
-    return Runs(store, Parts.of(store).sets, lambda _connection, _run_id: None)
+    return runs_of(store, lambda _connection, _kind, _run_id: None)
 
 
 @pytest.fixture
@@ -50,34 +59,38 @@ def engine():
     return LedgerEngine()
 
 
+def janitor_of(store, runs, engine, executor="alive"):
+    return Janitor(store.heartbeats, {"run": runs}, engine, executor)
+
+
 def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):
-    janitor = Janitor(store, runs, engine, "alive")
-    engine.taken = {"run-1": ("run", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
+    janitor = janitor_of(store, runs, engine)
+    engine.taken = {"job-1": ("job", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
     engine.active = {"part-2"}
     janitor.look()
-    assert sorted(engine.resumed) == [("part-1", "part"), ("run-1", "run")]
+    assert sorted(engine.resumed) == [("job-1", "job"), ("part-1", "part")]
 
 
 def test_it_does_not_matter_who_noticed_first_and_died(store, runs, engine):
     """Nothing is forgotten on the way: whoever looks next finds the same."""
-    engine.taken = {"run-1": ("run", "dead")}
-    store.run_log.forget("dead")
-    Janitor(store, runs, engine, "another").look()
-    assert engine.resumed == [("run-1", "run")]
+    engine.taken = {"job-1": ("job", "dead")}
+    store.heartbeats.forget("dead")
+    janitor_of(store, runs, engine, "another").look()
+    assert engine.resumed == [("job-1", "job")]
 
 
 def test_the_living_are_left_alone(store, runs, engine):
-    first, second = (Janitor(store, runs, engine, name) for name in ("a", "b"))
+    first, second = (janitor_of(store, runs, engine, name) for name in ("a", "b"))
     first.look()
-    engine.taken = {"run-1": ("run", "b")}
-    engine.active = {"run-1"}
+    engine.taken = {"job-1": ("job", "b")}
+    engine.active = {"job-1"}
     second.look()
     first.look()
     assert engine.resumed == []
 
 
 def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store, runs, engine):
-    janitor = Janitor(store, runs, engine, "alive")
+    janitor = janitor_of(store, runs, engine)
     engine.taken = {"part-1": ("part", "alive")}
     janitor.look()
     assert engine.resumed == []  # it may be about to begin
@@ -89,8 +102,8 @@ def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store
 def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
     if status is not None:
-        engine.ended = {run.id: status}
-    janitor = Janitor(store, runs, engine, "alive")
+        engine.ended = {run.id: Outcome(status, VERSION)}
+    janitor = janitor_of(store, runs, engine)
     janitor.look()
     assert runs.current(run.id).state == "queued"
     janitor.look()
@@ -100,15 +113,42 @@ def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
 @pytest.mark.parametrize("status", ["ENQUEUED", "PENDING"])
 def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: status}
-    janitor = Janitor(store, runs, engine, "alive")
+    engine.ended = {run.id: Outcome(status, VERSION)}
+    janitor = janitor_of(store, runs, engine)
     for _ in range(3):
         janitor.look()
     assert runs.current(run.id).state == "queued"
 
 
+def test_a_run_that_waits_for_a_worker_of_an_earlier_version_is_announced_anew(store, runs, engine):
+    run = runs.create(request(stored_set(store)), None)
+    runs.log.report(run.id, 0, 120)
+    engine.ended = {run.id: Outcome("PENDING", VERSION - 1)}
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    janitor.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).progress.done == 0
+    engine.ended = {run.id: Outcome("PENDING", VERSION + 1)}  # this worker is the outdated one
+    janitor.look()
+    assert len(engine.renewed) == 1
+
+
+def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
+    ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    for run in (ended, goes_on):
+        runs.log.report(run.id, 0, 120)
+        engine.ended[run.id] = Outcome("PENDING", VERSION)
+    runs.cancel(ended.id)
+    before = runs.document(ended.id)
+    engine.forgotten = [ended.id]
+    janitor_of(store, runs, engine).look()
+    assert (runs.log.done(ended.id), runs.log.done(goes_on.id)) == (0, 120)
+    assert runs.document(ended.id) == before
+
+
 def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
-    janitor = Janitor(store, runs, engine, "alive")
+    janitor = janitor_of(store, runs, engine)
     janitor.look()
     engine.taken = {"part-1": ("part", "alive"), "part-2": ("part", "other")}
     janitor.hand_over()

@@ -12,10 +12,12 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
+from schemas.comparison import ComparisonRequest
 from schemas.measurement_set import MeasurementSetRequest
+from schemas.pair import PairRequest
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
-from service.api.examples import MEASUREMENT_SETS, ROBOTS, RUNS
+from service.api.examples import COMPARISONS, MEASUREMENT_SETS, PAIRS, ROBOTS, RUNS
 from service.app import create_app
 from service.store import Store
 
@@ -44,7 +46,9 @@ def test_the_service_keeps_its_contract(case, service):
     case.call_and_validate(base_url=service.url, checks=CHECKS)
 
 
-@pytest.mark.parametrize("name", ["/v1/robots", "/v1/measurement-sets", "/v1/runs"])
+@pytest.mark.parametrize(
+    "name", ["/v1/robots", "/v1/measurement-sets", "/v1/runs", "/v1/comparisons", "/v1/pairs"]
+)
 def test_bodies_and_errors_are_described(name):
     operation = DOCUMENT["paths"][name]["post"]
     content = operation["requestBody"]["content"]["application/json"]
@@ -59,6 +63,8 @@ def test_examples_are_valid():
         (RobotDocument, ROBOTS),
         (MeasurementSetRequest, MEASUREMENT_SETS),
         (RunRequest, RUNS),
+        (PairRequest, PAIRS),
+        (ComparisonRequest, COMPARISONS),
     ):
         for example in examples.values():
             model.model_validate(example)

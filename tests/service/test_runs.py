@@ -10,10 +10,11 @@ from examples.simulator import default_arm, simulate_campaign
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
-from service.api.parts import Parts
+from service.jobs import Jobs
+from service.parts import Parts
 from service.records import IdempotencyKey
-from service.resample import ResamplingWork, decode, encode
-from service.runs import Runs
+from service.resample import ResamplingWork
+from service.runs import RunKind
 from service.store import Store
 from service.store_errors import NotFoundError
 from solver.exceptions import RequestError, UnsupportedMethodError
@@ -33,7 +34,11 @@ def announced():
 @pytest.fixture
 def runs(store, announced):
     """Runs whose long ones are announced to a list instead of an engine."""
-    return Runs(store, Parts.of(store).sets, lambda _, run_id: announced.append(run_id))
+    return runs_of(store, lambda _connection, kind, run_id: announced.append((kind, run_id)))
+
+
+def runs_of(store, announce=None):
+    return Jobs(RunKind(Parts.of(store).sets), store, announce)
 
 
 def stored_set(store, **options):
@@ -54,15 +59,15 @@ def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, r
     key = IdempotencyKey("key", "hash")
     first, second = (runs.create(request(set_id), key) for _ in range(2))
     assert first.id == second.id
-    assert announced == [first.id]
+    assert announced == [("run", first.id)]
     assert runs.current(first.id).state == "queued"
 
-    def broken(_connection, _run_id):
+    def broken(_connection, _kind, _run_id):
         raise RuntimeError("the engine is not there")
 
     with pytest.raises(RuntimeError, match="not there"):
-        Runs(store, Parts.of(store).sets, broken).create(request(set_id), IdempotencyKey("other", "hash"))
-    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == announced[-1]
+        runs_of(store, broken).create(request(set_id), IdempotencyKey("other", "hash"))
+    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == announced[-1][1]
 
 
 def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, announced):
@@ -70,14 +75,14 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, ann
     run = runs.create(request(set_id), None)
     work = runs.work(run.id)
     spans = [(0, 1), (1, 170), (170, 300)]
-    computed = {span: decode(encode(work.compute(span))) for span in reversed(spans)}
+    computed = {span: work.encode(work.compute(span)) for span in reversed(spans)}
     runs.start(run.id)
     for span in [*spans, spans[1]]:  # one of them twice, as an engine may
-        store.run_log.report(run.id, *span)
+        runs.log.report(run.id, *span)
     assert runs.current(run.id).state == "running"
     assert runs.current(run.id).progress.done == 300
     runs.conclude(run.id, [computed[span] for span in spans])
-    at_once = Runs(store, Parts.of(store).sets).create(request(set_id), None)
+    at_once = runs_of(store).create(request(set_id), None)
     assert runs.current(run.id).result == runs.current(at_once.id).result
     assert runs.current(run.id).result.resampling.repetitions == 300
     assert runs.current(run.id).provenance.ended_at is not None
@@ -85,10 +90,11 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, ann
 
 def test_a_run_ends_once(store, runs):
     run = runs.create(request(stored_set(store)), None)
-    store.run_log.report(run.id, 0, 120)
+    runs.log.report(run.id, 0, 120)
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
-    runs.conclude(run.id, [runs.work(run.id).compute((0, 300))])
+    work = runs.work(run.id)
+    runs.conclude(run.id, [work.encode(work.compute((0, 300)))])
     runs.fail(run.id, RuntimeError("late"))
     assert runs.current(run.id) == cancelled
     assert runs.cancel(run.id) == cancelled

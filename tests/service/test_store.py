@@ -15,6 +15,7 @@ import pytest
 
 from service.records import (
     AnyRecord,
+    ComparisonRecord,
     IdempotencyKey,
     MeasurementSetEntry,
     MeasurementSetRecord,
@@ -35,7 +36,7 @@ from service.tables import FILTERS
 T = TypeVar("T")
 
 TIME = datetime(2026, 11, 20, 23, 59, 59, 999_999, tzinfo=UTC)
-KINDS: list[type[AnyRecord]] = [RobotRecord, MeasurementSetRecord, RunRecord]
+KINDS: list[type[AnyRecord]] = [RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord]
 HOSTILE = {
     "nul": "a\x00b",
     "surrogate": "a\ud800b",

@@ -24,8 +24,9 @@ from sqlalchemy import text
 from service import database as database_module
 from service import migrations
 from service.database import Database
+from service.job_log import Standing
 from service.migrations import configuration
-from service.records import RobotRecord
+from service.records import ComparisonRecord, MeasurementSetRecord, RobotRecord, RunRecord
 from service.store import Store
 from service.store_errors import StoreError, StoreUnavailableError
 from service.tables import metadata
@@ -273,3 +274,27 @@ class TestPostgresql:
         finally:
             with psycopg.connect(url, autocommit=True) as other:
                 other.execute("ALTER ROLE postgres RESET timezone")
+
+
+def test_a_database_that_knew_runs_only_keeps_them_and_their_progress(database_url: str) -> None:
+    with Store.open(database_url) as store:
+        store.add(RobotRecord("r1", "robot", TIME, "", "{}"))
+        store.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b""))
+        store.add(RunRecord("u1", "s1", "r1", "partial_pose", "covariance", True, "running", TIME, "{}"))
+        store.job_log(RunRecord).report("u1", 0, 120)
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "0002")
+        assert connection.execute(text("SELECT run_id, start, done FROM run_steps")).all() == [("u1", 0, 120)]
+    database.close()
+    with Store.open(database_url) as store:
+        log = store.job_log(RunRecord)
+        log.report("u1", 0, 120)
+        log.report("u1", 120, 200)
+        assert log.standing("u1") == Standing("running", 200)
+        assert store.get(RunRecord, "u1").document == "{}"
+        comparison = ComparisonRecord("c1", "s1", "r1", "queued", TIME, "{}")
+        assert store.add(comparison) == store.get(ComparisonRecord, "c1") == comparison
+        assert store.job_log(ComparisonRecord).open_jobs() == ["c1"]

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise, product
 
 import cvxpy as cp
 import numpy as np
 import pytest
+from campaigns import METHODS, estimate, prepare
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from benchmarks.exact_nnls import exact_nnls
+from examples.simulator import default_arm, simulate_campaign
 from solver import solve as module
+from solver.constraints import Constraints
 from solver.exceptions import RequestError, SolverError
-from solver.problem import Bounds, IdentificationProblem
+from solver.problem import Bounds, IdentificationProblem, Inequalities
+from solver.regressor import regressor_blocks
 from solver.solve import CERTIFICATE_TOLERANCE, solve
 
 
@@ -156,3 +161,138 @@ def test_nearly_dependent_columns_are_solved_or_refused_never_certified_wrong(ep
     except SolverError:
         return
     np.testing.assert_allclose(found.compliance[2:], exact[2:], rtol=1e-8, atol=1e-12)
+
+
+def by_enumeration(A, b, rows, least) -> np.ndarray:
+    """The optimum under ``rows @ x ≥ least`` by trying every set of tight rows: slow, and surely right."""
+    best, value = None, np.inf
+    n = A.shape[1]
+    for tight in product([False, True], repeat=len(rows)):
+        active = rows[list(tight)]
+        if len(active) > n or np.linalg.matrix_rank(active) < len(active):
+            continue
+        t = len(active)
+        system = np.block([[A.T @ A, active.T], [active, np.zeros((t, t))]])
+        x = np.linalg.solve(system, np.r_[A.T @ b, least[list(tight)]])[:n]
+        cost = float(np.sum((A @ x - b) ** 2))
+        if (rows @ x >= least - 1e-9).all() and cost < value:
+            best, value = x, cost
+    return best
+
+
+class TestOrder:
+    """Compliances in an order, besides their bounds."""
+
+    @pytest.mark.parametrize("finder", ["any", "clarabel"])
+    def test_against_enumeration(self, monkeypatch, finder):
+        if finder == "clarabel":
+            monkeypatch.setattr(module, "active_rows", lambda _: None)
+        rng, finders = np.random.default_rng(8), Counter()
+        for _ in range(150 if finder == "any" else 40):
+            n = int(rng.integers(2, 5))
+            A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
+            shuffled = rng.permutation(n).tolist()
+            constraints = Constraints(Bounds.positive(n), tuple(pairwise(shuffled)))
+            order = constraints.inequalities
+            problem = IdentificationProblem(A, b, constraints.bounds, order)
+            found = solve(problem)
+            rows = np.vstack([np.eye(n), order.matrix])
+            exact = by_enumeration(A, b, rows, np.zeros(len(rows)))
+            np.testing.assert_allclose(found.compliance, exact, rtol=1e-8, atol=1e-10)
+            assert found.certificate.holds
+            level = constraints.level(found.compliance, found.tight)
+            assert constraints.hold(level)
+            finders[found.certificate.solved_by] += 1
+        assert finders["least_distance" if finder == "any" else "clarabel"] > 15, finders
+
+    def test_units_over_decades(self):
+        """In other units the optimum is the same: the order then relates multiples of the parameters."""
+        A, b = np.array([[1.0, 0.5], [0.0, 1.0], [0.3, 0.2]]), np.array([2.0, 0.1, 0.4])
+        expected = solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS))).compliance
+        assert expected[0] == pytest.approx(expected[1], rel=1e-14)
+        for factor in (1e-9, 1e9):
+            scaled = IdentificationProblem(A / factor, b, Bounds.positive(2), Inequalities(*LESS))
+            np.testing.assert_allclose(solve(scaled).compliance, factor * expected, rtol=1e-12)
+
+    def test_dependent_columns(self):
+        """The sum of the last two is determined; an order still finds a certified optimum."""
+        A = np.array([[1.0, 0.4, 0.4], [0.0, 1.0, 1.0], [0.2, 0.0, 0.0]])
+        order = Constraints(Bounds.positive(3), ((0, 1), (1, 2)))
+        found = solve(IdentificationProblem(A, np.array([3.0, 1.0, 0.2]), order.bounds, order.inequalities))
+        assert found.certificate.holds
+        assert order.hold(order.level(found.compliance, found.tight))
+
+    def test_wrong_rows_are_never_certified(self, monkeypatch):
+        monkeypatch.setattr(module, "active_rows", lambda general: np.zeros(len(general.d), dtype=bool))
+        monkeypatch.setattr(module, "_clarabel", lambda *_: None)
+        A, b = np.eye(2), np.array([1.0, 0.0])
+        with pytest.raises(SolverError, match="no solution satisfies"):
+            solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS)))
+
+    def test_an_inequality_that_says_nothing_is_refused(self):
+        with pytest.raises(SolverError, match="says nothing"):
+            Inequalities(np.zeros((1, 2)), np.zeros(1))
+
+
+LESS = np.array([[-1.0, 1.0]]), np.zeros(1)
+
+
+class TestConstraints:
+    def test_bounds_are_handed_on(self):
+        bounds = Bounds(np.array([0.2, 0.0, 0.0]), np.array([np.inf, np.inf, 0.9]))
+        tight = Constraints(bounds, ((0, 1), (1, 2))).bounds
+        np.testing.assert_array_equal(tight.lower, 0.2)
+        np.testing.assert_array_equal(tight.upper, 0.9)
+
+    def test_what_is_left_of_an_order_without_its_middle(self):
+        whole = Constraints(Bounds.positive(4), ((0, 1), (1, 2), (2, 3)))
+        assert whole.select(np.array([0, 2, 3])).order == ((0, 1), (1, 2))
+        assert whole.select(np.array([1])).order == ()
+
+    def test_known_joints_become_bounds(self):
+        told = Constraints(Bounds.positive(3), ((0, 2), (2, 1))).given(
+            np.array([0, 1]), np.array([1.0, 3.0]), np.array([2])
+        )
+        assert (told.bounds.lower.tolist(), told.bounds.upper.tolist(), told.order) == ([1.0], [3.0], ())
+
+    def test_known_joints_that_leave_no_room(self):
+        with pytest.raises(RequestError, match="no room"):
+            Constraints(Bounds.positive(3), ((0, 2), (2, 1))).given(
+                np.array([0, 1]), np.array([1.0, 1.0]), np.array([2])
+            )
+
+    @pytest.mark.parametrize("order", [((0, 0),), ((0, 1), (1, 0)), ((0, 1), (1, 2), (2, 0))])
+    def test_circles_are_refused(self, order):
+        with pytest.raises(RequestError, match="circle"):
+            Constraints(Bounds.positive(3), order)
+
+    def test_an_order_against_the_bounds_is_refused(self):
+        bounds = Bounds(np.array([1.0, 0.0]), np.array([2.0, 0.5]))
+        with pytest.raises(RequestError, match="no room"):
+            Constraints(bounds, ((0, 1),))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_order_that_the_readings_contradict(method):
+    """The two joints come out equal, at what one common compliance fits best, and it is said why."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+    within = ["joint_6", "joint_5"]  # in truth joint 6 is the softer one
+    free = estimate(robot, measurements, method=method)
+    held = estimate(robot, measurements, method=method, stiffness_order=[within])
+    assert free.compliance[5] > free.compliance[4]
+    assert held.compliance[5] == held.compliance[4]
+    assert free.compliance[4] < held.compliance[4] < free.compliance[5]
+    for j, other in ((4, "joint_6"), (5, "joint_5")):
+        joint = held.joints[j]
+        assert joint.status == "at_bound"
+        assert f"holds it to the stiffness of {other}" in joint.reason
+        assert joint.interval[0] <= joint.compliance <= joint.interval[1]
+    across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
+    assert across.compliance[5] == across.compliance[1]
+    agreed = estimate(robot, measurements, method=method, stiffness_order=[["joint_5", "joint_6"]])
+    np.testing.assert_array_equal(agreed.compliance, free.compliance)
+    if method == "partial_pose":
+        (block,) = regressor_blocks(robot, measurements)
+        merged = np.column_stack([block.A[..., :4].reshape(-1, 4), block.A[..., 4:].sum(axis=-1).ravel()])
+        expected = np.linalg.lstsq(merged, measurements.deflection.ravel(), rcond=None)[0]
+        np.testing.assert_allclose(held.compliance[:5], expected, rtol=1e-8)

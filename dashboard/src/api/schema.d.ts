@@ -210,6 +210,163 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/comparisons": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Comparisons
+         * @description List comparisons without their results, newest first.
+         */
+        get: operations["list_comparisons_v1_comparisons_get"];
+        put?: never;
+        /**
+         * Post Comparison
+         * @description Identify by several methods, free and constrained, and store the results side by side.
+         *
+         *     The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
+         *     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
+         *     have their numbers.
+         */
+        post: operations["post_comparison_v1_comparisons_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison
+         * @description One comparison with its request, progress, result and provenance. Once ended it never changes.
+         */
+        get: operations["get_comparison_v1_comparisons__comparison_id__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/table.csv": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison Table
+         * @description The result as a table for spreadsheets: one row an entry and joint, units in the headers.
+         */
+        get: operations["get_comparison_table_v1_comparisons__comparison_id__table_csv_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison Events
+         * @description Follow a comparison: `progress` events with its state and progress, then one `end` event.
+         */
+        get: operations["get_comparison_events_v1_comparisons__comparison_id__events_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Comparison
+         * @description End a comparison where it stands, as a run; one that has ended stays as it is.
+         */
+        post: operations["cancel_comparison_v1_comparisons__comparison_id__cancel_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Pairs
+         * @description List pairs without their results, newest first.
+         */
+        get: operations["list_pairs_v1_pairs_get"];
+        put?: never;
+        /**
+         * Post Pair
+         * @description Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
+         *
+         *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
+         *     observation, and overall: the share of the deflection that the second side avoids, measured where both
+         *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
+         *     joint is softer on the second.
+         */
+        post: operations["post_pair_v1_pairs_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Pair
+         * @description One pair with its request, result and provenance. It never changes.
+         */
+        get: operations["get_pair_v1_pairs__pair_id__get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/health": {
         parameters: {
             query?: never;
@@ -277,6 +434,26 @@ export interface components {
             standard_uncertainty?: number | null;
         };
         /**
+         * AvoidedDeflection
+         * @description How much of the deflection the second side avoids.
+         */
+        AvoidedDeflection: {
+            /**
+             * Matching
+             * @description Observations of the same label, posture (1 mrad) and load (0.5 %, 1 mm) on both sides.
+             */
+            matching: number;
+            /** @description Of the mean deflection of the matching observations; null if there are none. */
+            measured: components["schemas"]["DeflectionShare"] | null;
+            /**
+             * Predicted
+             * @description Of the mean predicted deflection of all observations, matching ones counted once. Dimensionless.
+             */
+            predicted: number | null;
+            /** Configurations */
+            configurations: components["schemas"]["ConfigurationShare"][];
+        };
+        /**
          * Certificate
          * @description Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding.
          */
@@ -298,9 +475,191 @@ export interface components {
             complementarity: number;
             /**
              * Solved By
-             * @description What found the joints at their bounds, for each stage of the method: least squares (none), principal pivoting, Clarabel, or the exact active-set method.
+             * @description What found the joints at their bounds, for the robust loss if there is one, then for each stage of the method: least squares (none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the joints, the least-distance problem.
              */
-            solved_by: ("least_squares" | "pivoting" | "clarabel" | "active_set")[];
+            solved_by: ("least_squares" | "pivoting" | "clarabel" | "active_set" | "least_distance")[];
+        };
+        /**
+         * ComparedFit
+         * @description One method with one constraint. Where the readings cannot support it there are no numbers.
+         */
+        ComparedFit: {
+            /**
+             * Method
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description The length that was used, if the weighting needs one.
+             */
+            characteristic_length: number | null;
+            /**
+             * Positive
+             * @description Whether every compliance was constrained to be zero or positive.
+             */
+            positive: boolean;
+            /** @description Why there are no numbers. */
+            error: components["schemas"]["Problem"] | null;
+            /**
+             * Joints
+             * @description From all configurations; none where there is an error.
+             */
+            joints: components["schemas"]["JointResult"][];
+            /**
+             * Compensation
+             * @description Share of the mean deflection that the model predicts; null as in a run. Dimensionless.
+             */
+            compensation: number | null;
+            /**
+             * Rms Residual
+             * @description Root mean square of the residual vectors' lengths.
+             */
+            rms_residual: number | null;
+            /**
+             * Condition Number
+             * @description Of the weighted regressor, columns of unit norm, the greatest of the stages'; null where a rank is not full. Dimensionless.
+             */
+            condition_number: number | null;
+            /** @description If it was asked for. */
+            resampling: components["schemas"]["ResamplingResult"] | null;
+        };
+        /**
+         * ComparedMethod
+         * @description One of the methods to compare.
+         */
+        ComparedMethod: {
+            /**
+             * Method
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @description As of a run.
+             * @default covariance
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description For that weighting; if absent, the length of least condition number.
+             */
+            characteristic_length?: number | null;
+        };
+        /**
+         * Comparison
+         * @description A stored comparison. It never changes once ended.
+         */
+        Comparison: {
+            /** Id */
+            id: string;
+            /**
+             * State
+             * @description `queued` and `running` comparisons go on; look again, or follow /v1/comparisons/{id}/events.
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description Of a comparison that takes long. */
+            progress?: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["ComparisonRequest"];
+            /** @description Present if the comparison succeeded. */
+            result: components["schemas"]["ComparisonResult"] | null;
+            /** @description Present if the comparison failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * ComparisonRequest
+         * @description A comparison as it is posted.
+         */
+        ComparisonRequest: {
+            /**
+             * Methods
+             * @description Each once.
+             * @default [
+             *       {
+             *         "method": "complete_pose",
+             *         "weighting": "characteristic_length"
+             *       },
+             *       {
+             *         "method": "complete_pose",
+             *         "weighting": "covariance"
+             *       },
+             *       {
+             *         "method": "partial_pose",
+             *         "weighting": "covariance"
+             *       },
+             *       {
+             *         "method": "decoupled_partial_pose",
+             *         "weighting": "covariance"
+             *       }
+             *     ]
+             */
+            methods: components["schemas"]["ComparedMethod"][];
+            /**
+             * Constraints
+             * @description Each method is carried out with each of these: compliances free, or zero or positive.
+             * @default [
+             *       "unconstrained",
+             *       "positive"
+             *     ]
+             */
+            constraints: ("unconstrained" | "positive")[];
+            /** @description Repeat each fit on configurations drawn at random, the same draws for all; a comparison may then take long. */
+            resampling?: components["schemas"]["Resampling"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence: number;
+            /** Measurement Set Id */
+            measurement_set_id: string;
+        };
+        /**
+         * ComparisonResult
+         * @description The methods side by side.
+         */
+        ComparisonResult: {
+            /**
+             * Entries
+             * @description Each method with each constraint, in their order.
+             */
+            entries: components["schemas"]["ComparedFit"][];
+            /**
+             * Warnings
+             * @description What was noticed when the set was stored, then what the fits raise: of the same kind and place, the first.
+             */
+            warnings: components["schemas"]["QualityWarning"][];
+        };
+        /**
+         * ComparisonSummary
+         * @description A comparison in a listing.
+         */
+        ComparisonSummary: {
+            /** Id */
+            id: string;
+            /** Measurement Set Id */
+            measurement_set_id: string;
+            /** Robot Id */
+            robot_id: string;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
         };
         /**
          * ComplementaryStiffness
@@ -324,6 +683,43 @@ export interface components {
              * @description Largest change of a compliance between neglecting and including it, in units of its standard uncertainty; null where that is unknown. Dimensionless.
              */
             largest_shift: number | null;
+        };
+        /**
+         * ConfigurationShare
+         * @description The share of the deflection avoided in one observation, over its targets.
+         */
+        ConfigurationShare: {
+            /** Observation */
+            observation: string;
+            /**
+             * Side
+             * @description Which sides have this observation.
+             * @enum {string}
+             */
+            side: "first" | "second" | "both";
+            /** @description If both sides have it. */
+            measured: components["schemas"]["DeflectionShare"] | null;
+            /**
+             * Predicted
+             * @description From both sides' compliances; null where a joint that bends here is not observable on one side. Dimensionless.
+             */
+            predicted: number | null;
+        };
+        /**
+         * DeflectionShare
+         * @description 1 - mean deflection on the second side / mean deflection on the first. Dimensionless.
+         */
+        DeflectionShare: {
+            /**
+             * Value
+             * @description Null where it is not known. Dimensionless.
+             */
+            value: number | null;
+            /**
+             * Standard Uncertainty
+             * @description From sigma; null where that is not known. Dimensionless.
+             */
+            standard_uncertainty?: number | null;
         };
         /**
          * DhModel
@@ -436,7 +832,7 @@ export interface components {
         Goodness: {
             /**
              * Chi Square
-             * @description Sum of squared whitened residuals. Dimensionless.
+             * @description Sum of squared whitened residuals; with the robust loss each is cut at the threshold, and the sum scaled to the same expectation. Dimensionless.
              */
             chi_square: number;
             /** Degrees Of Freedom */
@@ -736,7 +1132,7 @@ export interface components {
         ObservabilityIndices: {
             /**
              * O1
-             * @description Geometric mean of s (Borm & Menq 1989). Dimensionless.
+             * @description Geometric mean of s (Borm & Menq 1991). Dimensionless.
              */
             o1: number;
             /**
@@ -834,6 +1230,74 @@ export interface components {
              */
             stiffness_at_most: number | null;
         };
+        /**
+         * OrderedJoint
+         * @description One joint in the problem of both sides. Null for what a side does not show.
+         */
+        OrderedJoint: {
+            /** Name */
+            name: string;
+            /** Compliance First */
+            compliance_first: number | null;
+            /**
+             * Compliance Second
+             * @description Never above `compliance_first`.
+             */
+            compliance_second: number | null;
+            /**
+             * Stiffness First
+             * @description 1 / compliance; null where that is zero.
+             */
+            stiffness_first: number | null;
+            /** Stiffness Second */
+            stiffness_second: number | null;
+            /**
+             * Compliance Interval First
+             * @description Profile-likelihood interval under all constraints.
+             */
+            compliance_interval_first: [
+                number,
+                number
+            ] | null;
+            /** Compliance Interval Second */
+            compliance_interval_second: [
+                number,
+                number
+            ] | null;
+            /**
+             * Equal
+             * @description Whether the order holds both together: alone they would cross.
+             */
+            equal: boolean;
+        };
+        /**
+         * OrderedResult
+         * @description Both sides in one convex problem: no joint is softer on the second side.
+         */
+        OrderedResult: {
+            /** Joints */
+            joints: components["schemas"]["OrderedJoint"][];
+            /**
+             * Chi Square Increase
+             * @description Of both sides' residuals over their least without the order. Far above the number of joints held equal, the readings contradict the order. Dimensionless.
+             */
+            chi_square_increase: number;
+            /** @description The greatest violations of the stages. */
+            certificate: components["schemas"]["Certificate"];
+        };
+        /** Page[ComparisonSummary] */
+        Page_ComparisonSummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["ComparisonSummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
         /** Page[MeasurementSetSummary] */
         Page_MeasurementSetSummary_: {
             /**
@@ -841,6 +1305,19 @@ export interface components {
              * @description The resources on this page, newest first.
              */
             items: components["schemas"]["MeasurementSetSummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
+        /** Page[PairSummary] */
+        Page_PairSummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["PairSummary"][];
             /**
              * Next
              * @description Value of `cursor` for the following page; null on the last page.
@@ -872,6 +1349,163 @@ export interface components {
              * @description Value of `cursor` for the following page; null on the last page.
              */
             next: string | null;
+        };
+        /**
+         * Pair
+         * @description A stored pair. It never changes.
+         */
+        Pair: {
+            /** Id */
+            id: string;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description A pair is quick: null. */
+            progress?: components["schemas"]["Progress"] | null;
+            /**
+             * First Set Id
+             * @description The set of the first side.
+             */
+            first_set_id: string;
+            /**
+             * Second Set Id
+             * @description The set of the second side.
+             */
+            second_set_id: string;
+            request: components["schemas"]["PairRequest"];
+            /** @description Present if the comparison succeeded. */
+            result: components["schemas"]["PairResult"] | null;
+            /** @description Present if it failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * PairRequest
+         * @description A pair as it is posted.
+         */
+        PairRequest: {
+            /** @description How to identify the sides that are sets. Without priors, which would speak on both sides, and without resampling. */
+            options?: components["schemas"]["RunOptions"];
+            /**
+             * Ordered
+             * @description Also identify both in one problem in which no joint is softer on the second side, as where secondary encoders are switched on.
+             * @default false
+             */
+            ordered: boolean;
+            /**
+             * Confidence
+             * @description Level of the intervals; that of the options if absent.
+             */
+            confidence?: number | null;
+            /** @description Such as with the motors' encoders in the loop, or before. */
+            first: components["schemas"]["PairSide"];
+            /** @description Such as with secondary encoders in the loop, or after. */
+            second: components["schemas"]["PairSide"];
+        };
+        /**
+         * PairResult
+         * @description The numbers.
+         */
+        PairResult: {
+            /** Joints */
+            joints: components["schemas"]["PairedJoint"][];
+            avoided: components["schemas"]["AvoidedDeflection"];
+            /** @description If it was asked for. */
+            ordered: components["schemas"]["OrderedResult"] | null;
+            /**
+             * Warnings
+             * @description Of both sides, then of the pair; `where` begins with the side.
+             */
+            warnings: components["schemas"]["QualityWarning"][];
+        };
+        /**
+         * PairSide
+         * @description One side of a pair: a measurement set, or a run.
+         */
+        PairSide: {
+            /**
+             * Measurement Set Id
+             * @description A set, identified as the pair's `options` say.
+             */
+            measurement_set_id?: string | null;
+            /**
+             * Run Id
+             * @description A run: its set, identified as that run says but for its resampling.
+             */
+            run_id?: string | null;
+        };
+        /**
+         * PairSummary
+         * @description A pair in a listing.
+         */
+        PairSummary: {
+            /** Id */
+            id: string;
+            /** First Set Id */
+            first_set_id: string;
+            /** Second Set Id */
+            second_set_id: string;
+            /**
+             * Robot Id
+             * @description The first side's.
+             */
+            robot_id: string;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
+        };
+        /**
+         * PairedJoint
+         * @description One joint on both sides.
+         */
+        PairedJoint: {
+            /** Name */
+            name: string;
+            /** @description From the first side alone. */
+            first: components["schemas"]["JointResult"];
+            /** @description From the second side alone. */
+            second: components["schemas"]["JointResult"];
+            /**
+             * Ratio
+             * @description Stiffness on the second side over that on the first, of the estimates without constraints; null where one of them is not positive. Dimensionless.
+             */
+            ratio: number | null;
+            /**
+             * Ratio Interval
+             * @description Fieller's interval of that ratio, cut at zero where compliances are positive. An end of null means: no limit. Null where nothing can be said. Dimensionless.
+             */
+            ratio_interval: [
+                number | null,
+                number | null
+            ] | null;
+            /**
+             * Ratio Excluded
+             * @description Where the readings exclude only ratios between two values, these. Dimensionless.
+             */
+            ratio_excluded: [
+                number,
+                number
+            ] | null;
+            /**
+             * P Value
+             * @description Of the hypothesis that the compliance has not changed (two-sided). Small: it has.
+             */
+            p_value: number | null;
+            /**
+             * Reason
+             * @description Why there is no ratio.
+             */
+            reason: string | null;
         };
         /**
          * Posture
@@ -1048,7 +1682,7 @@ export interface components {
              * @description Kind of the suspicion.
              * @enum {string}
              */
-            code: "targets_not_rigid" | "target_off_model" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "low_compensation" | "stiffness_implausible";
+            code: "targets_not_rigid" | "target_off_model" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "stiffness_implausible" | "complementary_stiffness_matters";
             /**
              * Where
              * @description Which observation or reading; null for the whole set.
@@ -1341,6 +1975,111 @@ export interface components {
             provenance: components["schemas"]["Provenance"];
         };
         /**
+         * RunOptions
+         * @description How to identify. Every field has a default that suits three targets and a tracker.
+         */
+        RunOptions: {
+            /**
+             * Method
+             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @default partial_pose
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @default covariance
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description For that weighting; if absent, the length of least condition number.
+             */
+            characteristic_length?: number | null;
+            /**
+             * Positive
+             * @description Constrain every compliance to be zero or positive.
+             * @default true
+             */
+            positive: boolean;
+            /**
+             * Stiffness Bounds
+             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @example {
+             *       "joint_2": [
+             *         1000000,
+             *         null
+             *       ]
+             *     }
+             */
+            stiffness_bounds?: {
+                [key: string]: [
+                    number | null,
+                    number | null
+                ];
+            };
+            /**
+             * Loss
+             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @default squared
+             * @enum {string}
+             */
+            loss: "squared" | "huber";
+            /**
+             * Huber Threshold
+             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             */
+            huber_threshold?: number | null;
+            /**
+             * Complementary Stiffness
+             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @default neglected
+             * @enum {string}
+             */
+            complementary_stiffness: "neglected" | "included";
+            /**
+             * Priors
+             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @example {
+             *       "joint_5": {
+             *         "standard_uncertainty": 40000,
+             *         "stiffness": 400000
+             *       }
+             *     }
+             */
+            priors?: {
+                [key: string]: components["schemas"]["StiffnessPrior"];
+            };
+            /**
+             * Stiffness Order
+             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @example [
+             *       [
+             *         "joint_2",
+             *         "joint_4"
+             *       ]
+             *     ]
+             */
+            stiffness_order?: string[][];
+            /**
+             * Elasticity
+             * @description What bends.
+             * @default joints
+             * @constant
+             */
+            elasticity: "joints";
+            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            resampling?: components["schemas"]["Resampling"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence: number;
+        };
+        /**
          * RunRequest
          * @description A run as it is posted.
          */
@@ -1585,7 +2324,7 @@ export interface components {
         };
         /**
          * SuspiciousReading
-         * @description A reading that the robust loss gives less weight.
+         * @description A reading that the robust loss gives less weight, and that one good reading in a thousand resembles.
          */
         SuspiciousReading: {
             /** Observation */
@@ -2253,7 +2992,7 @@ export interface operations {
     post_run_v1_runs_post: {
         parameters: {
             query?: {
-                /** @description Seconds to wait for the end of a long run. */
+                /** @description Seconds to wait for the end if it takes long. */
                 wait?: number;
             };
             header?: {
@@ -2398,7 +3137,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events of the run. */
+            /** @description Events of the job. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -2454,6 +3193,522 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Run"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_comparisons_v1_comparisons_get: {
+        parameters: {
+            query?: {
+                /** @description Resources on a page. */
+                limit?: number;
+                /** @description `next` of the page before; none for the newest. */
+                cursor?: string | null;
+                /** @description Only those of this set. */
+                measurement_set_id?: string | null;
+                /** @description Only those of this robot. */
+                robot_id?: string | null;
+                /** @description Only those in this state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_ComparisonSummary_"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    post_comparison_v1_comparisons_post: {
+        parameters: {
+            query?: {
+                /** @description Seconds to wait for the end if it takes long. */
+                wait?: number;
+            };
+            header?: {
+                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ComparisonRequest"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
+                };
+            };
+            /** @description Stored, and not finished yet: look again at its address. */
+            202: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as JSON. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_comparison_v1_comparisons__comparison_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_comparison_table_v1_comparisons__comparison_id__table_csv_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The table, RFC 4180. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/csv": unknown;
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description It has not succeeded: look at its state. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_comparison_events_v1_comparisons__comparison_id__events_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events of the job. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": unknown;
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancel_comparison_v1_comparisons__comparison_id__cancel_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_pairs_v1_pairs_get: {
+        parameters: {
+            query?: {
+                /** @description Resources on a page. */
+                limit?: number;
+                /** @description `next` of the page before; none for the newest. */
+                cursor?: string | null;
+                /** @description Only those with this first set. */
+                first_set_id?: string | null;
+                /** @description Only those with this second set. */
+                second_set_id?: string | null;
+                /** @description Only those of this robot. */
+                robot_id?: string | null;
+                /** @description Only those in this state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_PairSummary_"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    post_pair_v1_pairs_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PairRequest"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Pair"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as JSON. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_pair_v1_pairs__pair_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                pair_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Pair"];
                 };
             };
             /** @description There is no such resource. */

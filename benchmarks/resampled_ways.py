@@ -1,0 +1,127 @@
+"""Ways to identify, resampled on many arms: the paper's comparison of methods as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.campaigns import default_robot
+from benchmarks.replicas import Imperfections, read
+from examples.simulator import Encoders, default_arm
+from solver.gram_blocks import GramBlocks, gram_blocks
+from solver.measurements import Measurements
+from solver.problem import Bounds
+from solver.resampling import ResamplingPlan, resample
+from solver.resampling_summary import ResamplingSummary, summarise
+from solver.settings import Method, Settings, Weighting
+
+__all__ = [
+    "DRAWN",
+    "FREE",
+    "POSITIVE",
+    "SEED",
+    "WAYS",
+    "Many",
+    "Way",
+    "blocks_of",
+    "condition_of_raw_columns",
+    "over_arms",
+    "resampled",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+DRAWN, SEED = 10, 0
+_ROBOT = default_robot(default_arm())
+FREE, POSITIVE = Bounds.unconstrained(_ROBOT.n), Bounds.positive(_ROBOT.n)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to identify.
+
+    Attributes:
+        name: in a table.
+        method: see METHOD.md §4.
+        weighting: of the complete pose.
+        length: the characteristic length [m]; None for that of least condition number.
+    """
+
+    name: str
+    method: Method
+    weighting: Weighting = "covariance"
+    length: float | None = None
+
+
+WAYS = (
+    Way("CP, best L", "complete_pose", "characteristic_length"),
+    Way("CP, L = 10 m", "complete_pose", "characteristic_length", 10.0),
+    Way("CP, cov.", "complete_pose"),
+    Way("PP", "partial_pose"),
+    Way("DPP", "decoupled_partial_pose"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Many:
+    """What resampling says on each of some arms, for each of some ways to identify.
+
+    Attributes:
+        compensation: (arms, ways) mean compensation on all configurations, unconstrained.
+        negative: (arms, ways) share of draws with a negative stiffness, unconstrained.
+        deviation: (arms, ways, n) standard deviation of a compliance over the draws relative to its mean,
+            unconstrained; NaN for joints that do not show.
+        negative_if_positive: greatest share of draws with a negative stiffness under constraints.
+    """
+
+    compensation: FloatArray
+    negative: FloatArray
+    deviation: FloatArray
+    negative_if_positive: float
+
+
+def blocks_of(measurements: Measurements, way: Way) -> GramBlocks:
+    """A campaign as resampling takes it."""
+    settings = Settings(way.method, way.weighting, FREE, characteristic_length=way.length)
+    return gram_blocks(_ROBOT, measurements, settings)
+
+
+def resampled(blocks: GramBlocks, bounds: Bounds, repetitions: int) -> ResamplingSummary:
+    """10 of 19, again and again."""
+    return summarise(resample(blocks, ResamplingPlan(DRAWN, repetitions, SEED), bounds))
+
+
+def over_arms(
+    encoders: Encoders, wrong: Imperfections, ways: Sequence[Way], arms: int, repetitions: int
+) -> Many:
+    """Resample many arms, each wrong in directions of its own, in configurations of its own."""
+    free, negative = [], []
+    for seed in range(arms):
+        measurements = read(encoders, wrong, seed=seed)
+        blocks = [blocks_of(measurements, way) for way in ways]
+        free.append([resampled(of_way, FREE, repetitions) for of_way in blocks])
+        negative += [resampled(of_way, POSITIVE, repetitions).share_any_negative for of_way in blocks]
+    return Many(
+        compensation=np.array([[found.compensation_mean for found in row] for row in free]),
+        negative=np.array([[found.share_any_negative for found in row] for row in free]),
+        deviation=np.array(
+            [[found.compliance_deviation / found.compliance_mean for found in row] for row in free]
+        ),
+        negative_if_positive=max(negative),
+    )
+
+
+def condition_of_raw_columns(measurements: Measurements, length: float) -> float:
+    """Condition number of the complete pose's regressor, columns as they come, not brought to unit norm.
+
+    Args:
+        measurements: a campaign.
+        length: characteristic length [m].
+    """
+    way = Way("", "complete_pose", "characteristic_length", length)
+    (stage,) = blocks_of(measurements, way).stages
+    raw = stage.rows[..., :-1].reshape(-1, len(stage.joints)) / stage.unit
+    return float(np.linalg.cond(raw))

@@ -1,0 +1,130 @@
+/** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
+import { text } from "../text";
+import type {
+  Comparison, ComparisonSummary, Kinematics, MeasurementSet, MeasurementSetSummary, Page, Pair, PairSummary,
+  Problem, Robot, RobotDocument, RobotSource, RobotSummary, Run, RunSummary,
+} from "./types";
+
+/** A refusal, or an answer that did not come. */
+export class ApiError extends Error {
+  constructor(readonly problem: Problem) {
+    super(problem.detail);
+  }
+}
+
+interface Call {
+  body?: unknown;
+  key?: string;
+  signal?: AbortSignal;
+}
+
+/** What was thrown, as problem details. */
+export function problemOf(error: unknown): Problem {
+  if (error instanceof ApiError) return error.problem;
+  return { type: "about:blank", title: text.errors.unexpected, status: 0, detail: String(error), errors: [] };
+}
+
+async function call<Answer>(method: string, path: string, { body, key, signal }: Call = {}): Promise<Answer> {
+  const headers: Record<string, string> = { Accept: "application/json" };
+  if (body !== undefined) headers["Content-Type"] = "application/json";
+  if (key !== undefined) headers["Idempotency-Key"] = key;
+  let response: Response;
+  try {
+    response = await fetch(path, {
+      method,
+      headers,
+      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
+      ...(signal === undefined ? {} : { signal }),
+    });
+  } catch (error) {
+    if (signal?.aborted) throw error;
+    throw new ApiError(unreachable());
+  }
+  if (response.status === 204) return undefined as Answer;
+  const answer: unknown = await response.json().catch(() => null);
+  if (!response.ok) throw new ApiError(isProblem(answer) ? answer : unreadable(response.status));
+  return answer as Answer;
+}
+
+function isProblem(answer: unknown): answer is Problem {
+  return typeof answer === "object" && answer !== null && "detail" in answer && "title" in answer;
+}
+
+function unreachable(): Problem {
+  const { unreachable: words } = text.errors;
+  return { type: "about:blank", title: words.title, status: 0, detail: words.detail, remedy: words.remedy, errors: [] };
+}
+
+function unreadable(status: number): Problem {
+  const { unreadable: words } = text.errors;
+  return { type: "about:blank", title: words.title, status, detail: words.detail(status), remedy: words.remedy, errors: [] };
+}
+
+function query(values: Record<string, string | number | null | undefined>): string {
+  const pairs = Object.entries(values).filter(([, value]) => value !== null && value !== undefined && value !== "");
+  const search = new URLSearchParams(pairs.map(([name, value]) => [name, String(value)])).toString();
+  return search && `?${search}`;
+}
+
+type Filters = Record<string, string | number | null | undefined>;
+
+const id = encodeURIComponent;
+
+/** Every address of the API that the page uses. */
+export const api = {
+  robots: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
+  robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),
+  addRobot: (document: RobotDocument, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
+  kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
+    call<Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, ...options(signal) }),
+
+  sets: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<MeasurementSetSummary>>("GET", `/v1/measurement-sets${query(filters)}`, options(signal)),
+  set: (set: string, signal?: AbortSignal) =>
+    call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
+  addSet: (document: unknown, key: string) =>
+    call<MeasurementSet>("POST", "/v1/measurement-sets", { body: document, key }),
+
+  runs: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<RunSummary>>("GET", `/v1/runs${query(filters)}`, options(signal)),
+  run: (run: string, signal?: AbortSignal) => call<Run>("GET", `/v1/runs/${id(run)}`, options(signal)),
+  addRun: (request: unknown, key: string) => call<Run>("POST", "/v1/runs?wait=1", { body: request, key }),
+  cancelRun: (run: string) => call<Run>("POST", `/v1/runs/${id(run)}/cancel`),
+  deleteRun: (run: string) => call<undefined>("DELETE", `/v1/runs/${id(run)}`),
+  restoreRun: (run: string) => call<Run>("POST", `/v1/runs/${id(run)}/restore`),
+
+  comparisons: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<ComparisonSummary>>("GET", `/v1/comparisons${query(filters)}`, options(signal)),
+  comparison: (comparison: string, signal?: AbortSignal) =>
+    call<Comparison>("GET", `/v1/comparisons/${id(comparison)}`, options(signal)),
+  addComparison: (request: unknown, key: string) =>
+    call<Comparison>("POST", "/v1/comparisons?wait=1", { body: request, key }),
+  cancelComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/cancel`),
+
+  pairs: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<PairSummary>>("GET", `/v1/pairs${query(filters)}`, options(signal)),
+  pair: (pair: string, signal?: AbortSignal) => call<Pair>("GET", `/v1/pairs/${id(pair)}`, options(signal)),
+  addPair: (request: unknown, key: string) => call<Pair>("POST", "/v1/pairs", { body: request, key }),
+};
+
+function options(signal: AbortSignal | undefined): Call {
+  return signal === undefined ? {} : { signal };
+}
+
+/** All items of a listing, newest first, up to a limit. */
+export async function every<Item>(
+  list: (filters: Filters, signal?: AbortSignal) => Promise<Page<Item>>,
+  filters: Filters = {},
+  limit = 500,
+  signal?: AbortSignal,
+): Promise<Item[]> {
+  const items: Item[] = [];
+  let cursor: string | null = null;
+  do {
+    const page: Page<Item> = await list({ ...filters, limit: 100, cursor }, signal);
+    items.push(...page.items);
+    cursor = page.next;
+  } while (cursor !== null && items.length < limit);
+  return items;
+}

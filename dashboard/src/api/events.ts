@@ -1,0 +1,24 @@
+/** Following a job that goes on: server-sent events of its progress, then one of its end. */
+import type { Progress, RunState } from "./types";
+
+export interface Standing {
+  id: string;
+  state: RunState;
+  progress: Progress | null;
+}
+
+export type Collection = "runs" | "comparisons";
+
+/** Follow a job; `tell` hears every step, and `ended` true of the last. Answers with how to stop. */
+export function follow(collection: Collection, id: string, tell: (standing: Standing, ended: boolean) => void): () => void {
+  const source = new EventSource(`/v1/${collection}/${encodeURIComponent(id)}/events`);
+  const hear = (ended: boolean) => (event: MessageEvent<string>) => {
+    if (ended) source.close(); // else the browser would come back and hear it again
+    tell(JSON.parse(event.data) as Standing, ended);
+  };
+  source.addEventListener("progress", hear(false));
+  source.addEventListener("end", hear(true));
+  return () => source.close();
+}
+
+export const goesOn = (state: RunState): boolean => state === "queued" || state === "running";

@@ -1,0 +1,45 @@
+/** Short names for the messages of the API. The shapes come from its OpenAPI description. */
+import type { components } from "./schema";
+
+type Schemas = components["schemas"];
+
+export type Advice = Schemas["Advice"];
+export type ComparedFit = Schemas["ComparedFit"];
+export type Comparison = Schemas["Comparison"];
+export type ComparisonSummary = Schemas["ComparisonSummary"];
+export type DhModel = Schemas["DhModel"];
+export type DhRow = Schemas["DhRow"];
+export type JointMap = Schemas["JointMap"];
+export type JointResult = Schemas["JointResult"];
+export type Kinematics = Schemas["Kinematics"];
+export type MeasurementSet = Schemas["MeasurementSet"];
+export type MeasurementSetSummary = Schemas["MeasurementSetSummary"];
+export type Observation = Schemas["Observation"];
+export type Pair = Schemas["Pair"];
+export type PairSummary = Schemas["PairSummary"];
+export type Posture = Schemas["Posture"];
+export type Problem = Schemas["Problem"];
+export type Progress = Schemas["Progress"];
+export type QualityWarning = Schemas["QualityWarning"];
+export type Residual = Schemas["Residual"];
+export type Robot = Schemas["Robot"];
+export type RobotDocument = Schemas["RobotDocument"];
+export type RobotSummary = Schemas["RobotSummary"];
+export type Run = Schemas["Run"];
+export type RunOptions = Schemas["RunOptions"];
+export type RunRequest = Schemas["RunRequest"];
+export type RunResult = Schemas["RunResult"];
+export type RunSummary = Schemas["RunSummary"];
+export type Units = Schemas["Units"];
+
+export type Method = Run["request"]["method"] & string;
+export type RunState = Run["state"];
+
+/** One page of a listing. */
+export interface Page<Item> {
+  items: Item[];
+  next: string | null;
+}
+
+/** A robot that is stored, or one that is not yet. */
+export type RobotSource = { robot_id: string } | { robot: RobotDocument };

@@ -1,0 +1,157 @@
+/** The frame of the page: header, the view of the address, messages. */
+import { useEffect, useRef } from "preact/hooks";
+import { Choice, Empty, Title } from "./parts/basics";
+import { STIFFNESS_UNITS, type StiffnessUnit } from "./pure/units";
+import { type Route, useRoute } from "./state/router";
+import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
+import { dismiss, useToasts } from "./state/toasts";
+import { text } from "./text";
+import { CompareView } from "./views/compare";
+import { PairView } from "./views/pair";
+import { ComparisonView } from "./views/comparison";
+import { RobotsView } from "./views/robots";
+import { RobotNewView } from "./views/robot_new";
+import { RobotView } from "./views/robot";
+import { RunView } from "./views/run";
+import { RunsView } from "./views/runs";
+import { SetView } from "./views/set";
+import { StartView } from "./views/start";
+import { TrendView } from "./views/trend";
+
+const SECTIONS = [
+  { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
+  { id: "runs", label: text.app.runs, icon: "M4 6h16M4 12h16M4 18h10" },
+  { id: "compare", label: text.app.compare, icon: "M6 20V10M12 20V4M18 20v-7" },
+  { id: "robots", label: text.app.robots, icon: "M5 20h8M9 20v-6l6-7 4 4" },
+] as const;
+
+export function App() {
+  const settings = useStoredSettings();
+  const route = useRoute();
+  const main = useRef<HTMLElement>(null);
+  const address = route.parts.join("/");
+  const first = useRef(true);
+  useEffect(() => {
+    if (!first.current) {
+      scrollTo(0, 0);
+      main.current?.querySelector("h1")?.focus({ preventScroll: true });
+    }
+    first.current = false;
+  }, [address]);
+  const toContent = (event: Event) => {
+    event.preventDefault(); // the address after # is the route
+    main.current?.focus();
+  };
+  return (
+    <SettingsContext.Provider value={settings}>
+      <a class="skip" href="#content" onClick={toContent}>{text.app.skip}</a>
+      <Header section={sectionOf(route)} settings={settings} />
+      <main id="content" tabIndex={-1} ref={main}><View key={viewKey(route)} route={route} /></main>
+      <Toasts />
+    </SettingsContext.Provider>
+  );
+}
+
+const sectionOf = ({ parts: [first = ""] }: Route): string => (first === "sets" ? "robots" : first);
+
+/** Parts of one run are one view, which keeps what it has loaded. */
+const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
+
+function View({ route }: { route: Route }) {
+  const [first, second, third] = route.parts;
+  switch (first) {
+    case undefined: return <StartView query={route.query} />;
+    case "runs": return second ? <RunView id={second} part={third ?? "result"} /> : <RunsView query={route.query} />;
+    case "sets": return second ? <SetView id={second} /> : <RobotsView list="sets" />;
+    case "robots":
+      return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
+    case "compare": return <Compared kind={second} id={third} />;
+    default: return <Lost />;
+  }
+}
+
+function Compared({ kind, id }: { kind: string | undefined; id: string | undefined }) {
+  if (kind === "methods" && id) return <ComparisonView id={id} />;
+  if (kind === "pairs" && id) return <PairView id={id} />;
+  if (kind === "trend" && id) return <TrendView robot={id} />;
+  return <CompareView kind={kind ?? "methods"} />;
+}
+
+function Lost() {
+  return (
+    <>
+      <Title plain={text.app.notFound}>{text.app.notFound}</Title>
+      <Empty title={text.app.notFound} hint={text.app.notFoundHint}><a class="button" href="#/runs">{text.app.runs}</a></Empty>
+    </>
+  );
+}
+
+function Header({ section, settings }: { section: string; settings: Settings }) {
+  return (
+    <header class="header">
+      <a class="brand" href="#/">
+        <svg viewBox="0 0 32 32" aria-hidden="true"><path d="M7 26h10M12 26V16L22 7" /><circle cx="12" cy="16" r="3.4" /><circle cx="22" cy="7" r="3.4" /></svg>
+        {text.app.name}
+      </a>
+      <nav class="sections" aria-label={text.app.navigation}>
+        {SECTIONS.map((item) => (
+          <a href={`#/${item.id}`} aria-current={item.id === section ? "page" : undefined}>
+            <svg viewBox="0 0 24 24" aria-hidden="true"><path d={item.icon} /></svg>
+            <span>{item.label}</span>
+          </a>
+        ))}
+      </nav>
+      <Display settings={settings} />
+    </header>
+  );
+}
+
+function Display({ settings }: { settings: Settings }) {
+  const details = useRef<HTMLDetailsElement>(null);
+  useEffect(() => {
+    const close = (event: Event) => {
+      const outside = !(event.target instanceof Node) || !details.current?.contains(event.target);
+      const escape = event instanceof KeyboardEvent && event.key === "Escape";
+      if (details.current && (escape || (event.type === "pointerdown" && outside))) details.current.open = false;
+    };
+    addEventListener("pointerdown", close);
+    addEventListener("keydown", close);
+    return () => {
+      removeEventListener("pointerdown", close);
+      removeEventListener("keydown", close);
+    };
+  }, []);
+  return (
+    <details class="display" ref={details}>
+      <summary aria-label={text.app.settings}>
+        <svg viewBox="0 0 24 24" aria-hidden="true"><path d="M4 7h10M18 7h2M4 17h2M10 17h10" /><circle cx="16" cy="7" r="2.2" /><circle cx="8" cy="17" r="2.2" /></svg>
+        <span>{text.app.settings}</span>
+      </summary>
+      <div class="panel">
+        <Choice
+          label={text.app.theme} value={settings.theme} change={(theme: Theme) => settings.change({ theme })}
+          options={(["auto", "light", "dark"] as const).map((value) => ({ value, label: text.app.themes[value] }))}
+        />
+        <Choice
+          label={text.app.unit} value={settings.unit} change={(unit: StiffnessUnit) => settings.change({ unit })}
+          options={(["MNm", "Nm"] as const).map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
+        />
+      </div>
+    </details>
+  );
+}
+
+function Toasts() {
+  const toasts = useToasts();
+  return (
+    <div class="toasts" role="status" aria-live="polite">
+      {toasts.map(({ id, message, action }) => (
+        <div class="toast" key={id}>
+          <span>{message}</span>
+          {action && <button type="button" class="button" onClick={() => { action.run(); dismiss(id); }}>{action.label}</button>}
+          <button type="button" class="button quiet close" aria-label={text.app.close} onClick={() => dismiss(id)}>×</button>
+        </div>
+      ))}
+    </div>
+  );
+}

@@ -1,0 +1,111 @@
+/** Bars: one or more series by configuration, and shares of joints. */
+import { clip, percent, significant } from "../pure/format";
+import { extent, linear } from "../pure/scale";
+import { LeftAxis, Names } from "./axis";
+import { Chart } from "./figure";
+
+export interface Series {
+  mark: string;
+  label: string;
+  values: (number | null)[];
+}
+
+/** Bars for the first series, narrower ones inside for the second, dots for the others. */
+export function Bars({ names, series, width, height = 300, label, unit, format = (v) => significant(v, 3) }: {
+  names: string[];
+  series: Series[];
+  width: number;
+  height?: number;
+  label: string;
+  unit: string;
+  format?: (value: number) => string;
+}) {
+  const [left, right, bottom] = [56, width - 8, height - 34];
+  const [low, high] = extent(series.flatMap((s) => s.values.filter((v) => v !== null))) ?? [0, 1];
+  const y = linear(Math.min(0, low), Math.max(0, high), bottom, 28);
+  const step = (right - left) / Math.max(1, names.length);
+  const place = (i: number) => left + (i + 0.5) * step;
+  return (
+    <Chart width={width} height={height} label={label}>
+      <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
+      {series.map((one, s) => (
+        <g class={`bars ${one.mark}`}>
+          {one.values.map((value, i) => value !== null && (
+            s < 2
+              ? <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} title={`${names[i]}, ${one.label}: ${format(value)} ${unit}`} />
+              : <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)}><title>{`${names[i]}, ${one.label}: ${format(value)} ${unit}`}</title></circle>
+          ))}
+        </g>
+      ))}
+      <Names names={names} place={place} bottom={bottom} room={right - left} />
+    </Chart>
+  );
+}
+
+function Bar({ x, width, from, to, title }: { x: number; width: number; from: number; to: number; title: string }) {
+  const wide = Math.max(1, width);
+  return <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))}><title>{title}</title></rect>;
+}
+
+/** As many digits as the steps of the axis need. */
+export function axisFormat(ticks: number[]): (value: number) => string {
+  const step = Math.abs((ticks[1] ?? 1) - (ticks[0] ?? 0)) || 1;
+  const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  return (value) => value.toFixed(Math.min(decimals, 6)).replace("-", "\u2212");
+}
+
+/** A bar a joint, its share written at its end. */
+export function Shares({ shares, width, label }: { shares: { name: string; share: number; note: string }[]; width: number; label: string }) {
+  const left = width < 480 ? 76 : 96;
+  const room = width - left - 150;
+  const [low, high] = extent([0, ...shares.map(({ share }) => share)]) ?? [0, 1];
+  const place = (share: number) => left + ((share - low) / Math.max(1e-9, high - low)) * room;
+  return (
+    <Chart width={width} height={shares.length * 44 + 8} label={label}>
+      {shares.map(({ name, share, note }, i) => (
+        <g class={`bars joint-${i % 6}`}>
+          <text class="row" x={left - 10} y={i * 44 + 31} text-anchor="end">{clip(name, width < 480 ? 8 : 10)}</text>
+          <rect x={Math.min(place(0), place(share))} y={i * 44 + 10} height={30} width={Math.max(1.5, Math.abs(place(share) - place(0)))} />
+          <text class="row strong" x={Math.max(place(share), place(0)) + 10} y={i * 44 + 31}>{percent(share)} <tspan class="soft">{note}</tspan></text>
+        </g>
+      ))}
+    </Chart>
+  );
+}
+
+/** Stacked bars: what each joint adds, by configuration. */
+export function Stacks({ names, parts, width, height = 300, label, unit }: {
+  names: string[];
+  /** For each configuration, what each joint adds. */
+  parts: { name: string; values: number[] }[];
+  width: number;
+  height?: number;
+  label: string;
+  unit: string;
+}) {
+  const [left, right, bottom] = [56, width - 8, height - 34];
+  const ends = names.map((_, i) => {
+    const values = parts.map((part) => part.values[i] ?? 0);
+    return [values.filter((v) => v < 0).reduce((a, b) => a + b, 0), values.filter((v) => v > 0).reduce((a, b) => a + b, 0)];
+  });
+  const [low, high] = extent(ends.flat()) ?? [0, 1];
+  const y = linear(low, high, bottom, 28);
+  const step = (right - left) / Math.max(1, names.length);
+  return (
+    <Chart width={width} height={height} label={label}>
+      <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
+      {names.map((name, i) => {
+        let [down, up] = [0, 0];
+        return parts.map((part, j) => {
+          const value = part.values[i] ?? 0;
+          const from = value < 0 ? down : up;
+          if (value < 0) down += value;
+          else up += value;
+          const title = `${name}, ${part.name}: ${significant(value, 3)} ${unit}`;
+          return <g class={`bars joint-${j % 6}`}><Bar x={left + (i + 0.5) * step} width={step * 0.78} from={y(from)} to={y(from + value)} title={title} /></g>;
+        });
+      })}
+      <Names names={names} place={(i) => left + (i + 0.5) * step} bottom={bottom} room={right - left} />
+    </Chart>
+  );
+}

@@ -1,0 +1,103 @@
+/** Values with intervals on a logarithmic axis, a row each; an end that is open is an arrow. */
+import { clip } from "../pure/format";
+import { extent, logarithmic } from "../pure/scale";
+import { BottomAxis } from "./axis";
+import { Chart } from "./figure";
+
+export interface IntervalMark {
+  /** Which series: class of the mark. */
+  mark: string;
+  value: number | null;
+  low: number | null;
+  /** Null: no upper limit. */
+  high: number | null;
+  /** Said where there is nothing to draw. */
+  instead?: string | null;
+  label: string;
+}
+
+export interface IntervalRow {
+  name: string;
+  marks: IntervalMark[];
+}
+
+const MARK_HEIGHT = 26;
+const ROW_GAP = 22;
+
+export function Intervals({ rows, width, label, unit, format, reference }: {
+  rows: IntervalRow[];
+  width: number;
+  label: string;
+  unit: string;
+  format: (value: number) => string;
+  /** Where a dashed line stands, such as no change. */
+  reference?: number;
+}) {
+  const narrow = width < 480;
+  const left = narrow ? 14 : 96;
+  const right = width - 28;
+  const head = narrow ? 22 : 0;
+  const heights = rows.map((row) => head + spoken(row.marks).length * MARK_HEIGHT + ROW_GAP);
+  const bottom = heights.reduce((sum, height) => sum + height, 8);
+  const [low, high] = bounds(rows, reference);
+  const x = logarithmic(low, high, left + 8, right, width < 480 ? 5 : 9);
+  let top = 8;
+  return (
+    <Chart width={width} height={bottom + 52} label={label}>
+      <BottomAxis scale={x} top={4} bottom={bottom} format={format} unit={unit} right={width - 8} />
+      {reference !== undefined && <line class="reference" x1={x(reference)} x2={x(reference)} y1={4} y2={bottom} />}
+      {rows.map((row, i) => {
+        const start = top;
+        top += heights[i] ?? 0;
+        const middle = start + head + ROW_GAP / 2 + (spoken(row.marks).length * MARK_HEIGHT) / 2;
+        return (
+          <g>
+            {i > 0 && <line class="between" x1={0} x2={width} y1={start} y2={start} />}
+            <text class="row" x={narrow ? 4 : left - 10} y={narrow ? start + 22 : middle + 5} text-anchor={narrow ? "start" : "end"}>
+              {clip(row.name, narrow ? 36 : 10)}
+            </text>
+            {spoken(row.marks).map((mark, k) => (
+              <Mark mark={mark} x={x} y={start + head + ROW_GAP / 2 + (k + 0.5) * MARK_HEIGHT} left={left + 8} right={right} />
+            ))}
+          </g>
+        );
+      })}
+    </Chart>
+  );
+}
+
+/** Where all series say the same instead of a value, once is enough. */
+function spoken(marks: IntervalMark[]): IntervalMark[] {
+  const silent = marks.every((mark) => mark.low === null && mark.value === null && mark.instead === marks[0]?.instead);
+  return silent ? marks.slice(0, 1) : marks;
+}
+
+function Mark({ mark, x, y, left, right }: { mark: IntervalMark; x: (value: number) => number; y: number; left: number; right: number }) {
+  if (mark.low === null && mark.value === null) {
+    return <text class={`instead ${mark.mark}`} x={left} y={y + 5}>{mark.instead}</text>;
+  }
+  const from = mark.low !== null && mark.low > 0 ? x(mark.low) : left;
+  const to = mark.high === null ? right : x(mark.high);
+  const hidden = to - from < 15 && mark.value !== null; // the point covers the ends
+  return (
+    <g class={`interval ${mark.mark}`}>
+      <title>{mark.label}</title>
+      <line x1={from} x2={mark.high === null && mark.low !== null ? to - 6 : to} y1={y} y2={y} />
+      {mark.low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
+      {mark.high !== null && mark.high !== mark.value && !hidden && <line class="end" x1={to} x2={to} y1={y - 7} y2={y + 7} />}
+      {mark.high === null && mark.low !== null && <path class="head" d={`M${to + 8} ${y} l-15 -8 v16 z`} />}
+      {mark.value !== null && <circle cx={x(mark.value)} cy={y} r={6.5} />}
+    </g>
+  );
+}
+
+/** The axis holds all numbers, with some room; open ends do not count. */
+function bounds(rows: IntervalRow[], reference: number | undefined): [number, number] {
+  const values = rows.flatMap((row) => row.marks.flatMap((mark) => [mark.value, mark.low, mark.high]));
+  const found = extent([...values, reference ?? null].filter((value): value is number => value !== null && value > 0));
+  const [low, high] = found ?? [1, 10];
+  // a bar that ends near zero would leave no room for the others
+  const points = extent(rows.flatMap((row) => row.marks.map((mark) => mark.value ?? 0)).filter((value) => value > 0));
+  const least = points ? Math.max(low, points[0] / 1e3) : low;
+  return [least / 1.25, Math.max(high * 1.25, least * 3)];
+}

@@ -1,0 +1,28 @@
+/** What is said of a joint in words: kinds here, the words in src/text. */
+import type { JointResult } from "../api/types";
+
+export type Verdict = "firm" | "fair" | "rough" | "lower_limit" | "negative" | "unobservable";
+
+/** Relative half width of the interval below which a stiffness is called firm, fair. */
+export const FIRM = 0.05;
+export const FAIR = 0.2;
+
+export function verdictOf(joint: JointResult): Verdict {
+  if (joint.status === "not_observable" || joint.compliance === null) return "unobservable";
+  if (joint.compliance < 0) return "negative";
+  const interval = joint.stiffness_interval;
+  if (joint.stiffness === null || !interval || interval[1] === null) return "lower_limit";
+  const halfWidth = (interval[1] - interval[0]) / 2 / joint.stiffness;
+  return halfWidth <= FIRM ? "firm" : halfWidth <= FAIR ? "fair" : "rough";
+}
+
+/** Standard uncertainty of the stiffness, to first order: u(k) = k² u(c). Null where nothing is known. */
+export function stiffnessUncertainty(joint: JointResult): number | null {
+  if (joint.stiffness === null || joint.standard_uncertainty === null) return null;
+  return joint.stiffness ** 2 * joint.standard_uncertainty;
+}
+
+/** Stiffer than this, at the run's confidence; null where nothing is known. */
+export function lowerLimit(joint: JointResult): number | null {
+  return joint.one_sided?.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
+}

@@ -1,0 +1,57 @@
+/** The 3D view as a part of the page; the drawing code is loaded when it is first needed. */
+import { useEffect, useRef, useState } from "preact/hooks";
+import type { Posture } from "../api/types";
+import { Busy } from "../parts/basics";
+import type { Vector } from "../pure/vector";
+import { text } from "../text";
+import { Sketch } from "./sketch";
+import type { Show, Stage } from "./stage";
+
+export interface ArmViewProps {
+  show: Show;
+  /** What the view must hold, all the time. */
+  room: Vector[];
+  label: string;
+  /** Counts up to look from the first side again. */
+  resets?: number;
+}
+
+export function ArmView({ show, room, label, resets = 0 }: ArmViewProps) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const [stage, setStage] = useState<Stage | "none" | null>(null);
+  useEffect(() => {
+    let made: Stage | null = null;
+    let gone = false;
+    void import("./stage").then(({ Stage: Make }) => {
+      if (gone || !canvas.current) return;
+      try {
+        made = new Make(canvas.current);
+        setStage(made);
+      } catch {
+        setStage("none");
+      }
+    });
+    return () => {
+      gone = true;
+      made?.dispose();
+    };
+  }, []);
+  const drawing = stage === "none" ? null : stage;
+  useEffect(() => drawing?.room(room), [drawing, room]);
+  useEffect(() => drawing?.show(show), [drawing, show]);
+  useEffect(() => {
+    if (resets > 0) drawing?.reset();
+  }, [resets]);
+  if (stage === "none") return <Sketch show={show} room={room} label={label} />;
+  return (
+    <div class="stage">
+      {stage === null && <Busy label={text.scene.loading} />}
+      <canvas ref={canvas} tabIndex={0} role="img" aria-label={label} data-ready={stage !== null} />
+    </div>
+  );
+}
+
+/** Points that a room must hold for these postures. */
+export function roomOf(postures: Posture[]): Vector[] {
+  return postures.flatMap((posture) => [...posture.joint_origins, posture.flange_origin]);
+}

@@ -1,0 +1,31 @@
+/** Names of robots and sets by their identifiers, for lists that only have those. */
+import { api, every } from "../api/client";
+import type { MeasurementSetSummary, RobotSummary } from "../api/types";
+import { type Loading, useLoad } from "./load";
+
+export interface Names {
+  robots: RobotSummary[];
+  sets: MeasurementSetSummary[];
+  robot: (id: string) => string;
+  set: (id: string) => string;
+}
+
+/** All names; an identifier that is not among them stands for itself. */
+export function useNames(): Loading<Names> {
+  return useLoad(loadNames, []);
+}
+
+async function loadNames(signal: AbortSignal): Promise<Names> {
+  const [robots, sets] = await Promise.all([
+    every(api.robots, {}, 1000, signal),
+    every(api.sets, {}, 1000, signal),
+  ]);
+  const robotNames = new Map(robots.map((robot) => [robot.id, robot.name]));
+  const setNames = new Map(sets.map((set) => [set.id, set.name]));
+  return {
+    robots,
+    sets,
+    robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
+    set: (id) => setNames.get(id) ?? id.slice(0, 8),
+  };
+}

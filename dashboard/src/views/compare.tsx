@@ -1,0 +1,130 @@
+/** Where comparisons start: methods on one set, two sets, one robot over time. */
+import { useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { ComparisonSummary, PairSummary } from "../api/types";
+import { Empty, Name, ProblemNote, Select, Show, State, Tabs, Title, Toggle, When } from "../parts/basics";
+import { freshKey } from "../pure/hash";
+import { useAction } from "../state/action";
+import { useLoad, valueOf } from "../state/load";
+import { type Names, useNames } from "../state/names";
+import { go, link, parse } from "../state/router";
+import { text } from "../text";
+
+const words = text.compare;
+const KINDS = ["methods", "pairs", "trend"] as const;
+
+export function CompareView({ kind }: { kind: string }) {
+  const names = useNames();
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <Tabs label={words.tabs} current={kind} tabs={KINDS.map((id) => ({ id, label: words[id], href: link(["compare", id]) }))} />
+      <Show of={names}>
+        {(known) => (known.sets.length === 0
+          ? <Empty title={text.robots.setsNone} hint={words.noSets}><a class="button primary" href="#/">{text.app.measure}</a></Empty>
+          : kind === "pairs" ? <StartPair names={known} /> : kind === "trend" ? <StartTrend names={known} /> : <StartMethods names={known} />)}
+      </Show>
+    </>
+  );
+}
+
+const setOptions = (names: Names) => names.sets.map((set) => ({ value: set.id, label: `${set.name} (${names.robot(set.robot_id)})` }));
+
+function StartMethods({ names }: { names: Names }) {
+  const [set, setSet] = useState(parse(location.hash).query.get("set") ?? names.sets[0]?.id ?? "");
+  const [resample, setResample] = useState(false);
+  const start = useAction(async () => {
+    const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
+    const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
+    const comparison = await api.addComparison({ measurement_set_id: set, resampling }, freshKey("comparison"));
+    go(link(["compare", "methods", comparison.id]));
+  });
+  return (
+    <>
+      <section class="card form">
+        <p>{words.methodsIntro}</p>
+        <Select label={words.set} value={set} change={setSet} options={setOptions(names)} />
+        <Toggle label={words.resample} checked={resample} change={setResample} />
+        {start.problem && <ProblemNote problem={start.problem} />}
+        <button type="button" class="button primary" disabled={start.busy || !set} onClick={start.run}>{start.busy ? words.going : words.go}</button>
+      </section>
+      <Earlier names={names} />
+    </>
+  );
+}
+
+function Earlier({ names }: { names: Names }) {
+  const found = valueOf(useLoad((signal) => api.comparisons({ limit: 20 }, signal), []));
+  if (!found || found.items.length === 0) return null;
+  return (
+    <section>
+      <h2>{words.earlier}</h2>
+      <ul class="rows">{found.items.map((item: ComparisonSummary) => (
+        <li class="item"><a class="main" href={link(["compare", "methods", item.id])}>
+          <span class="what"><Name>{names.set(item.measurement_set_id)}</Name><small><Name>{names.robot(item.robot_id)}</Name></small></span>
+          <span class="when"><When time={item.created_at} /></span><span class="standing"><State state={item.state} /></span>
+        </a></li>
+      ))}</ul>
+    </section>
+  );
+}
+
+function StartPair({ names }: { names: Names }) {
+  const newest = names.sets[0];
+  const same = names.sets.find((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id) ?? names.sets[1];
+  const query = parse(location.hash).query;
+  const [first, setFirst] = useState(query.get("first") ?? same?.id ?? "");
+  const [second, setSecond] = useState(query.get("second") ?? newest?.id ?? "");
+  const [ordered, setOrdered] = useState(false);
+  const start = useAction(async () => {
+    const pair = await api.addPair({ first: { measurement_set_id: first }, second: { measurement_set_id: second }, ordered }, freshKey("pair"));
+    go(link(["compare", "pairs", pair.id]));
+  });
+  const possible = first !== "" && second !== "" && first !== second;
+  return (
+    <>
+      <section class="card form">
+        <p>{words.pairsIntro}</p>
+        <div class="row">
+          <Select label={words.first} hint={words.firstHint} value={first} change={setFirst} options={setOptions(names)} />
+          <Select label={words.second} hint={words.secondHint} value={second} change={setSecond} options={setOptions(names)} />
+        </div>
+        <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
+        {start.problem && <ProblemNote problem={start.problem} />}
+        {!possible && <p class="soft">{words.twoSets}</p>}
+        <button type="button" class="button primary" disabled={start.busy || !possible} onClick={start.run}>{start.busy ? words.going : words.go}</button>
+      </section>
+      <EarlierPairs names={names} />
+    </>
+  );
+}
+
+function EarlierPairs({ names }: { names: Names }) {
+  const found = valueOf(useLoad((signal) => api.pairs({ limit: 20 }, signal), []));
+  if (!found || found.items.length === 0) return null;
+  return (
+    <section>
+      <h2>{words.earlier}</h2>
+      <ul class="rows">{found.items.map((item: PairSummary) => (
+        <li class="item"><a class="main" href={link(["compare", "pairs", item.id])}>
+          <span class="what"><span><Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name></span><small><Name>{names.robot(item.robot_id)}</Name></small></span>
+          <span class="when"><When time={item.created_at} /></span><span class="standing"><State state={item.state} /></span>
+        </a></li>
+      ))}</ul>
+    </section>
+  );
+}
+
+function StartTrend({ names }: { names: Names }) {
+  return (
+    <section class="card form">
+      <p>{words.trendIntro}</p>
+      <ul class="rows">{names.robots.map((robot) => (
+        <li class="item"><a class="main" href={link(["compare", "trend", robot.id])}>
+          <span class="what"><Name>{robot.name}</Name><small>{text.robots.joints(robot.joints.length)}</small></span>
+          <span class="how">{text.robots.sets}: {names.sets.filter((set) => set.robot_id === robot.id).length}</span>
+        </a></li>
+      ))}</ul>
+    </section>
+  );
+}

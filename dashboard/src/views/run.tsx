@@ -1,0 +1,117 @@
+/** One run: its state while it goes on, then its result in four parts. */
+import { useEffect, useState } from "preact/hooks";
+import { api } from "../api/client";
+import { follow, goesOn, type Standing } from "../api/events";
+import type { MeasurementSet, Robot, Run } from "../api/types";
+import { Busy, Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
+import { save } from "../parts/download";
+import { fileName } from "../pure/csv";
+import { freshKey } from "../pure/hash";
+import { useAction } from "../state/action";
+import { useLoad } from "../state/load";
+import { go, link } from "../state/router";
+import { toast } from "../state/toasts";
+import { text } from "../text";
+import { DeflectionPart } from "./run_deflection";
+import { EvidencePart } from "./run_evidence";
+import { Bar } from "./run_list";
+import { RobotPart } from "./run_robot";
+import { StiffnessPart } from "./run_stiffness";
+
+/** A run with what it is about. */
+export interface RunContext {
+  run: Run;
+  set: MeasurementSet;
+  robot: Robot;
+}
+
+export function RunView({ id, part }: { id: string; part: string }) {
+  const loaded = useLoad(async (signal): Promise<RunContext> => {
+    const run = await api.run(id, signal);
+    const set = await api.set(run.request.measurement_set_id, signal);
+    return { run, set, robot: await api.robot(set.robot_id, signal) };
+  }, [id]);
+  return (
+    <Show of={loaded}>
+      {(context) => (
+        <>
+          <Head context={context} />
+          <Body context={context} part={part} ended={loaded.reload} />
+        </>
+      )}
+    </Show>
+  );
+}
+
+function Head({ context: { run, set, robot } }: { context: RunContext }) {
+  const repeat = useAction(async () => {
+    const again = await api.addRun(run.request, freshKey("run"));
+    go(link(["runs", again.id]));
+  });
+  const share = () => {
+    if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
+    void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
+  };
+  const remove = useAction(async () => {
+    await api.deleteRun(run.id);
+    go("#/runs");
+    toast(text.runs.deleted(set.name), { label: text.runs.undo, run: () => void api.restoreRun(run.id).then(() => go(link(["runs", run.id]))) });
+  });
+  return (
+    <>
+      <div class="head">
+        <Title kind={text.run.kind} plain={set.name}><Name>{set.name}</Name></Title>
+        <p class="meta">
+          <State state={run.state} />
+          <span>{text.methods[run.request.method ?? ""]}, {run.request.positive === false ? text.options.unconstrained : text.options.constrained}</span>
+          <a href={link(["robots", robot.id])}><Name>{robot.name}</Name></a>
+          <When time={run.provenance.created_at} />
+        </p>
+        <div class="actions">
+          <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>{text.run.repeat}</button>
+          <button type="button" class="button" onClick={share}>{text.run.share}</button>
+          <button type="button" class="button" title={text.run.downloadHint} onClick={() => save(JSON.stringify(run, null, 2), "application/json", fileName(`run-${run.id}`, "json"))}>{text.run.download}</button>
+          {!goesOn(run.state) && <button type="button" class="button quiet" disabled={remove.busy} onClick={remove.run}>{text.run.delete}</button>}
+        </div>
+      </div>
+      {repeat.problem && <ProblemNote problem={repeat.problem} />}
+      {remove.problem && <ProblemNote problem={remove.problem} />}
+    </>
+  );
+}
+
+function Body({ context, part, ended }: { context: RunContext; part: string; ended: () => void }) {
+  const { run } = context;
+  if (goesOn(run.state)) return <Going run={run} ended={ended} />;
+  if (run.state === "cancelled") return <p class="note">{text.run.cancelled}</p>;
+  if (run.error) return <><h2>{text.run.failed}</h2><ProblemNote problem={run.error} /></>;
+  if (!run.result) return null;
+  const views = text.run.views;
+  const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
+    id, label: views[id], href: link(id === "result" ? ["runs", run.id] : ["runs", run.id, id]),
+  }));
+  return (
+    <>
+      <Tabs label={text.run.tabs} tabs={tabs} current={part} />
+      {part === "deflection" ? <DeflectionPart context={context} result={run.result} />
+        : part === "robot" ? <RobotPart context={context} result={run.result} />
+        : part === "evidence" ? <EvidencePart context={context} result={run.result} />
+        : <StiffnessPart context={context} result={run.result} />}
+    </>
+  );
+}
+
+function Going({ run, ended }: { run: Run; ended: () => void }) {
+  const [standing, set] = useState<Standing>({ id: run.id, state: run.state, progress: run.progress ?? null });
+  useEffect(() => follow("runs", run.id, (now, end) => (end ? ended() : set(now))), [run.id]);
+  const cancel = useAction(() => api.cancelRun(run.id));
+  return (
+    <section class="card going" aria-live="polite">
+      <Busy label={text.states[standing.state] ?? text.app.loading} />
+      <Bar standing={standing} />
+      <p>{text.run.started}</p>
+      <button type="button" class="button" disabled={cancel.busy} onClick={cancel.run}>{cancel.busy ? text.run.cancelling : text.run.cancel}</button>
+      {cancel.problem && <ProblemNote problem={cancel.problem} />}
+    </section>
+  );
+}

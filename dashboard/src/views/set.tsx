@@ -1,0 +1,45 @@
+/** One measurement set: what it says, its findings, what was made of it. */
+import { api } from "../api/client";
+import type { MeasurementSet } from "../api/types";
+import { Name, Show, Title, Warnings, When } from "../parts/basics";
+import { Preview } from "../parts/preview";
+import { factsOf } from "../pure/campaign";
+import { useLoad, valueOf } from "../state/load";
+import { useNames } from "../state/names";
+import { link } from "../state/router";
+import { text } from "../text";
+import { useRunsOf } from "./robots";
+import { RunList } from "./run_list";
+
+export function SetView({ id }: { id: string }) {
+  const loaded = useLoad((signal) => api.set(id, signal), [id]);
+  return <Show of={loaded}>{(set) => <SetPage set={set} />}</Show>;
+}
+
+function SetPage({ set }: { set: MeasurementSet }) {
+  const names = valueOf(useNames());
+  const runs = valueOf(useRunsOf({ measurement_set_id: set.id }));
+  return (
+    <>
+      <div class="head">
+        <Title kind={text.sets.kind} plain={set.name}><Name>{set.name}</Name></Title>
+        <p class="meta">
+          <a href={link(["robots", set.robot_id])}><Name>{names?.robot(set.robot_id) ?? "…"}</Name></a>
+          <When time={set.created_at} />
+        </p>
+        <div class="actions">
+          <a class="button primary" href={link([], { set: set.id })}>{text.sets.identify}</a>
+          <a class="button" href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</a>
+        </div>
+      </div>
+      <div class="flow">
+        <section class="card"><h2>{text.files.understood}</h2><Preview facts={factsOf(set as never)} /></section>
+        <section class="card">
+          <h2>{text.sets.findings}</h2>
+          {set.warnings.length > 0 ? <Warnings warnings={set.warnings} /> : <p class="note good">{text.files.clean}</p>}
+        </section>
+      </div>
+      {runs && runs.length > 0 && <section><h2>{text.sets.runs}</h2><RunList runs={runs} names={names} /></section>}
+    </>
+  );
+}

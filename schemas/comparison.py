@@ -1,0 +1,150 @@
+"""A comparison: several methods on one measurement set, free and constrained (the paper's Table II)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from schemas.base import Identifier, Message, Timestamp
+from schemas.measurement_set import QualityWarning
+from schemas.problem import Problem
+from schemas.resampling import Resampling, ResamplingResult
+from schemas.run import JointResult, Method, Progress, Provenance, RunState, Weighting
+
+__all__ = [
+    "PAPER_METHODS",
+    "ComparedFit",
+    "ComparedMethod",
+    "Comparison",
+    "ComparisonOptions",
+    "ComparisonRequest",
+    "ComparisonResult",
+    "ComparisonSummary",
+    "Constraint",
+]
+
+MAX_METHODS = 8
+
+Constraint = Literal["unconstrained", "positive"]
+
+
+class ComparedMethod(Message):
+    """One of the methods to compare."""
+
+    method: Method
+    weighting: Weighting = Field(default="covariance", description="As of a run.")
+    characteristic_length: Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None = Field(
+        default=None,
+        description="For that weighting; if absent, the length of least condition number.",
+        json_schema_extra={"unit": "m"},
+    )
+
+    @field_validator("characteristic_length", mode="after")
+    @classmethod
+    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
+        weighting = info.data.get("weighting")
+        if length is not None and weighting != "characteristic_length":
+            raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
+        return length
+
+
+PAPER_METHODS = (
+    ComparedMethod(method="complete_pose", weighting="characteristic_length"),
+    ComparedMethod(method="complete_pose"),
+    ComparedMethod(method="partial_pose"),
+    ComparedMethod(method="decoupled_partial_pose"),
+)
+"""The paper's three, and the complete pose weighted by what its rows are worth (METHOD.md §3)."""
+
+
+class ComparisonOptions(Message):
+    """What to compare. The default is the paper's Table II."""
+
+    methods: Annotated[list[ComparedMethod], Field(min_length=1, max_length=MAX_METHODS)] = Field(
+        default=list(PAPER_METHODS), description="Each once."
+    )
+    constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
+        default=["unconstrained", "positive"],
+        description="Each method is carried out with each of these: compliances free, or zero or positive.",
+    )
+    resampling: Resampling | None = Field(
+        default=None,
+        description="Repeat each fit on configurations drawn at random, the same draws for all; a comparison "
+        "may then take long.",
+    )
+    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
+        default=0.95, description="Level of the intervals."
+    )
+
+    @field_validator("methods", "constraints", mode="after")
+    @classmethod
+    def _each_once(cls, items: list[object]) -> list[object]:
+        if any(item in items[:i] for i, item in enumerate(items)):
+            raise ValueError("must not name one twice")
+        return items
+
+
+class ComparisonRequest(ComparisonOptions):
+    """A comparison as it is posted."""
+
+    measurement_set_id: Identifier
+
+
+class ComparedFit(Message):
+    """One method with one constraint. Where the readings cannot support it there are no numbers."""
+
+    method: Method
+    weighting: Weighting
+    characteristic_length: float | None = Field(
+        description="The length that was used, if the weighting needs one.", json_schema_extra={"unit": "m"}
+    )
+    positive: bool = Field(description="Whether every compliance was constrained to be zero or positive.")
+    error: Problem | None = Field(description="Why there are no numbers.")
+    joints: list[JointResult] = Field(description="From all configurations; none where there is an error.")
+    compensation: float | None = Field(
+        description="Share of the mean deflection that the model predicts; null as in a run. Dimensionless."
+    )
+    rms_residual: float | None = Field(
+        description="Root mean square of the residual vectors' lengths.", json_schema_extra={"unit": "m"}
+    )
+    condition_number: float | None = Field(
+        description="Of the weighted regressor, columns of unit norm, the greatest of the stages'; null "
+        "where a rank is not full. Dimensionless."
+    )
+    resampling: ResamplingResult | None = Field(description="If it was asked for.")
+
+
+class ComparisonResult(Message):
+    """The methods side by side."""
+
+    entries: list[ComparedFit] = Field(description="Each method with each constraint, in their order.")
+    warnings: list[QualityWarning] = Field(
+        description="What was noticed when the set was stored, then what the fits raise: of the "
+        "same kind and place, the first."
+    )
+
+
+class ComparisonSummary(Message):
+    """A comparison in a listing."""
+
+    id: Identifier
+    measurement_set_id: Identifier
+    robot_id: Identifier
+    state: RunState
+    created_at: Timestamp
+
+
+class Comparison(Message):
+    """A stored comparison. It never changes once ended."""
+
+    id: Identifier
+    state: RunState = Field(
+        description="`queued` and `running` comparisons go on; look again, or follow "
+        "/v1/comparisons/{id}/events."
+    )
+    progress: Progress | None = Field(default=None, description="Of a comparison that takes long.")
+    request: ComparisonRequest
+    result: ComparisonResult | None = Field(description="Present if the comparison succeeded.")
+    error: Problem | None = Field(description="Present if the comparison failed.")
+    provenance: Provenance

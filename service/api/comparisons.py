@@ -1,0 +1,94 @@
+"""Comparisons: several methods on one measurement set, free and constrained."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
+from fastapi.responses import StreamingResponse
+
+from schemas.base import Page
+from schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
+from schemas.query import ComparisonQuery
+from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
+from service.api.examples import COMPARISONS
+from service.api.jobs import JobId, Wait, answer, follow
+from service.api.parts import EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
+from service.comparison_csv import comparison_csv
+from service.records import ComparisonEntry
+
+__all__ = ["router"]
+
+_TABLE: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The table, RFC 4180.", "content": {"text/csv": {}}}
+}
+
+router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=Comparison,
+    responses=LOCATION | accepted(Comparison) | problems(400, 413, 415, 422),
+    openapi_extra=describe_body(ComparisonRequest, COMPARISONS),
+)
+async def post_comparison(
+    parts: PartsOf,
+    body: Annotated[Body[ComparisonRequest], Depends(read_body(ComparisonRequest, MAX_RUN_BYTES))],
+    wait: Wait = 5,
+) -> Response:
+    """Identify by several methods, free and constrained, and store the results side by side.
+
+    The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
+    than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
+    have their numbers.
+    """
+    return await answer(parts.comparisons, "comparisons", body, wait)
+
+
+@router.get("", response_model=Page[ComparisonSummary], responses=problems(422))
+def list_comparisons(parts: PartsOf, query: Annotated[ComparisonQuery, Query()]) -> Page[ComparisonSummary]:
+    """List comparisons without their results, newest first."""
+    page = parts.store.page(ComparisonEntry, limit=query.limit, cursor=query.cursor, filters=query.filters())
+    items = [ComparisonSummary.model_validate(entry, from_attributes=True) for entry in page.records]
+    return Page(items=items, next=page.next)
+
+
+@router.get("/{comparison_id}", response_model=Comparison, responses=problems(404, 422))
+def get_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
+    """One comparison with its request, progress, result and provenance. Once ended it never changes."""
+    return json_response(parts.comparisons.document(comparison_id))
+
+
+@router.get(
+    "/{comparison_id}/table.csv",
+    response_class=Response,
+    responses=_TABLE | problems(404, 409, 422),
+)
+def get_comparison_table(parts: PartsOf, comparison_id: JobId) -> Response:
+    """The result as a table for spreadsheets: one row an entry and joint, units in the headers."""
+    comparison = parts.comparisons.current(comparison_id)
+    if comparison.result is None:
+        raise HTTPException(409, f"the comparison has no table, as it is {comparison.state}")
+    return Response(
+        comparison_csv(comparison.result),
+        media_type="text/csv",
+        headers={"Content-Disposition": f'attachment; filename="comparison-{comparison.id}.csv"'},
+    )
+
+
+@router.get(
+    "/{comparison_id}/events",
+    response_class=StreamingResponse,
+    responses=EVENT_STREAM | problems(404, 422),
+)
+async def get_comparison_events(request: Request, parts: PartsOf, comparison_id: JobId) -> StreamingResponse:
+    """Follow a comparison: `progress` events with its state and progress, then one `end` event."""
+    return await follow(request, parts.comparisons, comparison_id)
+
+
+@router.post("/{comparison_id}/cancel", response_model=Comparison, responses=problems(404, 422))
+def cancel_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
+    """End a comparison where it stands, as a run; one that has ended stays as it is."""
+    return json_response(parts.comparisons.cancel(comparison_id).model_dump_json())

@@ -1,0 +1,57 @@
+"""What the routes of all kinds of jobs do: answer a post, follow a job."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Path, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+
+from service.api.bodies import Body
+from service.api.parts import created
+from service.api.progress import MAX_WAIT_SECONDS, wait_for_end
+from service.job_log import OPEN_STATES
+from service.jobs import AnyJobs
+
+__all__ = ["JobId", "Wait", "answer", "follow"]
+
+JobId = Annotated[str, Path(max_length=64)]
+
+Wait = Annotated[
+    float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Seconds to wait for the end if it takes long.")
+]
+
+
+async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -> Response:
+    """Create a job; 201 with the job if it ends within `wait` seconds, else 202 with the job as it is.
+
+    Args:
+        jobs: of its kind.
+        collection: their name in addresses.
+        body: what is asked for.
+        wait: in seconds.
+
+    Raises:
+        RequestError: it cannot be done, and nothing is stored.
+    """
+    record = await run_in_threadpool(jobs.create, body.message, body.key)
+    if record.state not in OPEN_STATES:
+        return created(collection, record.id, record.document)
+    await wait_for_end(jobs, record.id, wait)
+    job = await run_in_threadpool(jobs.current, record.id)
+    return created(collection, job.id, job.model_dump_json(), 202 if job.state in OPEN_STATES else 201)
+
+
+async def follow(request: Request, jobs: AnyJobs, job_id: str) -> StreamingResponse:
+    """The events of a job.
+
+    Raises:
+        NotFoundError: there is no such job.
+    """
+    await run_in_threadpool(jobs.standing, job_id)  # a job that is not there is a 404, not an event
+    return StreamingResponse(
+        request.app.state.watches.events(jobs, job_id),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store"},
+    )

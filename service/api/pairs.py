@@ -1,0 +1,55 @@
+"""Pairs: two measurement sets, or runs, of one robot beside each other."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Response
+
+from schemas.base import Page
+from schemas.pair import Pair, PairRequest, PairSummary
+from schemas.query import PairQuery
+from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
+from service.api.examples import PAIRS
+from service.api.jobs import JobId
+from service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from service.records import PairEntry
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/v1/pairs", tags=["pairs"])
+
+
+@router.post(
+    "",
+    status_code=201,
+    response_model=Pair,
+    responses=LOCATION | problems(400, 413, 415, 422),
+    openapi_extra=describe_body(PairRequest, PAIRS),
+)
+def post_pair(
+    parts: PartsOf, body: Annotated[Body[PairRequest], Depends(read_body(PairRequest, MAX_RUN_BYTES))]
+) -> Response:
+    """Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
+
+    For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
+    observation, and overall: the share of the deflection that the second side avoids, measured where both
+    sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
+    joint is softer on the second.
+    """
+    record = parts.pairs.create(body.message, body.key)
+    return created("pairs", record.id, record.document)
+
+
+@router.get("", response_model=Page[PairSummary], responses=problems(422))
+def list_pairs(parts: PartsOf, query: Annotated[PairQuery, Query()]) -> Page[PairSummary]:
+    """List pairs without their results, newest first."""
+    page = parts.store.page(PairEntry, limit=query.limit, cursor=query.cursor, filters=query.filters())
+    items = [PairSummary.model_validate(entry, from_attributes=True) for entry in page.records]
+    return Page(items=items, next=page.next)
+
+
+@router.get("/{pair_id}", response_model=Pair, responses=problems(404, 422))
+def get_pair(parts: PartsOf, pair_id: JobId) -> Response:
+    """One pair with its request, result and provenance. It never changes."""
+    return json_response(parts.pairs.document(pair_id))

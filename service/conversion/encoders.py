@@ -1,0 +1,148 @@
+"""Readings of secondary encoders as arrays: stored beside those of the targets, in the units of their set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from schemas.measurement_set import EncoderReading, Observation
+from schemas.robot import MAX_JOINTS
+from schemas.run import EncoderResidual
+from solver.encoders import EncoderReadings
+from solver.exceptions import MeasurementError
+
+__all__ = ["EncoderArrays", "to_encoder_residuals"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_PREFIX = "encoder_"
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderArrays:
+    """N observations of up to E encoders.
+
+    Attributes:
+        joints: (E,) names of the joints, in order of first appearance.
+        present: (N, E) which encoders were read.
+        unloaded: (N, E) angles before the load; zero where not read.
+        loaded: (N, E) angles under load; zero where not read.
+    """
+
+    joints: npt.NDArray[np.str_]
+    present: npt.NDArray[np.bool_]
+    unloaded: FloatArray
+    loaded: FloatArray
+
+    @classmethod
+    def from_observations(cls, observations: list[Observation]) -> EncoderArrays | None:
+        """Arrange the readings; None if there are none.
+
+        Raises:
+            MeasurementError: a joint is given twice in an observation, or there are too many.
+        """
+        names = dict.fromkeys(r.joint for o in observations for r in o.encoder_readings or ())
+        if not names:
+            return None
+        _refuse_crowd(len(names))
+        column = {name: e for e, name in enumerate(names)}
+        present = np.zeros((len(observations), len(names)), dtype=np.bool_)
+        unloaded, loaded = np.zeros((2, *present.shape))
+        for i, observation in enumerate(observations):
+            for k, reading in enumerate(observation.encoder_readings or ()):
+                place = i, column[reading.joint]
+                if present[place]:
+                    raise _read_twice(reading.joint, observation.label, i, k)
+                present[place] = True
+                unloaded[place], loaded[place] = reading.unloaded, reading.loaded
+        return cls(np.array(list(names)), present, unloaded, loaded)
+
+    def readings(self, i: int) -> list[EncoderReading] | None:
+        """Those of one observation as they were posted, in the order of `joints`; None if there are none."""
+        readings = [
+            EncoderReading.model_construct(
+                joint=str(self.joints[e]),
+                unloaded=float(self.unloaded[i, e]),
+                loaded=float(self.loaded[i, e]),
+            )
+            for e in np.flatnonzero(self.present[i])
+        ]
+        return readings or None
+
+    def columns(self, joint_names: tuple[str, ...]) -> npt.NDArray[np.intp]:
+        """(E,) the robot's joint of each encoder.
+
+        Raises:
+            MeasurementError: the robot has no such joint.
+        """
+        for e, name in enumerate(self.joints.tolist()):
+            if name not in joint_names:
+                first = int(np.flatnonzero(self.present[:, e])[0])
+                raise MeasurementError(
+                    f"the robot has no joint '{name}'",
+                    where=f"observations[{first}].encoder_readings",
+                    remedy=f"use one of {', '.join(joint_names)}",
+                )
+        return np.array([joint_names.index(name) for name in self.joints.tolist()])
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """The arrays by the names under which they are stored."""
+        return {
+            f"{_PREFIX}joints": self.joints,
+            f"{_PREFIX}present": self.present,
+            f"{_PREFIX}unloaded": self.unloaded,
+            f"{_PREFIX}loaded": self.loaded,
+        }
+
+    @classmethod
+    def from_archive(cls, archive: Mapping[str, npt.NDArray[Any]]) -> EncoderArrays | None:
+        """Read them back; None for a set without encoders, as earlier versions stored all."""
+        if f"{_PREFIX}joints" not in archive:
+            return None
+        names = ("joints", "present", "unloaded", "loaded")
+        return cls(*(archive[f"{_PREFIX}{name}"] for name in names))
+
+
+def to_encoder_residuals(
+    encoders: EncoderReadings, predicted: FloatArray, labels: Sequence[str], joint_names: tuple[str, ...]
+) -> list[EncoderResidual]:
+    """Measured and predicted deflection of each encoder that was read.
+
+    Args:
+        encoders: N observations of n joints.
+        predicted: (N, n) deflections of the joints [rad].
+        labels: of the observations.
+        joint_names: of the robot.
+    """
+    residual = encoders.deflection - predicted
+    return [
+        EncoderResidual(
+            observation=labels[i],
+            joint=joint_names[j],
+            deflection=float(encoders.deflection[i, j]),
+            predicted=float(predicted[i, j]),
+            residual=float(residual[i, j]),
+        )
+        for i, j in np.argwhere(encoders.present).tolist()
+    ]
+
+
+def _refuse_crowd(count: int) -> None:
+    if count > MAX_JOINTS:
+        raise MeasurementError(
+            f"encoders of {count} different joints, more than {MAX_JOINTS}",
+            where="observations",
+            remedy="name the joints as the robot does, alike in every observation",
+        )
+
+
+def _read_twice(joint: str, label: str, i: int, k: int) -> MeasurementError:
+    return MeasurementError(
+        f"the encoder of '{joint}' is read twice in observation '{label}'",
+        where=f"observations[{i}].encoder_readings[{k}].joint",
+        remedy="give each joint once an observation",
+    )

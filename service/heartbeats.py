@@ -1,0 +1,55 @@
+"""The workers that live, by the database's clock."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from sqlalchemy import Connection, delete, func, insert, select, update
+
+from service.database import Database
+from service.tables import heartbeats
+
+__all__ = ["Heartbeats"]
+
+_FORGET: Final = 100
+"""Silences after which the row of an executor is removed."""
+
+
+class Heartbeats:
+    """Signs of life of the workers of a store."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def beat(self, executor: str, silence: timedelta) -> list[str]:
+        """An executor lives.
+
+        Args:
+            executor: its name.
+            silence: how long one may be silent and still count as living.
+
+        Returns:
+            Those that live, by the database's clock; no worker's own may be trusted.
+        """
+        mine = heartbeats.c.executor == executor
+        with self._database.writing() as connection:
+            now = self._now(connection)
+            if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
+                connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
+            rows = connection.execute(
+                select(heartbeats.c.executor).where(heartbeats.c.beat_at >= now - silence)
+            ).all()
+            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * silence))
+        return sorted(str(row.executor) for row in rows)
+
+    def forget(self, executor: str) -> None:
+        """An executor is about to end."""
+        with self._database.writing() as connection:
+            connection.execute(delete(heartbeats).where(heartbeats.c.executor == executor))
+
+    def _now(self, connection: Connection) -> datetime:
+        if self._database.dialect == "sqlite":  # all who use it share this machine's clock
+            return datetime.now(UTC)
+        now: datetime = connection.execute(select(func.now())).scalar_one()
+        return now

@@ -1,0 +1,19 @@
+"""Readings from files of tracker software: bytes in, observations or a refusal out (docs/import.md).
+
+reading        files to readings: the way through
+├── preview    what was understood, in words
+├── assembly   records of all files put together by label
+├── records    rows to records
+│   ├── naming     which observation, target and state a name stands for
+│   └── numbers    numbers, read strictly; the decimal mark
+├── layout     where the header is
+│   └── columns > header > units    what the columns mean
+└── grid       rows of cells, of
+    ├── text > encoding      delimited text
+    └── workbook > sheet > archive    Excel
+"""
+
+from service.importing.errors import ImportFileError, Place
+from service.importing.reading import Imported, SourceFile, read_files
+
+__all__ = ["ImportFileError", "Imported", "Place", "SourceFile", "read_files"]

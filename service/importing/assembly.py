@@ -1,0 +1,200 @@
+"""Records of all files put together by their labels: nothing twice, nothing contradictory, nothing lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final
+
+from schemas.importing import State
+from schemas.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
+from service.importing.errors import ImportFileError, Place, shown
+from service.importing.header import Kind
+from service.importing.records import Point, Record, Vector
+
+__all__ = ["Assembly", "Gathered", "assemble"]
+
+_HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
+
+
+@dataclass
+class Gathered:
+    """What was said of one observation.
+
+    Attributes:
+        label: its label.
+        place: where it is first spoken of.
+        values: joint angles, force, moment, load point, and where they stand.
+        points: by target, then state.
+    """
+
+    label: str
+    place: Place
+    values: dict[Kind, tuple[Vector, Place]] = field(default_factory=dict)
+    points: dict[str, dict[State, Point]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """All observations, in order of appearance, checked against each other.
+
+    Attributes:
+        observations: with complete readings only, unless a state is absent from all of them.
+        targets: names, in order of appearance.
+        states: that were read at all.
+        assumptions: what was left out, in words.
+    """
+
+    observations: tuple[Gathered, ...]
+    targets: tuple[str, ...]
+    states: tuple[State, ...]
+    assumptions: tuple[str, ...]
+
+    @property
+    def one_state(self) -> bool:
+        """Whether positions were read in one state only, so that there is no deflection."""
+        return set(self.states) in _HALVES
+
+
+def assemble(records: Iterable[Record], *, allow_missing: bool) -> Assembly:
+    """Put records together.
+
+    Args:
+        records: of all files.
+        allow_missing: leave out readings that are not complete instead of refusing them.
+
+    Raises:
+        ImportFileError: something is there twice, contradicts, or is missing.
+    """
+    gathered: dict[str, Gathered] = {}
+    whole: dict[tuple[str | None, str], Place] = {}
+    for record in records:
+        if record.whole:
+            before = whole.setdefault((record.place.file, record.label), record.place)
+            if before is not record.place:
+                raise _twice(f"the label {shown(record.label)}", record.place, before)
+        _add(gathered.setdefault(record.label, Gathered(record.label, record.place)), record)
+        if len(gathered) > MAX_OBSERVATIONS:
+            raise ImportFileError(
+                record.place, f"more than {MAX_OBSERVATIONS} observations", "split the campaign"
+            )
+    observations = list(gathered.values())
+    targets = _targets(observations)
+    _check_values(observations)
+    order: tuple[State, ...] = ("unloaded", "loaded", "deflection")
+    present = {state for one in observations for states in one.points.values() for state in states}
+    states = tuple(state for state in order if state in present)
+    notes: list[str] = []
+    if targets and present not in _HALVES:
+        observations, notes = _complete(observations, targets, allow_missing=allow_missing)
+    return Assembly(tuple(observations), targets, states, tuple(notes))
+
+
+def _twice(what: str, place: Place, before: Place) -> ImportFileError:
+    return ImportFileError(place, f"{what} is there twice, first at {before}", "rename or remove one of them")
+
+
+def _add(gathered: Gathered, record: Record) -> None:
+    for kind, vector in record.values.items():
+        before, place = gathered.values.setdefault(kind, (vector, record.place))
+        if before != vector:
+            raise ImportFileError(
+                record.place,
+                f"the {kind} of {shown(record.label)} differs from that at {place}",
+                "give each observation a label of its own, or correct one of them",
+            )
+    for point in record.points:
+        states = gathered.points.setdefault(point.target, {})
+        if point.state in states:
+            what = f"{point.target} {point.state} of {shown(record.label)}"
+            raise _twice(what, point.place, states[point.state].place)
+        states[point.state] = point
+
+
+def _targets(observations: Iterable[Gathered]) -> tuple[str, ...]:
+    targets: dict[str, None] = {}
+    for one in observations:
+        for target, states in one.points.items():
+            targets.setdefault(target)
+            if len(targets) > MAX_TARGETS:
+                raise ImportFileError(
+                    next(iter(states.values())).place,
+                    f"more than {MAX_TARGETS} targets: {shown(', '.join(targets))}",
+                    "check which part of a name is the target; give `point_name` or `file_name`",
+                )
+    return tuple(targets)
+
+
+def _check_values(observations: list[Gathered]) -> None:
+    """What one observation has, all must have."""
+    kinds = dict.fromkeys(kind for one in observations for kind in one.values)
+    for kind in kinds:
+        count = None
+        for one in observations:
+            if kind not in one.values:
+                raise ImportFileError(
+                    one.place,
+                    f"there is no {kind} for {shown(one.label)}, but for other labels",
+                    "check that labels are spelt the same in all files",
+                )
+            vector, place = one.values[kind]
+            count = count or len(vector)
+            if len(vector) != count:
+                raise ImportFileError(
+                    place, f"{len(vector)} joint angles, others have {count}", "check the columns of joints"
+                )
+
+
+def _complete(
+    observations: list[Gathered], targets: tuple[str, ...], *, allow_missing: bool
+) -> tuple[list[Gathered], list[str]]:
+    """Observations with complete readings; the rest is refused, or left out and said."""
+    kept, notes = [], []
+    lacks: list[tuple[bool, Place, str]] = []
+    for one in observations:
+        points = {}
+        for target in targets:
+            states = one.points.get(target, {})
+            lack = _lack(one, target, states)
+            if lack is None:
+                points[target] = states
+            else:
+                place = next((point.place for point in states.values()), one.place)
+                lacks.append((not states, place, f"{one.label}: {lack}"))
+        if points:
+            kept.append(Gathered(one.label, one.place, one.values, points))
+        else:
+            notes.append(f"{one.label}: no reading is complete; the observation was left out")
+    if lacks and not allow_missing:
+        _, place, reason = min(lacks, key=lambda entry: entry[0])  # half a reading tells more than none
+        raise ImportFileError(
+            place, reason, "add the reading, check the spelling of names, or allow missing readings"
+        )
+    notes = [*(f"{reason}; left out" for _, _, reason in lacks), *notes]
+    if not kept:
+        raise ImportFileError(observations[0].place, "no observation has a reading", "check the names")
+    return kept, notes
+
+
+def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
+    """What a reading lacks to be complete, or None.
+
+    Raises:
+        ImportFileError: positions and a deflection of the same target.
+    """
+    if not states:
+        return f"target {target} was not read"
+    present = {state for state, point in states.items() if point.vector is not None}
+    if "deflection" in states and len(states) > 1:
+        if len(present) > 1 and "deflection" in present:
+            raise ImportFileError(
+                states["deflection"].place,
+                f"{shown(one.label)}: positions and a deflection of target {target}",
+                "leave one of them out, by `ignore` for instance",
+            )
+        states = {state: point for state, point in states.items() if state in present}
+    if present in ({"deflection"}, {"unloaded", "loaded"}):
+        return None
+    if not present:
+        return f"the cells of target {target} are empty"
+    return f"target {target} was read {' and '.join(sorted(present))} only"

@@ -1,0 +1,88 @@
+"""The one error of importing: a file that was not understood, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Fault", "ImportFileError", "Place", "shown"]
+
+_MAX_SHOWN = 60
+
+
+def shown(text: str) -> str:
+    """Text from outside, quoted, escaped and short enough for a message."""
+    return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Somewhere in the files.
+
+    Attributes:
+        file: name of the file, as it was sent; None for all files together.
+        line: line of a text file or row of a sheet, from 1.
+        column: column of the table, from 1.
+    """
+
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        parts = [] if self.file is None else [shown(self.file)]
+        parts += [f"line {self.line}"] if self.line is not None else []
+        parts += [f"column {self.column}"] if self.column is not None else []
+        return ", ".join(parts)
+
+
+class ImportFileError(Exception):
+    """A file that cannot be understood, or only in more than one way.
+
+    Attributes:
+        place: where, as far as it is one place.
+        reason: what is wrong, in a sentence.
+        remedy: how to mend it.
+    """
+
+    def __init__(self, place: Place, reason: str, remedy: str) -> None:
+        super().__init__(place, reason, remedy)
+        self.place = place
+        self.reason = reason
+        self.remedy = remedy
+
+    @property
+    def file(self) -> str | None:
+        """Name of the file, as it was sent."""
+        return self.place.file
+
+    @property
+    def line(self) -> int | None:
+        """Line of a text file or row of a sheet, from 1."""
+        return self.place.line
+
+    @property
+    def column(self) -> int | None:
+        """Column of the table, from 1."""
+        return self.place.column
+
+    def __str__(self) -> str:
+        place = str(self.place)
+        return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
+
+
+class Fault(Exception):  # noqa: N818 - it becomes an ImportFileError where the place is known
+    """What is wrong with one text, wherever it stands.
+
+    Attributes:
+        reason: what is wrong, in a sentence.
+        remedy: how to mend it.
+    """
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(reason, remedy)
+        self.reason = reason
+        self.remedy = remedy
+
+    def at(self, place: Place) -> ImportFileError:
+        """The same as an error of the file."""
+        return ImportFileError(place, self.reason, self.remedy)

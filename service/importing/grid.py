@@ -1,0 +1,89 @@
+"""A table as it stands in a file: rows of cells, not yet understood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from schemas.importing import Delimiter, TableFormat
+from service.importing.errors import ImportFileError, Place, shown
+from service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
+
+__all__ = ["COMMENT_MARKS", "CellKind", "Grid", "Row", "check_size"]
+
+COMMENT_MARKS: Final = ("#", "//", "%")
+
+CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row.
+
+    Attributes:
+        line: line of a text file or row of a sheet, from 1.
+        cells: without blanks at the ends.
+        kinds: what each cell of a sheet is; None in a text file, where all is text.
+    """
+
+    line: int
+    cells: tuple[str, ...]
+    kinds: tuple[CellKind, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All rows of a file.
+
+    Attributes:
+        file: its name.
+        format: what kind of file it is.
+        rows: those that are neither empty nor comments; all of the same length in a text file.
+        comments: rows that begin with a mark of comments, without it.
+        encoding: of a text file.
+        delimiter: of a text file.
+        sheet: of an Excel file.
+        assumptions: in words.
+    """
+
+    file: str
+    format: TableFormat
+    rows: tuple[Row, ...]
+    comments: tuple[Row, ...]
+    encoding: str | None = None
+    delimiter: Delimiter | None = None
+    sheet: str | None = None
+    assumptions: tuple[str, ...] = ()
+
+    def place(self, row: Row, column: int | None = None) -> Place:
+        """Where a row, or its cell of this index, stands."""
+        return Place(self.file, row.line, None if column is None else column + 1)
+
+
+def check_size(file: str, rows: list[Row]) -> None:
+    """Refuse a table that is empty or beyond the limits.
+
+    Raises:
+        ImportFileError: it is.
+    """
+    if not rows:
+        raise ImportFileError(Place(file), "there is no row of data", "check that it is the right file")
+    if len(rows) > MAX_ROWS:
+        at = Place(file, rows[MAX_ROWS].line)
+        raise ImportFileError(at, f"more than {MAX_ROWS} rows", "split the file")
+    cells = 0
+    for row in rows:
+        cells += len(row.cells)
+        if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
+            raise ImportFileError(
+                Place(file, row.line),
+                f"more than {MAX_COLUMNS} columns or {MAX_CELLS} cells",
+                "leave out columns that are not needed, or split the file",
+            )
+        for column, cell in enumerate(row.cells, start=1):
+            if len(cell) > MAX_CELL_LENGTH:
+                raise ImportFileError(
+                    Place(file, row.line, column),
+                    f"a cell of more than {MAX_CELL_LENGTH} characters, {shown(cell)}",
+                    "check for a missing quotation mark or delimiter",
+                )

@@ -1,0 +1,71 @@
+"""What was understood, in words, before anything is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from schemas.importing import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, FilePreview, ImportPreview
+from service.importing.assembly import Assembly
+from service.importing.grid import Grid
+from service.importing.layout import Layout
+
+__all__ = ["preview_all", "preview_file"]
+
+
+def preview_file(grid: Grid, layout: Layout, mark: DecimalMark, notes: Sequence[str]) -> FilePreview:
+    """One file and how it was read."""
+    columns = [
+        ColumnMeaning(column=column, header=header, meaning=str(meaning), unit=meaning.unit)
+        for column, (header, meaning) in enumerate(
+            zip(layout.headers, layout.columns.meanings, strict=True), start=1
+        )
+    ]
+    return FilePreview(
+        file=grid.file,
+        format=grid.format,
+        sheet=grid.sheet,
+        encoding=grid.encoding,
+        delimiter=grid.delimiter,
+        decimal_mark=mark if grid.format == "text" else None,
+        columns=columns,
+        row_count=len(layout.rows),
+        first_rows=[list(row.cells) for row in layout.rows[:MAX_PREVIEW_ROWS]],
+        assumptions=list(notes),
+    )
+
+
+def preview_all(files: list[FilePreview], assembly: Assembly) -> ImportPreview:
+    """All files together."""
+    observations = assembly.observations
+    joints = observations[0].values.get("joint")
+    return ImportPreview(
+        files=files,
+        observation_count=len(observations),
+        first_labels=[one.label for one in observations[:MAX_PREVIEW_ROWS]],
+        joint_count=None if joints is None else len(joints[0]),
+        targets=list(assembly.targets),
+        states=list(assembly.states),
+        reading_count=0 if assembly.one_state else sum(len(one.points) for one in observations),
+        assumptions=list(assembly.assumptions),
+        missing=_missing(assembly),
+    )
+
+
+def _missing(assembly: Assembly) -> list[str]:
+    """What a measurement set needs beyond what was read."""
+    values = assembly.observations[0].values
+    states = set(assembly.states)
+    missing = []
+    if "joint" not in values:
+        missing.append("joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …")
+    if "force" not in values:
+        missing.append("the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`")
+    if not states:
+        missing.append("readings: columns such as `P10 unloaded x [mm]`, or lists of points")
+    elif assembly.one_state:
+        missing.append(f"positions {'under load' if states == {'unloaded'} else 'without load'}")
+    if "deflection" in states:
+        missing.append("places of the targets in the flange frame (`flange_targets`), for deflections")
+    if "load point" not in values:
+        missing.append("the load point (`load_point`), in the flange frame")
+    return missing

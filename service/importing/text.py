@@ -1,0 +1,195 @@
+"""Delimited text: lines, comments, quotation marks and the delimiter."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from schemas.importing import Delimiter
+from service.importing.encoding import decode
+from service.importing.errors import ImportFileError, Place, shown
+from service.importing.grid import COMMENT_MARKS, Grid, Row, check_size
+from service.importing.limits import MAX_LINE_LENGTH, MAX_ROWS
+from service.importing.numbers import looks_like_a_number
+
+__all__ = ["read_text"]
+
+_CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
+    {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
+)
+_LINE_END: Final = re.compile(r"\r\n|\n|\r")
+_NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
+_COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
+_LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
+
+Line = tuple[int, str]
+
+
+def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
+    """Split a text into cells.
+
+    Args:
+        file: its name, for messages.
+        content: its bytes.
+        delimiter: found out if None.
+
+    Raises:
+        ImportFileError: not text, not a table, or a table in more than one way.
+    """
+    text, encoding = decode(file, content)
+    lines, comments = _sorted_lines(text)
+    if len(lines) > MAX_ROWS:
+        raise ImportFileError(Place(file, lines[MAX_ROWS][0]), f"more than {MAX_ROWS} rows", "split the file")
+    if not lines:
+        check_size(file, [])
+    assumptions = [_LATIN1] if encoding == "latin-1" else []
+    if delimiter is None:
+        delimiter = _found(file, lines)
+    rows = [_row(file, line, delimiter) for line in lines]
+    rows = [row for row in rows if any(row.cells)]
+    check_size(file, rows)
+    rows, trailing = _without_trailing(rows)
+    if trailing:
+        assumptions.append("every row ends with a delimiter; the empty last column was left out")
+    _check_widths(file, rows, delimiter)
+    remarks = _comment_rows(comments, delimiter)
+    assumptions += _notes_on_comments(comments, remarks, len(rows[0].cells))
+    return Grid(
+        file,
+        "text",
+        tuple(rows),
+        tuple(remarks),
+        encoding=encoding,
+        delimiter=delimiter,
+        assumptions=tuple(assumptions),
+    )
+
+
+def _sorted_lines(text: str) -> tuple[list[Line], list[Line]]:
+    """Lines of data, and comments without their marks; empty lines are neither."""
+    lines: list[Line] = []
+    comments: list[Line] = []
+    for number, line in enumerate(_LINE_END.split(text), start=1):
+        content = line.strip(" \t")
+        mark = next((mark for mark in COMMENT_MARKS if content.startswith(mark)), None)
+        if mark is not None:
+            comments.append((number, content.removeprefix(mark).strip()))
+        elif content:
+            lines.append((number, line))
+    return lines, comments
+
+
+def _found(file: str, lines: Sequence[Line]) -> Delimiter:
+    """The delimiter: a tab or a semicolon if the first line has one; else comma or whitespace."""
+    first = lines[0][1].strip(" ")
+    if "\t" in first:
+        return "tab"
+    if ";" in first:
+        return "semicolon"
+    if "," not in first:
+        return "whitespace"
+    comma, whitespace = _splits_at_commas(file, lines), _splits_at_blanks(file, lines)
+    if comma and whitespace:
+        raise ImportFileError(
+            Place(file, lines[0][0]),
+            "the comma may separate cells, or be the decimal mark between blanks",
+            "give `delimiter`, or separate cells by semicolons",
+        )
+    return "whitespace" if whitespace else "comma"
+
+
+def _splits_at_commas(file: str, lines: Sequence[Line]) -> bool:
+    rows = _attempt(file, lines, "comma")
+    return bool(rows) and not any(
+        _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row.cells
+    )
+
+
+def _splits_at_blanks(file: str, lines: Sequence[Line]) -> bool:
+    rows = _attempt(file, lines, "whitespace")
+    return bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(cell) for row in rows for cell in row.cells)
+
+
+def _attempt(file: str, lines: Sequence[Line], delimiter: Delimiter) -> list[Row]:
+    """All rows if they have the same length of at least two, else none."""
+    rows = []
+    for line in lines:
+        try:
+            rows.append(_row(file, line, delimiter))
+        except ImportFileError:
+            return []
+        if len(rows[-1].cells) != len(rows[0].cells):
+            return []
+    return rows if len(rows[0].cells) > 1 else []
+
+
+def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
+    number, text = line
+    if len(text) > MAX_LINE_LENGTH:
+        raise ImportFileError(
+            Place(file, number),
+            f"a line of more than {MAX_LINE_LENGTH} characters",
+            "check the ends of lines",
+        )
+    if delimiter == "whitespace":
+        text = text.replace("\t", " ").strip(" ")
+    try:
+        cells = next(csv.reader([text], delimiter=_CHARACTERS[delimiter], skipinitialspace=True, strict=True))
+    except (csv.Error, StopIteration):
+        raise ImportFileError(
+            Place(file, number),
+            "quotation marks that do not enclose a whole cell",
+            'enclose a cell as in "Point 1", on one line, or remove the marks',
+        ) from None
+    stripped = tuple(cell.strip(" \t") for cell in cells)
+    for column, cell in enumerate(stripped, start=1):
+        if '"' in cell:
+            raise ImportFileError(
+                Place(file, number, column), f"a quotation mark within a cell, {shown(cell)}", "remove it"
+            )
+    return Row(number, stripped)
+
+
+def _without_trailing(rows: list[Row]) -> tuple[list[Row], bool]:
+    if any(len(row.cells) < 2 or row.cells[-1] for row in rows):
+        return rows, False
+    if len({len(row.cells) for row in rows}) > 1:
+        return rows, False
+    return [Row(row.line, row.cells[:-1]) for row in rows], True
+
+
+def _check_widths(file: str, rows: Sequence[Row], delimiter: Delimiter) -> None:
+    width = len(rows[0].cells)
+    for row in rows:
+        if len(row.cells) != width:
+            raise ImportFileError(
+                Place(file, row.line, min(len(row.cells), width) + 1),
+                f"{len(row.cells)} cells, where line {rows[0].line} has {width} (delimiter: {delimiter})",
+                "give every row the same cells; look for a missing or doubled delimiter, a decimal comma "
+                "between commas, or a blank in a name that is not in quotation marks",
+            )
+
+
+def _notes_on_comments(comments: Sequence[Line], rows: Sequence[Row], width: int) -> list[str]:
+    if not comments:
+        return []
+    count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
+    notes = [f"comments were skipped ({count}); the first: {shown(comments[0][1])}"]
+    alike = sum(len(row.cells) == width > 1 and looks_like_a_number(row.cells[-1]) for row in rows)
+    if alike:
+        notes.append(f"{alike} of the comments look like rows of data; they were not read")
+    return notes
+
+
+def _comment_rows(comments: Sequence[Line], delimiter: Delimiter) -> list[Row]:
+    """Comments as rows, as far as they are: one of them may be the header."""
+    rows = []
+    for line in comments:
+        try:
+            rows.append(_row("", line, delimiter))
+        except ImportFileError:
+            rows.append(Row(line[0], (line[1],)))
+    return rows

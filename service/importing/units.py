@@ -1,0 +1,40 @@
+"""Units as they stand in headers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, Literal
+
+__all__ = ["UNITS", "Dimension", "unit_named"]
+
+Dimension = Literal["length", "angle", "force", "moment"]
+
+UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
+    {
+        "length": {"m": ("m",), "mm": ("mm", "MM")},
+        "angle": {"rad": ("rad", "RAD"), "deg": ("deg", "DEG", "°", "degree", "degrees")},
+        "force": {"N": ("N",), "kN": ("kN",), "kgf": ("kgf", "kp")},
+        "moment": {
+            "N.m": ("N.m", "Nm", "N·m", "N*m", "N m", "N-m"),
+            "N.mm": ("N.mm", "Nmm", "N·mm", "N*mm", "N mm", "N-mm"),
+            "kN.m": ("kN.m", "kNm", "kN·m", "kN*m", "kN m", "kN-m"),
+            "kgf.m": ("kgf.m", "kgfm", "kgf·m", "kgf*m", "kgf m", "kpm", "kp·m"),
+        },
+    }
+)
+"""Canonical name and spellings, by dimension. Letters keep their case: mN is no MN, and nm no N·m."""
+
+_NAMED: Final = MappingProxyType(
+    {
+        spelling: (dimension, unit)
+        for dimension, units in UNITS.items()
+        for unit, spellings in units.items()
+        for spelling in spellings
+    }
+)
+
+
+def unit_named(text: str) -> tuple[Dimension, str] | None:
+    """The dimension and canonical name of a unit, or None if it is none of ours."""
+    return _NAMED.get(text.strip())

@@ -1,0 +1,110 @@
+"""What a kind of job is: its messages, its records, its work. `service.jobs` leads jobs to their end."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+
+from pydantic import BaseModel
+
+from schemas.run import Progress, Provenance, RunState
+from service.measurement_sets import MeasurementSets
+from service.prepared import PreparedSet
+from service.records import JobRecord
+from service.store_errors import NotFoundError
+from service.work import Work
+from solver.exceptions import RequestError
+
+__all__ = ["Job", "Kind", "Message", "Opening", "Request", "prepared_for"]
+
+
+class Job(Protocol):
+    """The message of a job of any kind. It never changes once it ended."""
+
+    @property
+    def id(self) -> str:
+        """Of the resource."""
+
+    @property
+    def state(self) -> RunState:
+        """Where it stands."""
+
+    @property
+    def progress(self) -> Progress | None:
+        """How far it came; None if it is carried out at once."""
+
+    @property
+    def request(self) -> Any:  # noqa: ANN401 - each kind has its own
+        """What is asked for."""
+
+    @property
+    def provenance(self) -> Provenance:
+        """What it takes to repeat it."""
+
+    def model_copy(self, *, update: dict[str, Any]) -> Self:
+        """The same with changes."""
+
+    def model_dump_json(self, *, include: set[str] | None = None) -> str:
+        """As it is stored and answered, or some of its fields."""
+
+
+Request = TypeVar("Request", bound=BaseModel)
+Message = TypeVar("Message", bound=Job)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a job of any kind begins with."""
+
+    id: str
+    progress: Progress | None
+    provenance: Provenance
+
+
+class Kind(ABC, Generic[Request, Message, JobRecord]):
+    """One kind of job.
+
+    Attributes:
+        name: by which an engine knows it; never changes.
+        unit: of its progress.
+        activity: what it is doing while it makes progress.
+        record: what the store keeps of it.
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    activity: ClassVar[str]
+    record: type[JobRecord]
+
+    @abstractmethod
+    def work(self, request: Request) -> Work[Any]:
+        """What a request takes.
+
+        Raises:
+            RequestError: what is asked for does not exist, or cannot be done.
+        """
+
+    @abstractmethod
+    def queued(self, opening: Opening, request: Request) -> Message:
+        """A new job."""
+
+    @abstractmethod
+    def row(self, job: Message, robot_id: str) -> JobRecord:
+        """A job as the store keeps it."""
+
+    @abstractmethod
+    def read(self, document: str) -> Message:
+        """A stored job."""
+
+
+def prepared_for(sets: MeasurementSets, set_id: str) -> PreparedSet:
+    """The measurement set that a request names.
+
+    Raises:
+        RequestError: there is none.
+    """
+    try:
+        return sets.prepared(set_id)
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where="measurement_set_id") from error

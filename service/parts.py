@@ -1,0 +1,60 @@
+"""The application's parts, composed once, for the service, its workers and the command line alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from schemas.comparison import Comparison, ComparisonRequest
+from schemas.pair import Pair, PairRequest
+from schemas.run import Progress, Run, RunRequest
+from service.comparisons import ComparisonKind
+from service.jobs import Announce, AnyJobs, Jobs
+from service.measurement_sets import MeasurementSets
+from service.pairs import PairKind
+from service.records import ComparisonRecord, PairRecord, RunRecord
+from service.robots import Robots
+from service.runs import RunKind
+from service.store import Store
+
+__all__ = ["Comparisons", "Pairs", "Parts", "Runs"]
+
+Runs = Jobs[RunRequest, Run, RunRecord]
+Comparisons = Jobs[ComparisonRequest, Comparison, ComparisonRecord]
+Pairs = Jobs[PairRequest, Pair, PairRecord]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The application's parts."""
+
+    store: Store
+    robots: Robots
+    sets: MeasurementSets
+    runs: Runs
+    comparisons: Comparisons
+    pairs: Pairs
+
+    @classmethod
+    def of(
+        cls,
+        store: Store,
+        announce: Announce | None = None,
+        tell: Callable[[Progress], object] | None = None,
+    ) -> Parts:
+        """Compose the parts on a store; for the others see `Jobs`."""
+        robots = Robots(store)
+        sets = MeasurementSets(store, robots)
+        return cls(
+            store=store,
+            robots=robots,
+            sets=sets,
+            runs=Jobs(RunKind(sets), store, announce, tell),
+            comparisons=Jobs(ComparisonKind(sets), store, announce, tell),
+            pairs=Jobs(PairKind(store, sets), store, announce, tell),
+        )
+
+    @property
+    def jobs(self) -> Mapping[str, AnyJobs]:
+        """All jobs, by the name of their kind."""
+        return {jobs.kind.name: jobs for jobs in (self.runs, self.comparisons, self.pairs)}

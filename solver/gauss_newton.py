@@ -1,0 +1,145 @@
+"""Damped Gauss-Newton for small non-linear least squares on a curved space of states.
+
+The state may be anything with a `stepped` function (an axis has no global coordinates); the Jacobian is
+taken in the chart at the state itself. At the minimum the linearised fit is kept: it carries
+covariance, rank and what each reading does to each unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.exceptions import MeasurementError
+
+__all__ = ["LinearFit", "minimise"]
+
+FloatArray = npt.NDArray[np.float64]
+State = TypeVar("State")
+
+MOST_STEPS = 60
+_MOST_HALVINGS = 20
+_CONVERGED = 1e-9
+_RANK_TOLERANCE = 1e-10
+"""Singular value of the column-scaled Jacobian, beside the largest, that counts as zero."""
+_UNDETERMINED = 1e-6
+"""Share of an unknown in a direction that the readings do not see, above which it is not determined."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """The linearised least squares problem ``min ‖r − J δ‖`` by its singular value decomposition.
+
+    Columns are scaled to unit norm first, so that metres and radians do not decide the rank.
+
+    Attributes:
+        residual: (m,) r.
+        left: (m, k) orthonormal basis U of the range of J, k the rank.
+        inverse: (p, k) with δ = inverse Uᵀ r; of minimum norm in scaled unknowns where J is deficient.
+        unseen: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine.
+        scale: (p,) norms of the columns of J; 1 for a null column.
+    """
+
+    residual: FloatArray
+    left: FloatArray
+    inverse: FloatArray
+    unseen: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, residual: FloatArray, jacobian: FloatArray) -> LinearFit:
+        """Decompose, by QR first: it is cheaper for many readings.
+
+        Args:
+            residual: (m,) whitened.
+            jacobian: (m, p) of the prediction, whitened.
+        """
+        norms = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(norms > 0.0, norms, 1.0)
+        Q, R = np.linalg.qr(jacobian / scale)
+        U, s, Vt = np.linalg.svd(R, full_matrices=False)
+        rank = int((s > _RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
+        seen = Vt[:rank].T
+        unseen = np.linalg.svd(seen)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
+        return cls(residual, Q @ U[:, :rank], seen / s[:rank] / scale[:, None], unseen, scale)
+
+    @property
+    def pseudo_inverse(self) -> FloatArray:
+        """Derivative (p, m) of the unknowns by the whitened readings."""
+        return np.asarray(self.inverse @ self.left.T)
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations of unknowns that are determined."""
+        return int(self.left.shape[1])
+
+    @property
+    def step(self) -> FloatArray:
+        """The least squares step δ (p,)."""
+        return np.asarray(self.inverse @ (self.left.T @ self.residual))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p) in units of sigma²; of undetermined unknowns it tells only the determined part."""
+        return np.asarray(self.inverse @ self.inverse.T)
+
+    @property
+    def determined(self) -> npt.NDArray[np.bool_]:
+        """Which unknowns (p,) the readings determine one by one."""
+        share = np.linalg.norm(self.unseen, axis=1) if self.unseen.size else np.zeros(len(self.scale))
+        return np.asarray(share < _UNDETERMINED)
+
+    def determines(self, unknowns: slice) -> bool:
+        """Whether all of these unknowns are determined."""
+        return bool(self.determined[unknowns].all())
+
+
+def minimise(
+    state: State,
+    residual: Callable[[State], FloatArray],
+    jacobian: Callable[[State], FloatArray],
+    stepped: Callable[[State, FloatArray], State],
+    *,
+    where: str,
+) -> tuple[State, LinearFit]:
+    """Minimise ``‖residual(state)‖²``, halving steps that go too far.
+
+    It ends where a step would change the prediction by less than 1e-9 of the residual, or where rounding
+    lets no step lower the residual any more.
+
+    Args:
+        state: to start from.
+        residual: whitened readings minus prediction (m,).
+        jacobian: derivative of the prediction (m, p) in the chart at the state.
+        stepped: the state after a step (p,).
+        where: for the message.
+
+    Returns:
+        The minimum and the linear fit there.
+
+    Raises:
+        MeasurementError: no convergence.
+    """
+    r = residual(state)
+    for _ in range(MOST_STEPS):
+        linear = LinearFit.of(r, jacobian(state))
+        if np.linalg.norm(linear.left.T @ r) <= _CONVERGED * np.linalg.norm(r):
+            return state, linear
+        for halvings in range(_MOST_HALVINGS):
+            trial = stepped(state, linear.step * 0.5**halvings)
+            shorter = residual(trial)
+            if shorter @ shorter < r @ r:
+                break
+        else:
+            return state, linear
+        state, r = trial, shorter
+    raise MeasurementError(
+        f"the fit does not converge: after {MOST_STEPS} steps the residual is still "
+        f"{np.sqrt(np.mean(r**2)):.2g} rms",
+        where=where,
+        remedy="check the unit and the sign of the angles, the joint map, and that rows are in order",
+    )

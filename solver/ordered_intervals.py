@@ -1,0 +1,72 @@
+"""Profile-likelihood intervals of two campaigns' compliances under the order between them (METHOD.md §6)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from solver.constraints import Constraints
+from solver.estimate import Estimate
+from solver.likelihood import Likelihood
+from solver.problem import Bounds
+from solver.profile import profile_ends
+from solver.settings import Settings
+
+__all__ = ["ordered_intervals"]
+
+FloatArray = npt.NDArray[np.float64]
+Order = tuple[tuple[int, int], ...]
+
+
+def ordered_intervals(
+    estimates: tuple[Estimate, Estimate], settings: tuple[Settings, Settings], quantile: float
+) -> FloatArray:
+    """Intervals under both campaigns' constraints and ``c_second ≤ c_first``.
+
+    Both estimates are Gaussian and independent, so their likelihood is that of 2 n compliances with a
+    covariance of two blocks. Joints of which a campaign says nothing are left out: they neither get an
+    interval nor bound another.
+
+    Args:
+        estimates: of the first and the second, without constraints; their uncertainties are known.
+        settings: their bounds and orders.
+        quantile: t, so that an interval without active constraints is ĉ ± t u(ĉ).
+
+    Returns:
+        (2, n, 2) lower and upper ends of the first's and the second's compliances [rad/(N·m)]; NaN for
+        joints of which the campaign says nothing.
+
+    Raises:
+        RequestError: the constraints contradict each other.
+        SolverError: an end could not be certified.
+    """
+    known = [
+        np.flatnonzero([joint.compliance is not None for joint in estimate.joints]) for estimate in estimates
+    ]
+    n = len(estimates[0].joints)
+    ends = np.full((2 * n, 2), np.nan)
+    places = np.concatenate([known[0], n + known[1]])
+    if not len(places):
+        return ends.reshape(2, n, 2)
+    covariances = [
+        np.zeros((n, n)) if estimate.covariance is None else estimate.covariance for estimate in estimates
+    ]
+    likelihood = Likelihood(
+        joints=places,
+        centre=np.concatenate([estimate.compliance for estimate in estimates])[places],
+        covariance=block_diag(*covariances)[np.ix_(places, places)],
+    )
+    bounds = Bounds(
+        np.concatenate([s.bounds.lower for s in settings]), np.concatenate([s.bounds.upper for s in settings])
+    )
+    constraints = Constraints(bounds, _orders(settings, n)).select(places)
+    ends[places] = profile_ends(likelihood, constraints, np.arange(len(places)), np.array([quantile]))[0]
+    return ends.reshape(2, n, 2)
+
+
+def _orders(settings: tuple[Settings, Settings], n: int) -> Order:
+    """Pairs (i, j) with c_i ≤ c_j among the 2 n: the second's each below the first's, and their own."""
+    between = [(n + j, j) for j in range(n)]
+    own = [(i + k * n, j + k * n) for k, side in enumerate(settings) for i, j in side.order]
+    return (*between, *own)

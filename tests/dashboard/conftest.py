@@ -1,0 +1,141 @@
+"""The page in a real browser against a real service: what its tests share."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from browsing import (
+    ARGUMENTS,
+    DASHBOARD,
+    REQUIRE_CHROMIUM,
+    ROOT,
+    SIZES,
+    Stored,
+    Visit,
+    campaign,
+    post,
+    run_npm,
+)
+from playwright.sync_api import Browser, sync_playwright
+
+from examples.arm import default_arm
+from examples.document import robot_document
+
+
+@pytest.fixture(scope="session")
+def node_modules() -> Path:
+    """What npm installs, once it is there."""
+    folder = DASHBOARD / "node_modules"
+    if not folder.is_dir():
+        done = run_npm("ci", "--ignore-scripts", "--no-progress", "--loglevel=error")
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.fixture(scope="session")
+def bundle(node_modules: Path) -> Path:
+    """The page as it is served, built again if it is older than its sources."""
+    page = ROOT / "service" / "static" / "index.html"
+    sources = [p for p in (DASHBOARD / "src").rglob("*") if p.is_file()] + list(DASHBOARD.glob("*.*"))
+    if not page.is_file() or page.stat().st_mtime < max(p.stat().st_mtime for p in sources):
+        done = run_npm("run", "--silent", "build")
+        assert done.returncode == 0, done.stdout + done.stderr
+    return page.parent
+
+
+@pytest.fixture(scope="session")
+def site(
+    bundle: Path, tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config
+) -> Iterator[Any]:
+    """A service of our own, with the page and an empty database."""
+    shared = pytestconfig.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    running = shared.Service(f"sqlite:///{tmp_path_factory.mktemp('page') / 'jointstiff.db'}")
+    try:
+        yield running
+        assert running.process.poll() is None, running.log()
+    finally:
+        running.stop()
+
+
+@pytest.fixture(scope="session")
+def api(site: Any) -> Iterator[httpx.Client]:
+    """The API beside the page."""
+    with httpx.Client(base_url=site.url, timeout=60.0) as session:
+        yield session
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium, or a skip that says why there is none."""
+    found = shutil.which("chromium")
+    if found is None:
+        reason = "no Chromium here: scripts/chromium"
+        if os.environ.get(REQUIRE_CHROMIUM) == "1":
+            pytest.fail(f"{reason} ({REQUIRE_CHROMIUM}=1)")
+        pytest.skip(reason)
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+@pytest.fixture
+def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
+    """Call it for a page of a size and theme; at the end no script may have failed, no policy been broken."""
+    contexts, visits = [], []
+
+    def open_page(size: str = "tablet", theme: str = "light", **options: Any) -> Visit:
+        width, height = SIZES[size]
+        context = browser.new_context(
+            viewport={"width": width, "height": height},
+            color_scheme=theme,
+            has_touch=size != "desktop",
+            base_url=site.url,
+            **options,
+        )
+        context.set_default_timeout(15_000)
+        contexts.append(context)
+        visited = Visit(context.new_page(), site.url)
+        visits.append(visited)
+        visited.page.on("pageerror", lambda error: visited.faults.append(str(error)))
+        visited.page.on("console", visited.note)
+        visited.page.on("request", lambda request: visited.requests.append(request.url))
+        return visited
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    for visited in visits:
+        assert visited.faults == []
+        for request in visited.requests:
+            assert request.startswith((visited.url, "about:", "blob:", "data:")), request
+
+
+@pytest.fixture(scope="session")
+def stored(api: httpx.Client) -> Stored:
+    """One of everything, in the service's database."""
+    robot = post(api, "/v1/robots", robot_document(default_arm()))["id"]
+
+    def add(encoders: str, seed: int) -> str:
+        document = campaign(load="dead_weight", encoders=encoders, seed=seed)["measurement_set"]
+        return post(api, "/v1/measurement-sets", {**document, "robot_id": robot})["id"]
+
+    first, second = add("motor", 3), add("secondary", 4)
+    run = post(api, "/v1/runs", {"measurement_set_id": first})["id"]
+    post(api, "/v1/runs", {"measurement_set_id": second})
+    post(api, "/v1/runs", {"measurement_set_id": first, "method": "decoupled_partial_pose"})
+    comparison = post(api, "/v1/comparisons", {"measurement_set_id": first})["id"]
+    pair = post(
+        api,
+        "/v1/pairs",
+        {"first": {"measurement_set_id": first}, "second": {"measurement_set_id": second}, "ordered": True},
+    )["id"]
+    return Stored(robot, first, second, run, comparison, pair)

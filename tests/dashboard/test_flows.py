@@ -1,0 +1,206 @@
+"""The page from end to end: from a robot and a file to a result, compared, followed, repeated."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from browsing import campaign, post
+from playwright.sync_api import expect
+
+from examples.arm import default_arm
+from examples.urdf import urdf_text
+
+
+def file_of(document, name="campaign.json"):
+    return {"name": name, "mimeType": "application/json", "buffer": json.dumps(document).encode()}
+
+
+@pytest.mark.parametrize("size", ["tablet", "phone"])
+def test_from_a_robot_to_a_trend(visit, size):
+    """Add a robot, drop readings, identify, look at all parts, compare methods and sets, see the trend."""
+    visited = visit(size)
+    page = visited.page
+    name = f"arm of the {size}"
+    visited.go("#/robots/new")
+    page.get_by_label("Name", exact=True).fill(name)
+    page.get_by_role("radio", name="URDF").check(force=True)
+    page.get_by_label("URDF document").fill(urdf_text(default_arm()))
+    expect(page.get_by_label("Flange link")).to_have_value("flange")
+    page.locator("canvas[data-ready=true]").wait_for()
+    page.get_by_role("button", name="Save robot").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text(name)
+
+    for encoders, seed in (("motor", 21), ("secondary", 22)):
+        document = campaign(load="dead_weight", encoders=encoders, seed=seed)["measurement_set"]
+        document["name"] = f"{size} {encoders}"
+        visited.go("#/")
+        page.locator("input[type=file]").set_input_files(file_of(document))
+        page.get_by_label("Robot", exact=True).select_option(label=name)
+        expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+        page.get_by_role("button", name="Identify").click()
+        expect(page.get_by_role("heading", level=1)).to_have_text(document["name"])
+        expect(page.get_by_role("img", name="Joint stiffness")).to_be_visible()
+
+    expect(
+        page.locator("li.joint", has_text="joint_1").get_by_text("not observable", exact=True)
+    ).to_be_visible()
+    expect(page.locator("li.joint", has_text="joint_2").get_by_text("well determined")).to_be_visible()
+    page.get_by_role("button", name="Show unconstrained beside").click()
+    expect(page.get_by_role("button", name="Hide the other")).to_be_visible()
+    page.get_by_role("link", name="Deflection").click()
+    expect(page.get_by_role("img", name="Deflection before and after")).to_be_visible()
+    page.get_by_role("link", name="3D view").click()
+    page.get_by_role("button", name="Next").click()
+    expect(page.get_by_text("2 of 12")).to_be_visible()
+    page.get_by_role("link", name="Evidence").click()
+    expect(page.get_by_text("5 of 6")).to_be_visible()
+
+    visited.go("#/compare/methods")
+    page.get_by_label("Measurement set", exact=True).select_option(label=f"{size} motor ({name})")
+    page.get_by_role("button", name="Compare").click()
+    expect(page.get_by_role("row")).to_have_count(9)  # four methods, free and constrained, and the head
+
+    visited.go("#/compare/pairs")
+    page.get_by_label("First set").select_option(label=f"{size} motor ({name})")
+    page.get_by_label("Second set").select_option(label=f"{size} secondary ({name})")
+    page.get_by_role("button", name="Compare").click()
+    expect(page.get_by_role("img", name="Stiffness, second over first")).to_be_visible()
+
+    visited.go("#/compare/trend")
+    page.get_by_role("link", name=name).click()
+    expect(page.get_by_role("img", name="Stiffness of joint_2")).to_be_visible()
+    assert page.locator("svg[aria-label='Stiffness of joint_2'] circle").count() == 2
+
+
+def test_three_taps_from_a_file_to_its_result(visit):
+    visited = visit("tablet")
+    visited.go("#/")
+    page = visited.page
+    with page.expect_file_chooser() as chooser:
+        page.get_by_text("Choose file").tap()  # one; choosing it is the second
+    chooser.value.set_files(file_of(campaign(load="pull", seed=31)))
+    page.get_by_role("button", name="Identify").tap()  # three
+    expect(page.get_by_role("img", name="Joint stiffness")).to_be_visible()
+    expect(page.get_by_text("6 of 6 joints determined")).to_be_visible()
+
+
+def test_by_keyboard_only(visit, stored):
+    """From the list of sets to a result in 3D, without a pointer."""
+    visited = visit("tablet")
+    visited.go(f"#/?set={stored.set}")
+    page = visited.page
+    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
+
+    def tab_to(locator):
+        for _ in range(80):
+            if locator.evaluate("e => e === document.activeElement"):
+                return
+            page.keyboard.press("Tab")
+        pytest.fail(f"{locator} cannot be reached")
+
+    tab_to(page.locator("input[value=partial_pose]"))
+    page.keyboard.press("ArrowDown")
+    tab_to(page.get_by_role("button", name="Identify"))
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("Decoupled partial pose, constrained")).to_be_visible()
+    tab_to(page.get_by_role("link", name="3D view"))
+    page.keyboard.press("Enter")
+    canvas = page.locator("canvas[data-ready=true]")
+    canvas.wait_for()
+    tab_to(canvas)
+    before = canvas.screenshot()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(200)
+    assert canvas.screenshot() != before
+    tab_to(page.get_by_role("slider", name="Configuration"))
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_text("2 of 12")).to_be_visible()
+
+
+def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
+    """The page's own arithmetic against the solver's prediction."""
+    visited = visit("desktop")
+    visited.go(f"#/runs/{stored.run}")
+    page = visited.page
+    figure = page.locator("figure", has=page.get_by_role("heading", name="What each joint contributes"))
+    figure.get_by_text("Table behind it").click()
+    cells = figure.locator("tbody tr td:nth-child(3)").all_inner_texts()
+    mean = sum(float(cell.replace("\u2212", "-")) for cell in cells)
+    residuals = api.get(f"/v1/runs/{stored.run}").json()["result"]["residuals"]
+    lengths = [sum(v * v for v in residual["predicted"]) ** 0.5 * 1e3 for residual in residuals]
+    assert mean == pytest.approx(sum(lengths) / len(lengths), rel=2e-3)
+
+
+def test_a_long_run_shows_its_progress_and_is_cancelled(visit, stored):
+    visited = visit("phone")
+    visited.go(f"#/?set={stored.set}")
+    page = visited.page
+    page.get_by_text("More options").click()
+    page.get_by_label("Repeat on random draws").check()
+    page.get_by_label("Draws", exact=True).fill("100000")
+    page.get_by_role("button", name="Identify").click()
+    page.get_by_role("button", name="Cancel run").click()
+    expect(page.get_by_text("This run was cancelled")).to_be_visible()
+
+
+def test_refusals_say_what_to_do(visit, stored):
+    visited = visit("tablet")
+    visited.go("#/")
+    page = visited.page
+    document = campaign(load="dead_weight", seed=41)
+    document["measurement_set"]["observations"][3]["joints"] = [0.1, 0.2]
+    page.locator("input[type=file]").set_input_files(file_of(document))
+    expect(page.get_by_role("alert")).to_contain_text("observations[3].joints")
+    expect(page.get_by_role("alert")).to_contain_text("What to do")
+    expect(page.get_by_role("button", name="Identify")).to_be_disabled()
+    visited.go("#/runs/nothing-of-this-name")
+    expect(page.get_by_role("alert")).to_contain_text("What to do")
+
+
+def test_findings_are_shown_before_and_after(visit):
+    """Angles in the wrong unit are stored with a finding, which the file's preview and the run both show."""
+    visited = visit("tablet")
+    visited.go("#/")
+    page = visited.page
+    document = campaign(load="dead_weight", seed=42)
+    for observation in document["measurement_set"]["observations"]:
+        observation["force"] = [0, 0, -observation["force"][2]]  # the wrong way round
+    page.locator("input[type=file]").set_input_files(file_of(document))
+    expect(page.locator(".note.warn").first).to_contain_text("What to do")
+    page.get_by_role("button", name="Identify").click()
+    expect(page.get_by_role("heading", name=re.compile("warning"))).to_be_visible()
+    order = page.locator("main h2, main h3").all_inner_texts()
+    assert "warning" in order[0]
+
+
+def test_runs_are_searched_by_link(visit, api, stored):
+    visited = visit("tablet")
+    visited.go("#/runs?q=secondary")
+    page = visited.page
+    expect(page.get_by_label("Search runs")).to_have_value("secondary")
+    shown = page.locator("ul.rows li")
+    expect(shown.first).to_be_visible()
+    assert all("secondary" in text for text in shown.all_inner_texts())
+    page.get_by_label("Search runs").fill("nothing is called like this")
+    expect(page.get_by_role("button", name="Clear search")).to_be_visible()
+
+
+def test_a_run_is_deleted_and_brought_back(visit, api, stored):
+    if "delete" not in api.get("/openapi.json").json()["paths"]["/v1/runs/{run_id}"]:
+        pytest.skip("the API does not delete runs yet")
+    run = post(api, "/v1/runs", {"measurement_set_id": stored.set, "method": "complete_pose"})["id"]
+    visited = visit("phone")
+    visited.go("#/runs")
+    page = visited.page
+    link = page.locator(f"a[href='#/runs/{run}']")
+    link.locator("..").get_by_role("button", name="Delete").click()
+    expect(link).to_have_count(0)
+    page.get_by_role("button", name="Undo").click()
+    expect(page.get_by_text("Run is back")).to_be_visible()
+    expect(link).to_be_visible()
+    assert api.get(f"/v1/runs/{run}").json()["state"] == "succeeded"
+    link.locator("..").get_by_role("button", name="Delete").click()
+    expect(page.get_by_role("button", name="Undo")).to_be_visible()
+    assert api.get(f"/v1/runs/{run}").status_code == 404

@@ -1,0 +1,147 @@
+"""Names and file names that would like to be more than text."""
+
+from __future__ import annotations
+
+import json
+import re
+
+from browsing import campaign, post
+from playwright.sync_api import expect
+
+NAMES = [
+    "<script>window.hacked=1</script>",
+    "<img src=x onerror=window.hacked=1>",
+    "<svg onload=window.hacked=1>",
+    "<svg><script>window.hacked=1</script></svg>",
+    "<iframe srcdoc='<script>parent.hacked=1</script>'>",
+    "<a href=javascript:window.hacked=1>x</a>",
+    "<b style=position:fixed>x</b>",
+    "<style>*{display:none}</style>",
+    "<link rel=stylesheet href=//evil.example>",
+    "<meta http-equiv=refresh content=0>",
+    "<base href=//evil.example>",
+    "<object data=x>",
+    "<embed src=x>",
+    "<math><mtext><script>window.hacked=1</script>",
+    "<template><img src=x onerror=window.hacked=1></template>",
+    "<!--<img src=x onerror=window.hacked=1>-->",
+    "</title><script>window.hacked=1</script>",
+    "</textarea><script>window.hacked=1</script>",
+    "</option></select><img src=x onerror=window.hacked=1>",
+    "<![CDATA[<script>window.hacked=1</script>]]>",
+    '"><script>window.hacked=1</script>',
+    "'><img src=x onerror=window.hacked=1>",
+    '" onmouseover="window.hacked=1',
+    "javascript:window.hacked=1",
+    "data:text/html,<script>window.hacked=1</script>",
+    "{{constructor.constructor('window.hacked=1')()}}",
+    "${window.hacked=1}",
+    "#{7*7}",
+    "&lt;script&gt;window.hacked=1&lt;/script&gt;",
+    "&#60;img src=x&#62;",
+    "%3Cscript%3Ewindow.hacked=1%3C/script%3E",
+    '=HYPERLINK("http://evil.example";"x")',
+    "+cmd|' /C calc'!A0",
+    "@SUM(1+1)*cmd|' /C calc'!A0",
+    "-2+3",
+    "__proto__",
+    "constructor",
+    "../../../etc/passwd",
+    "🤖" * 100,
+    "W" * 200,
+]
+PLANTED = "script:not([src]), iframe, object, embed, base, style, #page img, #page b[style], #page meta"
+
+
+def test_forty_hostile_names_are_shown_as_text(visit, api):
+    assert len(NAMES) == len(set(NAMES)) == 40
+    document = campaign(configurations=40, load="dead_weight")
+    observations = document["measurement_set"]["observations"]
+    for name, observation in zip(NAMES, observations, strict=True):
+        observation["label"] = name
+        for reading, target in zip(observation["readings"], NAMES[:3], strict=True):
+            reading["target"] = target
+    run = ""
+    for name in NAMES:
+        robot = post(api, "/v1/robots", {**document["robot"], "name": name})
+        small = {**document["measurement_set"], "name": name, "observations": observations[:6]}
+        set_id = post(api, "/v1/measurement-sets", {**small, "robot_id": robot["id"]})["id"]
+    whole = {**document["measurement_set"], "name": NAMES[1], "robot_id": robot["id"]}
+    set_id = post(api, "/v1/measurement-sets", whole)["id"]
+    run = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    comparison = post(api, "/v1/comparisons", {"measurement_set_id": set_id})["id"]
+
+    visited = visit("tablet")
+    page = visited.page
+    for view in (
+        "#/",
+        "#/runs",
+        "#/robots",
+        "#/sets",
+        f"#/sets/{set_id}",
+        f"#/robots/{robot['id']}",
+        f"#/runs/{run}",
+        f"#/runs/{run}/deflection",
+        f"#/runs/{run}/robot",
+        f"#/runs/{run}/evidence",
+        f"#/compare/methods/{comparison}",
+        f"#/compare/trend/{robot['id']}",
+        "#/compare/pairs",
+    ):
+        visited.go(view)
+        page.wait_for_load_state("networkidle")
+        assert page.evaluate("window.hacked") is None, view
+        assert page.locator(PLANTED).count() == 0, view
+    visited.go("#/robots")
+    for name in NAMES:
+        expect(page.get_by_text(name, exact=True).first).to_be_attached()
+
+
+def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
+    visited = visit("tablet")
+    visited.go("#/")
+    page = visited.page
+    file = page.locator("input[type=file]")
+    for name in NAMES:
+        file_name = re.sub(r"[/\0]", "_", name)[:60] + ".json"
+        file.set_input_files({"name": file_name, "mimeType": "application/json", "buffer": b"<script>"})
+        expect(page.get_by_text(file_name, exact=True)).to_be_visible()
+        document = {
+            "name": name,
+            "units": name,
+            "encoders": name,
+            "observations": [{"readings": [{"target": name}]}],
+        }
+        content = json.dumps(document).encode()
+        file.set_input_files({"name": file_name, "mimeType": "application/json", "buffer": content})
+        expect(page.locator("h3.file")).to_have_text(name)
+        assert page.locator(PLANTED).count() == 0
+    assert page.evaluate("window.hacked") is None
+
+
+def test_downloads_guard_against_formulas(visit, api, tmp_path):
+    document = campaign(configurations=6, load="dead_weight")
+    robot = post(api, "/v1/robots", document["robot"])["id"]
+    labels = ["=1+1", "+1", "-1", "@x", '"quoted", twice', "<svg onload=window.hacked=1>"]
+    for label, observation in zip(labels, document["measurement_set"]["observations"], strict=True):
+        observation["label"] = label
+    set_id = post(api, "/v1/measurement-sets", {**document["measurement_set"], "robot_id": robot})["id"]
+    run = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    visited = visit("tablet")
+    visited.go(f"#/runs/{run}/deflection")
+    page = visited.page
+    with page.expect_download() as table:
+        page.get_by_role("button", name="Download CSV of “Residuals”").click()
+    table.value.save_as(tmp_path / "table.csv")
+    text = (tmp_path / "table.csv").read_text(encoding="utf-8-sig")
+    assert text.count("\n") == 1 + 6 * 3
+    for start in ("=", "+", "@"):
+        assert not re.search(rf"(^|,)\"?{re.escape(start)}", text, re.MULTILINE)
+    with page.expect_download() as drawing:
+        page.get_by_role("button", name="Download SVG of “Residuals”").click()
+    drawing.value.save_as(tmp_path / "drawing.svg")
+    svg = (tmp_path / "drawing.svg").read_text(encoding="utf-8")
+    assert svg.startswith("<?xml")
+    assert "<svg onload" not in svg
+    assert "&lt;svg onload" in svg
+    assert "var(--" not in svg
