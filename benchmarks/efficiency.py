@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.coverage import METHODS, Verdicts, Way, interior_campaigns, judge
+from benchmarks.coverage import interior_campaigns
 from benchmarks.designs import planned_design
 from benchmarks.report import Figure, Section
+from benchmarks.verdicts import METHODS, Verdicts, Way, judge
 from examples.simulator import default_arm
 
 __all__ = ["Spread", "run", "spreads"]

@@ -78,6 +78,7 @@ def assemble(
     sigma: float | None,
     settings: Settings,
     characteristic_length: float | None,
+    inflation: float = 1.0,
 ) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
 
@@ -89,6 +90,7 @@ def assemble(
         sigma: as stated with the readings [m], or None.
         settings: constraints, prior and confidence.
         characteristic_length: [m], if one was used.
+        inflation: of the variance of the estimate, where the loss is not squared.
 
     Returns:
         The estimate.
@@ -96,6 +98,7 @@ def assemble(
     scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
     if fit.alone is not None:
         scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
+    fit = fit.inflated(inflation)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(scale, fit, covariance)
     ratios = np.full(len(names), np.nan)

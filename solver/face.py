@@ -11,17 +11,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from solver.semidefinite import SemidefiniteProgram
+from solver.cone import SemidefiniteProgram
 from solver.symmetric import to_matrix, to_vector
 
 __all__ = ["Face", "effective_freedom", "face_at", "polished"]
 
 FloatArray = npt.NDArray[np.float64]
 
+_SMALL = 1e-3
+"""Compliance, in the units of the program, that is small beside what explains the readings."""
 _ROUNDING = 1e-12
 """Of the largest entry: an eigenvalue that is not larger is zero."""
 _RIDGE = 1e-13
@@ -52,9 +55,7 @@ class _BlockFace:
             for i in range(self.rank)
             for j in range(i + 1)
         ]
-        across = [
-            (np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T
-        ]
+        across = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
         matrices = [*within, *across]
         size = len(U) * (len(U) + 1) // 2
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
@@ -123,7 +124,7 @@ class Face:
     def _places(self) -> list[slice]:
         """Tangent coordinates of each block."""
         ends = np.cumsum([len(self.free), *(block.basis.shape[1] for block in self.blocks)]).tolist()
-        return [slice(start, stop) for start, stop in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(start, stop) for start, stop in pairwise(ends)]
 
     def shares(self, coordinates: FloatArray) -> FloatArray:
         """(p,) numbers of the tangent coordinates (d,), each block's sum at its first parameter."""
@@ -158,23 +159,30 @@ def face_at(program: SemidefiniteProgram, x: FloatArray) -> Face:
         x: (p,) feasible.
     """
     slack, cone = program.slack(x), program.cone
-    scalars = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
-    largest = float(np.abs(x[cone.nonnegative :]).max(initial=0.0)) or 1.0
+    free = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
+    largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
+    on_face, split = np.zeros(len(x)), []
+    on_face[free] = x[free]
+    for size, place in cone.blocks():
+        X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
+        values, vectors = np.linalg.eigh(X)
+        exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
+        rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
+        values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
+        on_face[place] = to_vector((U * values) @ U.T)
+        split.append((place, U, V, values))
+    slack = program.slack(on_face)
     blocks = tuple(
-        _block_face(to_matrix(x[place], size), to_matrix(slack[place], size), place, program.weight, largest)
-        for size, place in cone.blocks()
+        _BlockFace(place, U, V, np.diag(values), _definite(V.T @ to_matrix(slack[place], len(U)) @ V))
+        for place, U, V, values in split
     )
-    return Face(program, x, scalars, blocks)
+    return Face(program, on_face, free, blocks)
 
 
-def _block_face(X: FloatArray, S: FloatArray, place: slice, weight: float, largest: float) -> _BlockFace:
-    scale = largest / weight
+def _definite(S: FloatArray) -> FloatArray:
+    """The nearest positive semidefinite matrix: what a slack is at the optimum."""
     values, vectors = np.linalg.eigh(S)
-    S = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    values, vectors = np.linalg.eigh(X - scale * S)
-    kept = values > _ROUNDING * largest
-    U, V = vectors[:, kept], vectors[:, ~kept]
-    return _BlockFace(place, U, V, U.T @ X @ U, V.T @ S @ V)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def polished(program: SemidefiniteProgram, x: FloatArray) -> FloatArray | None:

@@ -84,6 +84,7 @@ def _assembled(
         sigma=measurements.sigma if robust is None else robust.sigma,
         settings=settings,
         characteristic_length=length,
+        inflation=1.0 if robust is None else robust.inflation,
     )
     if robust is None or targets is None:
         return estimate

@@ -37,6 +37,11 @@ class Likelihood:
         """(k, p) R."""
         return rows_of(self.covariance) if self.given_rows is None else self.given_rows
 
+    def inflated(self, factor: float) -> Likelihood:
+        """The same centre, its variance greater by a factor."""
+        rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
+        return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
+
     def interval(self, wanted: npt.NDArray[np.intp], radii: FloatArray) -> FloatArray:
         """Ends (q, w, 2) of unconstrained intervals [rad/(N·m)].
 

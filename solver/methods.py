@@ -71,6 +71,14 @@ class Fit:
     certificates: tuple[Certificate, ...]
     alone: Fit | None = None
 
+    def inflated(self, factor: float) -> Fit:
+        """The same estimate, its variance greater by a factor."""
+        if factor == 1.0:
+            return self
+        return replace(
+            self, covariance=factor * self.covariance, likelihood=self.likelihood.inflated(factor)
+        )
+
 
 class MethodAccumulator(Protocol):
     """What each method offers: take in blocks, then fit.

@@ -84,6 +84,25 @@ class RobustFit:
         order = np.argsort(-self.residual_norm[beyond[:, 0], beyond[:, 1]], kind="stable")
         return beyond[order]
 
+    @property
+    def inflation(self) -> float:
+        """Variance of a Huber estimate over that of least squares with its weights taken as known.
+
+        Huber's asymptotic ``a / b²`` beside ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), a the mean of
+        ``(w ‖r‖)²`` a coordinate and b that of the derivative: 1 for a reading below the threshold; beyond it
+        w across the residual's direction and 0 along it. Readings below the threshold count as their sigma
+        says, not as they came out. It is 1.0 for good readings and 1.26 where a tenth are 20 sigma off;
+        never taken below 1.
+        """
+        half = 0.5 * self.threshold**2
+        below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3
+        w = self.weight[self.residual_norm > 0]
+        if not len(w):
+            return 1.0
+        a = float(np.mean(np.where(w < 1.0, self.threshold**2 / 3.0, below)))
+        b = float(np.mean(np.where(w < 1.0, 2.0 * w / 3.0, 1.0)))
+        return max(1.0, a * float(np.mean(w)) / b**2)
+
     def weigh(self, measurements: Measurements) -> Measurements:
         """The same readings with the covariances Σ/w that their weights stand for."""
         covariance = measurements.covariance / self.weight[..., None, None]

@@ -3,156 +3,36 @@
     minimise ‖R x − z‖² + pᵀx   subject to   x_j ≥ 0 for the first parameters, and Mat(x_b) ⪰ 0 for the blocks
 
 It is stated around a point near the least-squares solution, so that the objective does not drown in ‖z‖²,
-and solved along a ladder of tolerances. Whatever Clarabel says, its answer is made feasible exactly, and a
-feasible point of the dual is made from its residual; the gap between the two is computed without
-cancellation, and only an answer whose gap is small enough leaves this module.
+solved along a ladder of tolerances, and polished by Newton's method on the face where the answer lies.
+Whatever led to an answer, it is made feasible exactly, and a feasible point of the dual is made from its
+residual; the gap between the two is computed without cancellation, and only an answer whose gap is small
+enough leaves this module.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from solver.cone import SemidefiniteProgram
 from solver.exceptions import SolverError
-from solver.symmetric import diagonal, to_matrix, to_vector
+from solver.face import polished
+from solver.symmetric import to_matrix
 
-__all__ = ["Cone", "ConeCertificate", "ConeSolution", "LeastSquares", "SemidefiniteProgram", "solve_cone"]
+__all__ = ["ConeCertificate", "ConeSolution", "certify_cone", "solve_cone"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_LADDER: Final = (1e-12, 1e-10, 1e-8)
-"""Tolerances of Clarabel, tried in this order: not every problem can be solved to the first."""
+_LADDER: Final = (1e-8, 1e-10, 1e-12)
+"""Tolerances of Clarabel, tried in this order: not every problem can be solved to the last."""
 _MAX_ITERATIONS: Final = 100
-_NEAR_LEAST_SQUARES: Final = 1e-6
-"""Singular values below this part of the first are left out of the point the program is stated around."""
+_NEWTON_STEPS: Final = 4
+"""Each doubles the digits, once the face is the right one."""
 _SLACK_ROUNDING: Final = 1e-13
 """A slack that should be zero and is this far below is, in units of the column's norm and the readings'."""
-
-
-@dataclass(frozen=True)
-class Cone:
-    """Which parameters are what.
-
-    Attributes:
-        nonnegative: how many of the first are zero or positive.
-        sizes: of the blocks that follow, each a symmetric matrix as in `solver.symmetric`.
-    """
-
-    nonnegative: int
-    sizes: tuple[int, ...] = ()
-
-    @property
-    def dimension(self) -> int:
-        """Number of parameters."""
-        return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
-
-    def blocks(self) -> Iterator[tuple[int, slice]]:
-        """Size and place of each block."""
-        start = self.nonnegative
-        for size in self.sizes:
-            stop = start + size * (size + 1) // 2
-            yield size, slice(start, stop)
-            start = stop
-
-    def least(self, x: FloatArray) -> float:
-        """Least of the scalars and of the blocks' eigenvalues; inf of nothing."""
-        values = [x[: self.nonnegative], *(_eigenvalues(x[place], size) for size, place in self.blocks())]
-        return float(min((value.min() for value in values if len(value)), default=np.inf))
-
-    def project(self, x: FloatArray) -> FloatArray:
-        """The nearest point of the cone, whose computed eigenvalues are not below zero either."""
-        out = np.maximum(x, 0.0)
-        for size, place in self.blocks():
-            eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
-            kept = np.maximum(eigenvalues, 0.0)
-            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
-        return out
-
-
-def raised(vector: FloatArray, size: int) -> FloatArray:
-    """A block with as much added to its diagonal as it takes for no computed eigenvalue to be negative.
-
-    It is rounding, of a few parts in 10¹⁶ of the greatest eigenvalue.
-    """
-    lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
-    raised_vector = vector
-    while _eigenvalues(raised_vector, size).min() < 0.0:
-        raised_vector = vector.copy()
-        raised_vector[diagonal(size)] += lift
-        lift *= 2.0
-    return raised_vector
-
-
-@dataclass(frozen=True, eq=False)
-class LeastSquares:
-    """The quadratic part, shared by programs with other penalties.
-
-    Attributes:
-        R: (m, p) regressor; columns of parameters without a penalty have unit norm.
-        z: (m,) readings of unit norm.
-    """
-
-    R: FloatArray
-    z: FloatArray
-
-    @cached_property
-    def near(self) -> FloatArray:
-        """(p,) a point near the least-squares solution, of moderate size."""
-        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
-
-    @cached_property
-    def gradient(self) -> FloatArray:
-        """(p,) of ‖R x − z‖² at `near`."""
-        return self.gradient_at(self.near)
-
-    @cached_property
-    def upper(self) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Upper triangle of 2 RᵀR, compressed by columns: values, rows, starts of columns."""
-        gram = 2.0 * self.R.T @ self.R
-        p = len(gram)
-        columns, rows = np.tril_indices(p)
-        starts = np.concatenate([[0], np.cumsum(np.arange(1, p + 1))])
-        return gram[rows, columns], rows, starts
-
-    def gradient_at(self, x: FloatArray) -> FloatArray:
-        """(p,) of ‖R x − z‖²."""
-        gradient: FloatArray = 2.0 * self.R.T @ (self.R @ x - self.z)
-        return gradient
-
-
-@dataclass(frozen=True, eq=False)
-class SemidefiniteProgram:
-    """The program as data.
-
-    Attributes:
-        fit: quadratic part.
-        cone: of the parameters.
-        weight: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`.
-        penalised: (nonnegative,) which of the scalars, the others' columns being independent.
-    """
-
-    fit: LeastSquares
-    cone: Cone
-    weight: float
-    penalised: npt.NDArray[np.bool_]
-
-    @cached_property
-    def penalty(self) -> FloatArray:
-        """P (p,): λ for the penalised scalars and on the diagonals of the blocks."""
-        out = np.zeros(self.cone.dimension)
-        out[: self.cone.nonnegative][self.penalised] = self.weight
-        for size, place in self.cone.blocks():
-            out[place][diagonal(size)] = self.weight
-        return out
-
-    def slack(self, x: FloatArray) -> FloatArray:
-        """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
-        return self.fit.gradient_at(x) + self.penalty
 
 
 @dataclass(frozen=True)
@@ -194,13 +74,15 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float) -> ConeSolution:
     best = np.inf
     for tolerance in _LADDER:
         proposed = _clarabel(program, tolerance)
-        if proposed is None:
-            continue
-        x = program.cone.project(proposed)
-        certificate = certify_cone(program, x, tolerance)
-        if certificate.primal >= 0.0 and certificate.gap <= gap:
-            return ConeSolution(x, certificate)
-        best = min(best, certificate.gap)
+        for _ in range(1 + _NEWTON_STEPS):
+            if proposed is None:
+                break
+            x = program.cone.project(proposed)
+            certificate = certify_cone(program, x, tolerance)
+            if certificate.primal >= 0.0 and certificate.gap <= gap:
+                return ConeSolution(x, certificate)
+            best = min(best, certificate.gap)
+            proposed = polished(program, x)
     raise SolverError(
         f"the semidefinite program is not solved: its gap is {best:.1e}, and {gap:.1e} was to be reached",
         remedy="give a larger penalty, choose fewer links, or report this with the data",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from playwright.sync_api import ConsoleMessage, Page
+from playwright.sync_api import ConsoleMessage, Page, expect
 
 from examples.arm import default_arm
 from examples.simulator import simulate_campaign
@@ -61,6 +61,10 @@ class Visit:
         """Keep what went wrong; that an answer was a refusal is for the page to show."""
         if message.type == "error" and "Failed to load resource" not in message.text:
             self.faults.append(message.text)
+
+    def settle(self) -> None:
+        """Wait until nothing is on its way any more."""
+        expect(self.page.locator(".busy")).to_have_count(0)
 
     def go(self, address: str) -> None:
         """Open a view as from a link that someone sent."""

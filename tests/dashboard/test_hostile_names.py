@@ -89,7 +89,7 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
         "#/compare/pairs",
     ):
         visited.go(view)
-        page.wait_for_load_state("networkidle")
+        visited.settle()
         assert page.evaluate("window.hacked") is None, view
         assert page.locator(PLANTED).count() == 0, view
     visited.go("#/robots")

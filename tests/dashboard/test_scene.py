@@ -43,7 +43,7 @@ def test_nothing_is_drawn_while_nothing_happens(visit, stored):
     visited = visit("tablet")
     visited.go(f"#/runs/{stored.run}/robot")
     visited.page.locator("canvas[data-ready=true]").wait_for()
-    visited.page.wait_for_load_state("networkidle")
+    visited.settle()
     visited.page.wait_for_timeout(300)
     visited.page.evaluate("performance.clearMeasures()")
     visited.page.wait_for_timeout(300)
@@ -53,7 +53,6 @@ def test_nothing_is_drawn_while_nothing_happens(visit, stored):
 def test_a_device_without_3d_graphics_gets_drawings(visit, stored):
     visited = visit("phone")
     visited.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
-    visited.page.remove_listener  # noqa: B018 - three writes to the console that there is no WebGL
     visited.go(f"#/runs/{stored.run}/robot")
     expect(visited.page.get_by_text("This device shows no 3D graphics")).to_be_visible()
     assert visited.page.locator("svg.sketch").count() == 2

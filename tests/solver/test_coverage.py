@@ -11,11 +11,12 @@ import pytest
 from scipy.stats import binom, norm
 
 from benchmarks import coverage, efficiency, fanuc, invariance, replication, robustness
-from benchmarks.coverage import METHODS, RIGID_SETS, Way, interior_campaigns, judge, rigid_campaigns
+from benchmarks.coverage import RIGID_SETS, interior_campaigns, rigid_campaigns
 from benchmarks.designs import SIGMA, planned_design
 from benchmarks.efficiency import Spread
 from benchmarks.report import Figure
 from benchmarks.robustness import KINDS, LOSSES, shifts
+from benchmarks.verdicts import METHODS, Way, judge
 from examples.simulator import TARGETS, default_arm, torques
 
 DESIGNS, DRAWS = 2, 50
@@ -135,7 +136,7 @@ class TestFull:
 
     @staticmethod
     def chance(figure: Figure) -> bool:
-        """A statement of exactly 95 % holds less often in half of all studies: 600 campaigns a rigid joint."""
+        """What holds in 95 % exactly falls short of it in half of all studies; 600 campaigns a joint."""
         nominal = "least of the rigid" in figure.what
         return nominal and figure.measured >= 100 * binom.ppf(RISK, 600, 0.95) / 600
 

@@ -3,6 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
 import type { Problem, QualityWarning, RunState } from "../api/types";
 import type { Loading } from "../state/load";
+import { hasNavigated } from "../state/router";
 import { text } from "../text";
 
 /** A name that someone else chose: text, isolated from what is around it. */
@@ -17,7 +18,8 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
     document.title = `${plain} · ${text.app.name}`;
   }, [plain]);
   useEffect(() => {
-    if (document.activeElement === document.body || document.activeElement === null) heading.current?.focus();
+    const free = document.activeElement === document.body || document.activeElement === null;
+    if (free && hasNavigated()) heading.current?.focus({ preventScroll: true });
   }, []);
   return (
     <div class="title">
@@ -65,11 +67,19 @@ export function Empty({ title, hint, children }: { title: string; hint: string; 
   return <div class="empty"><h3>{title}</h3><p>{hint}</p>{children}</div>;
 }
 
-/** What was loaded, or why not. */
-export function Show<Value>({ of, children }: { of: Loading<Value>; children: (value: Value) => ComponentChildren }) {
-  if (of.state === "loading") return <Busy />;
-  if (of.state === "failed") return <ProblemNote problem={of.problem} retry={of.reload} />;
-  return <>{children(of.value)}</>;
+/** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
+export function Show<Value>({ of, title, children }: {
+  of: Loading<Value>;
+  title?: string;
+  children: (value: Value) => ComponentChildren;
+}) {
+  if (of.state === "ready") return <>{children(of.value)}</>;
+  return (
+    <>
+      {title !== undefined && <Title plain={title}>{title}</Title>}
+      {of.state === "loading" ? <Busy /> : <ProblemNote problem={of.problem} retry={of.reload} />}
+    </>
+  );
 }
 
 export function State({ state }: { state: RunState }) {

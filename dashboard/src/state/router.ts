@@ -29,10 +29,18 @@ export function go(address: string): void {
   location.hash = address;
 }
 
+let navigated = false;
+
+/** Whether one came to this view from another, rather than from outside. */
+export const hasNavigated = (): boolean => navigated;
+
 export function useRoute(): Route {
   const [route, set] = useState(() => parse(location.hash));
   useEffect(() => {
-    const hear = () => set(parse(location.hash));
+    const hear = () => {
+      navigated = true;
+      set(parse(location.hash));
+    };
     addEventListener("hashchange", hear);
     return () => removeEventListener("hashchange", hear);
   }, []);

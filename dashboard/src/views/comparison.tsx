@@ -25,7 +25,7 @@ export function ComparisonView({ id }: { id: string }) {
     const comparison = await api.comparison(id, signal);
     return { comparison, set: await api.set(comparison.request.measurement_set_id, signal) };
   }, [id]);
-  return <Show of={loaded}>{({ comparison, set }) => <Page comparison={comparison} set={set} ended={loaded.reload} />}</Show>;
+  return <Show of={loaded} title={words.methods}>{({ comparison, set }) => <Page comparison={comparison} set={set} ended={loaded.reload} />}</Show>;
 }
 
 function Page({ comparison, set, ended }: { comparison: Comparison; set: MeasurementSet; ended: () => void }) {

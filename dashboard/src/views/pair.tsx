@@ -25,7 +25,7 @@ export function PairView({ id }: { id: string }) {
     return { pair, first: first.name, second: second.name };
   }, [id]);
   return (
-    <Show of={loaded}>
+    <Show of={loaded} title={words.kind}>
       {({ pair, first, second }) => (
         <>
           <div class="head">

@@ -15,7 +15,7 @@ import { RunList } from "./run_list";
 
 export function RobotView({ id }: { id: string }) {
   const loaded = useLoad((signal) => api.robot(id, signal), [id]);
-  return <Show of={loaded}>{(robot) => <RobotPage robot={robot} />}</Show>;
+  return <Show of={loaded} title={text.start.robot}>{(robot) => <RobotPage robot={robot} />}</Show>;
 }
 
 function RobotPage({ robot }: { robot: Robot }) {

@@ -32,7 +32,7 @@ export function RunView({ id, part }: { id: string; part: string }) {
     return { run, set, robot: await api.robot(set.robot_id, signal) };
   }, [id]);
   return (
-    <Show of={loaded}>
+    <Show of={loaded} title={text.run.kind}>
       {(context) => (
         <>
           <Head context={context} />

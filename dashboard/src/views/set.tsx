@@ -13,7 +13,7 @@ import { RunList } from "./run_list";
 
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad((signal) => api.set(id, signal), [id]);
-  return <Show of={loaded}>{(set) => <SetPage set={set} />}</Show>;
+  return <Show of={loaded} title={text.sets.kind}>{(set) => <SetPage set={set} />}</Show>;
 }
 
 function SetPage({ set }: { set: MeasurementSet }) {

@@ -43,7 +43,7 @@ export function TrendView({ robot: id }: { robot: string }) {
   const robot = useLoad((signal) => api.robot(id, signal), [id]);
   const runs = useLoad((signal) => load(id, method, signal), [id, method]);
   return (
-    <Show of={robot}>
+    <Show of={robot} title={text.compare.trend}>
       {({ name, joints }) => (
         <>
           <Title kind={text.compare.trend} plain={words.title(name)}><Name>{name}</Name></Title>

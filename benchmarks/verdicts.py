@@ -1,0 +1,158 @@
+"""Ways to identify, what they say of each joint, and whether it is true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.campaigns import default_robot
+from benchmarks.designs import Design
+from examples.simulator import default_arm
+from solver.estimate import Estimate
+from solver.identification import Method, Settings, identify
+from solver.measurements import Measurements
+from solver.problem import Bounds
+from solver.robot import Robot
+
+__all__ = ["CONFIDENCE", "METHODS", "Campaign", "Outcome", "Verdicts", "Way", "judge"]
+
+FloatArray = npt.NDArray[np.float64]
+Campaign = tuple[Design, Measurements]
+
+CONFIDENCE = 0.95
+METHODS: dict[str, Method] = {
+    "complete pose": "complete_pose",
+    "partial pose": "partial_pose",
+    "decoupled": "decoupled_partial_pose",
+}
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to identify.
+
+    Attributes:
+        method: a key of `METHODS`; complete pose is weighted by covariance.
+        complementary_stiffness: whether K_c is included.
+        sigma_given: else it is estimated from the residuals.
+    """
+
+    method: str
+    complementary_stiffness: bool = True
+    sigma_given: bool = True
+
+    def __str__(self) -> str:
+        stiffness = "K_c included" if self.complementary_stiffness else "K_c neglected"
+        return f"{self.method}, {stiffness}, sigma {'given' if self.sigma_given else 'estimated'}"
+
+    def estimate(self, robot: Robot, measurements: Measurements) -> Estimate:
+        """Identify with positive compliances."""
+        settings = Settings(
+            METHODS[self.method],
+            "covariance",
+            Bounds.positive(robot.n),
+            confidence=CONFIDENCE,
+            complementary_stiffness=self.complementary_stiffness,
+        )
+        if not self.sigma_given:
+            measurements = replace(measurements, sigma=None)
+        return identify(robot, measurements, settings)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one estimate says of one joint, in one campaign; NaN where it says nothing."""
+
+    compliance: float
+    standard_uncertainty: float
+    interval: tuple[float, float]
+    one_sided: tuple[float, float]
+
+    @classmethod
+    def all_of(cls, estimate: Estimate) -> list[Outcome]:
+        """One for each joint."""
+        nothing = float("nan")
+        return [
+            cls(
+                nothing if joint.compliance is None else joint.compliance,
+                nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
+                joint.interval or (nothing, nothing),
+                joint.one_sided or (nothing, nothing),
+            )
+            for joint in estimate.joints
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Verdicts:
+    """Estimates of K campaigns of an arm of n joints, beside the truth.
+
+    Attributes:
+        truth: (K, n) compliances [rad/(N·m)].
+        compliance: (K, n) estimates [rad/(N·m)].
+        standard_uncertainty: (K, n) as reported [rad/(N·m)].
+        interval: (K, n, 2) two-sided [rad/(N·m)].
+        one_sided: (K, n, 2) at least, at most; each by itself [rad/(N·m)].
+    """
+
+    truth: FloatArray
+    compliance: FloatArray
+    standard_uncertainty: FloatArray
+    interval: FloatArray
+    one_sided: FloatArray
+
+    @property
+    def rigid(self) -> npt.NDArray[np.bool_]:
+        """(K, n) joints of no compliance at all."""
+        rigid: npt.NDArray[np.bool_] = self.truth == 0.0
+        return rigid
+
+    @property
+    def covered(self) -> npt.NDArray[np.bool_]:
+        """(K, n) intervals that hold the truth; one that is not there, or NaN, does not."""
+        held: npt.NDArray[np.bool_] = (self.interval[..., 0] <= self.truth) & (
+            self.truth <= self.interval[..., 1]
+        )
+        return held
+
+    @property
+    def above(self) -> npt.NDArray[np.bool_]:
+        """(K, n) compliances as great as the one-sided bound says at least."""
+        held: npt.NDArray[np.bool_] = self.one_sided[..., 0] <= self.truth
+        return held
+
+    @property
+    def below(self) -> npt.NDArray[np.bool_]:
+        """(K, n) joints as stiff as the one-sided bound says at least."""
+        held: npt.NDArray[np.bool_] = self.truth <= self.one_sided[..., 1]
+        return held
+
+    @property
+    def unsound(self) -> int:
+        """How many numbers are negative, NaN or infinite."""
+        numbers = [self.compliance, self.standard_uncertainty, self.interval, self.one_sided]
+        return sum(int((~(np.isfinite(array) & (array >= 0.0))).sum()) for array in numbers)
+
+
+def judge(ways: Sequence[Way], campaigns: Iterable[Campaign]) -> dict[Way, Verdicts]:
+    """Identify every campaign in every way."""
+    robot = default_robot(default_arm())
+    truth: list[FloatArray] = []
+    found: dict[Way, list[list[Outcome]]] = {way: [] for way in ways}
+    for design, measurements in campaigns:
+        truth.append(design.arm.compliances)
+        for way in ways:
+            found[way].append(Outcome.all_of(way.estimate(robot, measurements)))
+    return {
+        way: Verdicts(
+            truth=np.array(truth),
+            compliance=np.array([[o.compliance for o in row] for row in rows]),
+            standard_uncertainty=np.array([[o.standard_uncertainty for o in row] for row in rows]),
+            interval=np.array([[o.interval for o in row] for row in rows]),
+            one_sided=np.array([[o.one_sided for o in row] for row in rows]),
+        )
+        for way, rows in found.items()
+    }
