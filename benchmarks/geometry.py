@@ -13,18 +13,18 @@ from scipy import stats
 from benchmarks.report import Figure, Section
 from examples.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm
 from examples.urdf import urdf_text
-from solver.axis import Axis
-from solver.base_frame import BaseConvention, find_base_frame
-from solver.circle_point import AngleUse, AxisFit, fit_axis
-from solver.identified_model import FlangeConvention, identify_model
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.base_frame import BaseConvention, find_base_frame
+from solver.geometry.circle_point import AngleUse, AxisFit, fit_axis
+from solver.geometry.identified_model import FlangeConvention, identify_model
+from solver.geometry.rigid_transform import RigidTransform
+from solver.geometry.sweep import Sweep, SweepSet
+from solver.geometry.sweep_bundle import refine_axes
+from solver.geometry.sweep_findings import sweep_findings
+from solver.geometry.swept_axes import SweptAxes, identify_axes
+from solver.geometry.wrist_centre import find_wrist_centre
 from solver.robot import JointMap
-from solver.sweep import Sweep, SweepSet
-from solver.sweep_bundle import refine_axes
-from solver.sweep_findings import sweep_findings
-from solver.swept_axes import SweptAxes, identify_axes
 from solver.urdf import read_urdf
-from solver.wrist_centre import find_wrist_centre
 
 __all__ = ["run"]
 

@@ -66,12 +66,12 @@ class Reading(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of either position of this reading, in "
-        "units.length. Where one reading states its own noise all do, and `noise` states none of the tracker.",
+        "units.length. Where one reading states its own noise all do, and `noise` none of the tracker.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
         description="In place of `sigma`: covariance of the position before the load, axes of R0, in "
-        "units.length squared. A deflection is a difference of two positions, and states both covariances, too.",
+        "units.length squared. A deflection is a difference of two positions, and states both, too.",
     )
     loaded_covariance: Matrix3 | None = Field(default=None, description="The same under load.")
 
@@ -215,8 +215,8 @@ class QualityWarning(Message):
     code: WarningCode = Field(description="Kind of the suspicion.")
     severity: Severity = Field(
         default="warning",
-        description="`error`: almost certainly a mistake, mend it before trusting any number; `warning`: look "
-        "into it; `note`: good to know. Nothing is refused or changed for any of them.",
+        description="`error`: almost certainly a mistake, mend it before trusting any number; `warning`: "
+        "look into it; `note`: good to know. Nothing is refused or changed for any of them.",
     )
     where: str | None = Field(description="Which observation or reading; null for the whole set.")
     message: str = Field(description="What was seen, with its figure and unit.")

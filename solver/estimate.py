@@ -10,9 +10,9 @@ import numpy.typing as npt
 from solver.complementary_stiffness import ComplementaryStiffness
 from solver.compression import Compression
 from solver.exceptions import MeasurementError
+from solver.fit import Fit
 from solver.identifiability import Identifiability, Visibility
 from solver.informed import prior_to_data
-from solver.methods import Fit
 from solver.robust import RobustFit
 from solver.scale import Scale, SigmaTest, scale_of, sigma_test
 from solver.settings import Settings

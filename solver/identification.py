@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.complementary_stiffness import ComplementaryStiffness
+from solver.decoupled import DecoupledPartialPose
 from solver.estimate import Estimate, assemble
 from solver.exceptions import UnsupportedMethodError
 from solver.identifiability import Exposure
 from solver.measurements import Measurements
 from solver.methods import (
     CompletePose,
-    DecoupledPartialPose,
     LengthOfLeastCondition,
     MethodAccumulator,
     PartialPose,

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.exceptions import UnsupportedMethodError
+from solver.fit import Fit
 from solver.identifiability import Visibility
-from solver.methods import Fit, MethodAccumulator
+from solver.methods import MethodAccumulator
 from solver.prior import Prior
 from solver.scale import scale_of
 from solver.settings import Settings

@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from solver.complementary_stiffness import LargestStiffness, neglected_readings
 from solver.exceptions import NotObservableError, SolverError
+from solver.fit import Fit
 from solver.identifiability import Exposure, Visibility
 from solver.informed import fit_informed
 from solver.measurements import Measurements
-from solver.methods import Fit, MethodAccumulator
+from solver.methods import MethodAccumulator
 from solver.prior import PriorRows
 from solver.regressor import BLOCK_LENGTH, RegressorBlock, regressor_blocks
 from solver.robot import Robot

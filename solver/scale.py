@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from solver.compression import Compression
-from solver.methods import Fit
+from solver.fit import Fit
 
 __all__ = ["SIGMA_TEST_LEVEL", "Scale", "SigmaTest", "scale_of", "sigma_test"]
 

@@ -154,8 +154,8 @@ def _refuse_implausible(along: FloatArray, across: FloatArray) -> None:
     ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
     if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
         raise MeasurementError(
-            f"standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across the line of "
-            "sight are no tracker's",
+            f"standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across the line "
+            "of sight are no tracker's",
             where="noise.instrument",
             remedy="check the constants, which are in units.length, and the terms per distance",
         )

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.constraints import Constraints
+from solver.fit import Fit
 from solver.identifiability import Visibility, noise_reason
-from solver.methods import Fit
 from solver.profile import profile_ends
 from solver.scale import Scale
 

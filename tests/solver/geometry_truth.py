@@ -12,11 +12,11 @@ import numpy as np
 from campaigns import shared
 
 from examples.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
-from solver.axis import Axis
 from solver.chain import KinematicChain
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.rigid_transform import RigidTransform
+from solver.geometry.sweep import Sweep, SweepSet
 from solver.robot import JointMap
-from solver.sweep import Sweep, SweepSet
 from solver.urdf import read_urdf
 
 __all__ = [

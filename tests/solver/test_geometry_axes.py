@@ -21,17 +21,17 @@ from scipy import stats
 
 from examples.arm import default_arm
 from examples.urdf import urdf_text
-from solver.axis import Axis
-from solver.base_frame import BaseConvention, find_base_frame
 from solver.exceptions import MeasurementError
-from solver.identified_model import FlangeConvention, identify_model
-from solver.rigid_transform import RigidTransform
-from solver.sweep import SweepSet
-from solver.sweep_bundle import refine_axes
-from solver.sweep_findings import angle_probability, geometry_findings
-from solver.swept_axes import SweptAxes, identify_axes
+from solver.geometry.axis import Axis
+from solver.geometry.base_frame import BaseConvention, find_base_frame
+from solver.geometry.identified_model import FlangeConvention, identify_model
+from solver.geometry.rigid_transform import RigidTransform
+from solver.geometry.sweep import SweepSet
+from solver.geometry.sweep_bundle import refine_axes
+from solver.geometry.sweep_findings import angle_probability, geometry_findings
+from solver.geometry.swept_axes import SweptAxes, identify_axes
+from solver.geometry.wrist_centre import find_wrist_centre
 from solver.urdf import read_urdf
-from solver.wrist_centre import find_wrist_centre
 
 WAYS = ["one by one", "together", "together, controller's angles"]
 

@@ -8,13 +8,13 @@ from geometry_truth import FANUC_MAP, NAMES, SIGMA, TARGETS, Cell, chi_square, i
 
 from examples.arm import default_arm
 from examples.urdf import urdf_text
-from solver.base_frame import BaseConvention, find_base_frame
 from solver.chain import KinematicChain
 from solver.exceptions import MeasurementError, NotObservableError
-from solver.identified_model import FlangeConvention, identify_model, link_table
-from solver.kinematic_calibration import calibrate
-from solver.poses import Poses
-from solver.rigid_transform import RigidTransform
+from solver.geometry.base_frame import BaseConvention, find_base_frame
+from solver.geometry.identified_model import FlangeConvention, identify_model, link_table
+from solver.geometry.kinematic_calibration import calibrate
+from solver.geometry.poses import Poses
+from solver.geometry.rigid_transform import RigidTransform
 from solver.robot import JointMap
 from solver.urdf import read_urdf
 

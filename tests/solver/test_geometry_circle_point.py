@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from solver.axis import Axis
-from solver.circle_point import AxisFit, fit_axis
 from solver.exceptions import MeasurementError
+from solver.geometry.axis import Axis
+from solver.geometry.circle_point import AxisFit, fit_axis
+from solver.geometry.sweep import Sweep, SweepSet
+from solver.geometry.sweep_findings import sweep_findings
 from solver.robot import JointMap
-from solver.sweep import Sweep, SweepSet
-from solver.sweep_findings import sweep_findings
 
 CELL = Cell(imperfect_arm(1))
 NAMES = ("P10", "P11", "P12")

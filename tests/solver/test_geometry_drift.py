@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from geometry_truth import chi_square, rodrigues
 
-from solver.base_drift import BaseDrift, find_drift
 from solver.exceptions import MeasurementError
+from solver.geometry.base_drift import BaseDrift, find_drift
 
 SIGMA = 15e-6
 BASE = np.array([[0.6, 0.4, 0.1], [-0.5, 0.5, 0.05], [-0.4, -0.6, 0.2], [0.5, -0.5, 0.12], [0.0, 0.7, 0.6]])

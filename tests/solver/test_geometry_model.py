@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 
 from examples.arm import SpringArm, default_arm
 from examples.urdf import urdf_text
-from solver.axis_frame import chain_axes
-from solver.base_frame import BaseConvention, find_base_frame
 from solver.chain import KinematicChain
 from solver.configuration import Configurations
 from solver.dh import dh_chain
-from solver.dh_identification import DhTable, dh_table
 from solver.exceptions import MeasurementError, RobotError
-from solver.identified_axes import IdentifiedAxes
-from solver.identified_model import FlangeConvention, IdentifiedModel, identify_model, link_table
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis_frame import chain_axes
+from solver.geometry.base_frame import BaseConvention, find_base_frame
+from solver.geometry.dh_identification import DhTable, dh_table
+from solver.geometry.identified_axes import IdentifiedAxes
+from solver.geometry.identified_model import FlangeConvention, IdentifiedModel, identify_model, link_table
+from solver.geometry.rigid_transform import RigidTransform
+from solver.geometry.swept_axes import identify_axes
 from solver.robot import JointMap, Robot
-from solver.swept_axes import identify_axes
 from solver.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from examples.arm import default_arm
 from solver.exceptions import MeasurementError
-from solver.swept_axes import identify_axes
-from solver.trilateration import spread_of, trilaterate
-from solver.wrist_centre import find_wrist_centre
+from solver.geometry.swept_axes import identify_axes
+from solver.geometry.trilateration import spread_of, trilaterate
+from solver.geometry.wrist_centre import find_wrist_centre
 
 TABLE_1 = [(1245.71, -310.11, 239.20), (1245.73, -309.99, 239.16), (1245.72, -310.05, 239.19)]
 coordinates = st.tuples(*[st.floats(-1.0, 1.0)] * 3)

@@ -911,6 +911,28 @@ export interface components {
             stages: components["schemas"]["StageIdentifiability"][];
         };
         /**
+         * Instrument
+         * @description A laser tracker: along its line of sight and across it a reading is worth unlike much.
+         *
+         *     Standard uncertainties (coverage factor 1). Sheets often state a maximum permissible error; divide it as
+         *     the sheet says, or by 2 if it says nothing.
+         */
+        Instrument: {
+            /**
+             * Station
+             * @description Where the tracker stands, in R0, in units.length.
+             */
+            station: [
+                number,
+                number,
+                number
+            ];
+            /** @description Along the line of sight. */
+            range: components["schemas"]["Uncertainty"];
+            /** @description Across it, in each of two directions. */
+            transverse: components["schemas"]["Uncertainty"];
+        };
+        /**
          * Joint
          * @description One moving joint, in the order of the model.
          */
@@ -1027,7 +1049,7 @@ export interface components {
              * @enum {string}
              */
             encoders: "motor" | "secondary";
-            /** @description If absent, sigma is estimated from the residuals. */
+            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
             noise?: components["schemas"]["Noise"] | null;
             /**
              * Flange Targets
@@ -1105,6 +1127,8 @@ export interface components {
         /**
          * Noise
          * @description What one reading of the tracker, and of a secondary encoder, is worth.
+         *
+         *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
         Noise: {
             /**
@@ -1112,13 +1136,15 @@ export interface components {
              * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. A deflection, being a difference of two, has √2 times that.
              * @example 0.00002
              */
-            sigma: number;
+            sigma?: number | null;
             /**
              * Encoder Sigma
              * @description Standard uncertainty of one reading of a secondary encoder, in the set's unit of angle; needed where encoders were read.
              * @example 0.000005
              */
             encoder_sigma?: number | null;
+            /** @description What the tracker's sheet says, in place of `sigma`. */
+            instrument?: components["schemas"]["Instrument"] | null;
         };
         /**
          * ObservabilityIndices
@@ -1682,7 +1708,14 @@ export interface components {
              * @description Kind of the suspicion.
              * @enum {string}
              */
-            code: "targets_not_rigid" | "target_off_model" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "stiffness_implausible" | "complementary_stiffness_matters";
+            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "stiffness_implausible" | "complementary_stiffness_matters";
+            /**
+             * Severity
+             * @description `error`: almost certainly a mistake, mend it before trusting any number; `warning`: look into it; `note`: good to know. Nothing is refused or changed for any of them.
+             * @default warning
+             * @enum {string}
+             */
+            severity: "error" | "warning" | "note";
             /**
              * Where
              * @description Which observation or reading; null for the whole set.
@@ -1736,6 +1769,53 @@ export interface components {
                 number,
                 number,
                 number
+            ] | null;
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of either position of this reading, in units.length. Where one reading states its own noise all do, and `noise` states none of the tracker.
+             */
+            sigma?: number | null;
+            /**
+             * Unloaded Covariance
+             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both covariances, too.
+             */
+            unloaded_covariance?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Loaded Covariance
+             * @description The same under load.
+             */
+            loaded_covariance?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
             ] | null;
         };
         /**
@@ -2343,6 +2423,24 @@ export interface components {
             residual_norm: number;
         };
         /**
+         * Uncertainty
+         * @description Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument.
+         */
+        Uncertainty: {
+            /**
+             * Constant
+             * @description In the set's unit of length.
+             * @example 0.00001
+             */
+            constant: number;
+            /**
+             * Per Distance
+             * @description A number: 5e-6 is 5 µm in a metre, whatever the unit of length.
+             * @example 0.000005
+             */
+            per_distance: number;
+        };
+        /**
          * Units
          * @description Units of every number in the set. Mandatory: kg instead of N cannot be found out later.
          */
@@ -2451,7 +2549,7 @@ export interface components {
              */
             encoders: "motor" | "secondary";
             /**
-             * @description If absent, sigma is estimated from the residuals.
+             * @description If absent, and no reading states its own, sigma is estimated from the residuals.
              * @default null
              */
             noise: components["schemas"]["Noise"] | null;

@@ -19,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import helmert
 
-from solver.axis import CHART_SIZE, Axis
-from solver.circle_point import AngleUse, AxisFit
-from solver.circle_point_model import start
 from solver.exceptions import MeasurementError
-from solver.gauss_newton import LinearFit, minimise
+from solver.geometry.axis import CHART_SIZE, Axis
+from solver.geometry.circle_point import AngleUse, AxisFit
+from solver.geometry.circle_point_model import start
+from solver.geometry.gauss_newton import LinearFit, minimise
+from solver.geometry.sweep import Sweep
 from solver.regressor import whitener
-from solver.sweep import Sweep
 
 __all__ = ["CoupledFit", "fit_coupled"]
 

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from solver.exceptions import MeasurementError
 from solver.finding import length_text
-from solver.gauss_newton import minimise
-from solver.geometry_finding import GeometryFinding
+from solver.geometry.gauss_newton import minimise
+from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.rigid_transform import RigidTransform
 from solver.regressor import whitener
-from solver.rigid_transform import RigidTransform
 
 __all__ = ["SIGNIFICANCE", "BaseDrift", "find_drift"]
 

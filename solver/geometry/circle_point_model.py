@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import helmert
 
-from solver.axis import CHART_SIZE, Axis
+from solver.geometry.axis import CHART_SIZE, Axis
+from solver.geometry.sweep import Sweep
 from solver.pose import skew
 from solver.regressor import whitener
-from solver.sweep import Sweep
 
 __all__ = ["SweepState", "WhitenedSweep", "start"]
 

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.exceptions import MeasurementError
-from solver.gauss_newton import LinearFit, minimise
+from solver.geometry.gauss_newton import LinearFit, minimise
+from solver.geometry.swept_axes import SweptAxes
 from solver.regressor import whitener
-from solver.swept_axes import SweptAxes
 
 __all__ = ["SphereFit", "SpherePosition", "fit_spheres"]
 

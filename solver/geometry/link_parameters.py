@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import Axis
-from solver.axis_frame import LEAST_SINE, common_feet
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.axis_frame import LEAST_SINE, common_feet
+from solver.geometry.rigid_transform import RigidTransform
 
 __all__ = ["LinkGeometry", "link_geometry", "near_parallel", "perpendicular_signs"]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import CHART_SIZE, Axis
-from solver.gauss_newton import LinearFit, minimise
+from solver.geometry.axis import CHART_SIZE, Axis
+from solver.geometry.gauss_newton import LinearFit, minimise
 
 __all__ = ["PoseReadings", "PoseState", "fit_poses"]
 

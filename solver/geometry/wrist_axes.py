@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from solver.axis import Axis
 from solver.exceptions import MeasurementError
-from solver.identified_axes import IdentifiedAxes, posed
+from solver.geometry.axis import Axis
+from solver.geometry.identified_axes import IdentifiedAxes, posed
 from solver.wrist import WRIST_JOINTS
 
 __all__ = ["WristMiss", "nearest_to_axes"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import CHART_SIZE, Axis, rotation_about
+from solver.geometry.axis import CHART_SIZE, Axis, rotation_about
 
 __all__ = ["Geometry", "IdentifiedAxes", "derivative", "posed"]
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import Axis
 from solver.chain import KinematicChain
 from solver.exceptions import MeasurementError
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.rigid_transform import RigidTransform
 
 __all__ = ["LEAST_SINE", "chain_axes", "common_feet", "perpendicular_frame"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from solver.anomaly import Anomaly, find_anomalies
-from solver.circle_point import AxisFit
-from solver.coupled_sweep import CoupledFit
 from solver.finding import length_text
-from solver.geometry_finding import GeometryFinding
-from solver.swept_axes import SweptAxes
+from solver.geometry.anomaly import Anomaly, find_anomalies
+from solver.geometry.circle_point import AxisFit
+from solver.geometry.coupled_sweep import CoupledFit
+from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.swept_axes import SweptAxes
 
 __all__ = ["SHORT_ARC", "angle_probability", "geometry_findings", "sweep_findings"]
 

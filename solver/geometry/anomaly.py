@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from solver.gauss_newton import LinearFit
+from solver.geometry.gauss_newton import LinearFit
+from solver.geometry.sweep import Sweep
 from solver.pose import skew
 from solver.regressor import whitener
-from solver.sweep import Sweep
 
 __all__ = ["FALSE_ALARM", "MOST_ANOMALIES", "Anomaly", "AnomalyKind", "find_anomalies"]
 

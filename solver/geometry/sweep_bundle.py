@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag, helmert
 
-from solver.axis import CHART_SIZE
-from solver.circle_point import AngleUse
 from solver.exceptions import MeasurementError
-from solver.pose_fit import PoseReadings, PoseState, fit_poses
+from solver.geometry.axis import CHART_SIZE
+from solver.geometry.circle_point import AngleUse
+from solver.geometry.pose_fit import PoseReadings, PoseState, fit_poses
+from solver.geometry.sweep import SweepSet
+from solver.geometry.swept_axes import SweptAxes
 from solver.regressor import whitener
-from solver.sweep import SweepSet
-from solver.swept_axes import SweptAxes
 
 __all__ = ["refine_axes"]
 

@@ -15,12 +15,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import CHART_SIZE, Axis
-from solver.circle_point_model import SweepState, WhitenedSweep, start
 from solver.exceptions import MeasurementError
-from solver.gauss_newton import LinearFit, minimise
+from solver.geometry.axis import CHART_SIZE, Axis
+from solver.geometry.circle_point_model import SweepState, WhitenedSweep, start
+from solver.geometry.gauss_newton import LinearFit, minimise
+from solver.geometry.sweep import Sweep
 from solver.pose import skew
-from solver.sweep import Sweep
 
 __all__ = ["AngleUse", "AxisFit", "TargetFit", "fit_axis"]
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import Axis
-from solver.axis_frame import LEAST_SINE, chain_axes
 from solver.chain import KinematicChain
 from solver.dh import Convention, DhRow
-from solver.identified_axes import posed
-from solver.link_parameters import LinkGeometry, link_geometry, perpendicular_signs
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.axis_frame import LEAST_SINE, chain_axes
+from solver.geometry.identified_axes import posed
+from solver.geometry.link_parameters import LinkGeometry, link_geometry, perpendicular_signs
+from solver.geometry.rigid_transform import RigidTransform
 
 __all__ = ["PARALLEL_WITHIN", "DhTable", "ParallelPair", "dh_table"]
 

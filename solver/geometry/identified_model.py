@@ -9,14 +9,14 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import Axis
-from solver.axis_frame import chain_axes, perpendicular_frame
-from solver.base_frame import BaseFrame
 from solver.chain import ChainJoint, KinematicChain
 from solver.exceptions import MeasurementError, RobotError
-from solver.identified_axes import IdentifiedAxes
-from solver.link_parameters import link_geometry, near_parallel, perpendicular_signs
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.axis_frame import chain_axes, perpendicular_frame
+from solver.geometry.base_frame import BaseFrame
+from solver.geometry.identified_axes import IdentifiedAxes
+from solver.geometry.link_parameters import link_geometry, near_parallel, perpendicular_signs
+from solver.geometry.rigid_transform import RigidTransform
 
 __all__ = ["FlangeConvention", "IdentifiedModel", "LinkParameter", "identify_model", "link_table"]
 

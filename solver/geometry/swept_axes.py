@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import CHART_SIZE, Axis, rotation_about
-from solver.circle_point import AngleUse, AxisFit, fit_axis
-from solver.coupled_sweep import CoupledFit, fit_coupled
 from solver.exceptions import MeasurementError
-from solver.identified_axes import IdentifiedAxes, derivative
-from solver.sweep import STILL, Sweep, SweepSet
+from solver.geometry.axis import CHART_SIZE, Axis, rotation_about
+from solver.geometry.circle_point import AngleUse, AxisFit, fit_axis
+from solver.geometry.coupled_sweep import CoupledFit, fit_coupled
+from solver.geometry.identified_axes import IdentifiedAxes, derivative
+from solver.geometry.sweep import STILL, Sweep, SweepSet
 
 __all__ = ["SweptAxes", "identify_axes"]
 

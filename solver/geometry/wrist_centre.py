@@ -22,17 +22,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from solver.base_frame import BaseFrame
 from solver.exceptions import MeasurementError
 from solver.finding import length_text
-from solver.geometry_finding import GeometryFinding
-from solver.rigid_transform import RigidTransform
-from solver.sphere_fit import SphereFit, fit_spheres
-from solver.sweep import STILL
-from solver.swept_axes import SweptAxes
-from solver.trilateration import trilaterate
+from solver.geometry.base_frame import BaseFrame
+from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.rigid_transform import RigidTransform
+from solver.geometry.sphere_fit import SphereFit, fit_spheres
+from solver.geometry.sweep import STILL
+from solver.geometry.swept_axes import SweptAxes
+from solver.geometry.trilateration import trilaterate
+from solver.geometry.wrist_axes import WristMiss, nearest_to_axes
 from solver.wrist import WRIST_JOINTS
-from solver.wrist_axes import WristMiss, nearest_to_axes
 
 __all__ = ["CentreEstimate", "CentreWay", "Disagreement", "WristCentre", "find_wrist_centre"]
 

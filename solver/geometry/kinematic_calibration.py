@@ -15,16 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis_frame import chain_axes
 from solver.chain import KinematicChain
 from solver.exceptions import MeasurementError, NotObservableError
-from solver.gauss_newton import LinearFit
-from solver.geometry_finding import GeometryFinding
-from solver.identified_axes import IdentifiedAxes, posed
-from solver.pose_fit import PoseReadings, PoseState, fit_poses
-from solver.poses import Poses
+from solver.geometry.axis_frame import chain_axes
+from solver.geometry.gauss_newton import LinearFit
+from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.identified_axes import IdentifiedAxes, posed
+from solver.geometry.pose_fit import PoseReadings, PoseState, fit_poses
+from solver.geometry.poses import Poses
+from solver.geometry.rigid_transform import RigidTransform
 from solver.regressor import whitener
-from solver.rigid_transform import RigidTransform
 
 __all__ = ["CalibratedAxes", "calibrate"]
 

@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from solver.axis import Axis
-from solver.axis_frame import chain_axes, common_feet, perpendicular_frame
 from solver.chain import KinematicChain
 from solver.exceptions import MeasurementError
-from solver.identified_axes import IdentifiedAxes
-from solver.rigid_transform import RigidTransform
+from solver.geometry.axis import Axis
+from solver.geometry.axis_frame import chain_axes, common_feet, perpendicular_frame
+from solver.geometry.identified_axes import IdentifiedAxes
+from solver.geometry.rigid_transform import RigidTransform
 
 __all__ = ["BaseConvention", "BaseFrame", "find_base_frame"]
 

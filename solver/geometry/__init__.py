@@ -1,0 +1,1 @@
+"""Geometry from tracker points: axes, base frame, wrist centre, identified model."""

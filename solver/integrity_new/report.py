@@ -1,0 +1,74 @@
+"""The findings of all checks: each with a severity, a figure and a remedy, and none mended silently."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import islice
+from typing import Final
+
+from solver.finding import Finding
+from solver.integrity.drift import inspect_drift
+from solver.integrity.places import inspect_places
+from solver.integrity.repeats import inspect_repeats
+from solver.integrity.response import inspect_response
+from solver.integrity.rigidity import inspect_rigidity
+from solver.integrity.values import inspect_values
+from solver.integrity.view import View
+from solver.measurements import Measurements
+from solver.robot import Robot
+
+__all__ = ["MAX_FINDINGS_PER_CODE", "inspect"]
+
+MAX_FINDINGS_PER_CODE: Final = 10
+"""Further findings of a kind are counted in its last message."""
+
+
+def inspect(
+    robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool
+) -> list[Finding]:
+    """Look for the usual mistakes of a day of measurements.
+
+    What a check finds wrong with the whole set ends the search for what follows from it: positions that no
+    posture explains say nothing of drift, and angles that are not the robot's nothing of its springs.
+
+    Args:
+        robot: n joints.
+        measurements: N observations of T targets.
+        targets: the names of the targets.
+        degrees: whether the angles were posted in degrees.
+
+    Returns:
+        The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
+    """
+    view = View.of(robot, measurements, targets, degrees=degrees)
+    return [finding for check in _checks(view) for finding in _shortened(check)]
+
+
+def _checks(view: View) -> Iterator[Iterable[Finding]]:
+    values = [_shortened(check) for check in inspect_values(view)]
+    yield from values
+    places = inspect_places(view)
+    yield places.findings
+    yield inspect_repeats(view)
+    if not places.sound:
+        return
+    yield inspect_rigidity(view)
+    yield inspect_drift(view)
+    if not any(finding.code in _NO_RESPONSE for check in values for finding in check):
+        yield inspect_response(view)
+
+
+_NO_RESPONSE: Final = frozenset(
+    {"angle_unit_suspect", "length_unit_suspect", "deflection_implausibly_large", "sigma_suspect"}
+)
+"""With these the deflections are not what the springs would make of the load."""
+
+
+def _shortened(findings: Iterable[Finding]) -> list[Finding]:
+    rest = iter(findings)
+    shown = list(islice(rest, MAX_FINDINGS_PER_CODE))
+    more = sum(1 for _ in rest)
+    if more:
+        shown[-1] = replace(shown[-1], message=f"{shown[-1].message} (and {more} more of this kind)")
+    return shown

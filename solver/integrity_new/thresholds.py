@@ -1,0 +1,62 @@
+"""Where chance ends: thresholds from a stated rate of false alarms, not from examples.
+
+Every statistical check of a set is allowed `FALSE_ALARM` of false findings, divided among its comparisons
+(Bonferroni). Where the scale is not stated but taken from the data, robustly, its own uncertainty counts:
+quantiles are then those of F with the degrees of freedom that a median leaves.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+__all__ = [
+    "FALSE_ALARM",
+    "MODEL_ALLOWANCE",
+    "length_scale",
+    "normal_quantile",
+    "vector_quantile",
+    "vector_scale",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+FALSE_ALARM: Final = 1e-6
+"""Share of clean sets that a check calls suspicious by chance: a dozen checks, a set a day for centuries."""
+MODEL_ALLOWANCE: Final = 1.5
+"""What does not come from noise is no normal variable; its extremes may be that much further out."""
+MEDIAN_EFFICIENCY: Final = 0.37
+"""Of a scale by medians: of that share of the readings the standard deviation is as uncertain."""
+_MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
+"""Median of the norm of three standard normal coordinates."""
+_MEDIAN_SIZE: Final = 0.6744897501960817
+"""Median of the size of one."""
+
+
+def normal_quantile(comparisons: int) -> float:
+    """Standard deviations that one of so many normal variables exceeds, on either side, at `FALSE_ALARM`."""
+    return float(-special.ndtri(FALSE_ALARM / (2.0 * max(comparisons, 1))))
+
+
+def vector_quantile(comparisons: int, freedom: float) -> float:
+    """Norm, over its scale, that one of so many vectors of three coordinates exceeds at `FALSE_ALARM`.
+
+    Args:
+        comparisons: how many vectors.
+        freedom: number of coordinates from which medians took the scale.
+    """
+    below = 1.0 - FALSE_ALARM / max(comparisons, 1)
+    return float(np.sqrt(3.0 * special.fdtri(3.0, max(1.0, MEDIAN_EFFICIENCY * freedom), below)))
+
+
+def vector_scale(norms: FloatArray) -> float:
+    """Standard deviation of a coordinate, by the median of the norms (K,) of vectors of three; 0 for none."""
+    return float(np.median(norms)) / _MEDIAN_NORM if norms.size else 0.0
+
+
+def length_scale(sizes: FloatArray) -> float:
+    """Standard deviation of numbers of these sizes (K,), by their median; 0 for none."""
+    return float(np.median(sizes)) / _MEDIAN_SIZE if sizes.size else 0.0

@@ -1,0 +1,76 @@
+"""A measurement set seen from the flange: what all checks start from, computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.configuration import Configurations
+from solver.measurements import Measurements
+from solver.robot import Robot
+
+__all__ = ["View", "seen_from_flange"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """N observations of T targets of a robot with n joints.
+
+    Attributes:
+        robot: as its model says.
+        measurements: as they came.
+        targets: (T,) names.
+        degrees: whether the angles were posted in degrees.
+        configurations: by the model, without load.
+    """
+
+    robot: Robot
+    measurements: Measurements
+    targets: tuple[str, ...]
+    degrees: bool
+    configurations: Configurations
+
+    @classmethod
+    def of(cls, robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool) -> View:
+        """Compute the kinematics."""
+        q = robot.joint_map.model_angles(measurements.joints)
+        return cls(robot, measurements, targets, degrees, Configurations(robot, q))
+
+    @cached_property
+    def measured(self) -> BoolArray:
+        """(N, T) whose positions were read in R0."""
+        return np.asarray(self.measurements.present & ~self.measurements.in_flange)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """(N, T, 3) of the unloaded targets as the model sees them from the flange [m]; nan if not measured.
+
+        A target sits still on the flange, so with a perfect model each stays where it is.
+        """
+        return seen_from_flange(self.configurations, self.measurements.position, self.measured)
+
+    @cached_property
+    def reading_sigma(self) -> FloatArray:
+        """(N, T) standard uncertainty of a position in its worst direction [m]; zero where unknown."""
+        m = self.measurements
+        if m.sigma is None:
+            return np.zeros(m.present.shape)
+        worst = np.linalg.eigvalsh(m.covariance)[..., -1]
+        return np.broadcast_to(m.sigma * np.sqrt(worst / 2.0), m.present.shape)
+
+    @cached_property
+    def loaded(self) -> BoolArray:
+        """(N,) which observations have a load at all."""
+        return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
+
+
+def seen_from_flange(configurations: Configurations, position: FloatArray, measured: BoolArray) -> FloatArray:
+    """(N, T, 3) positions in R0 [m] brought into the flange frame; nan where not measured."""
+    arm = position - configurations.flange_translation[:, None]
+    return np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
