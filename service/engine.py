@@ -97,6 +97,8 @@ class _Steps:
         @DBOS.step(name="plan")
         @_patient
         def plan(kind: str, job_id: str) -> list[list[Span]]:
+            if not jobs[kind].goes_on(job_id):  # cancelled, or deleted since
+                return []
             jobs[kind].start(job_id)
             steps = jobs[kind].work(job_id).steps()
             return [list(steps[part::PARTS]) for part in range(min(PARTS, len(steps)))]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from datetime import timedelta
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
+from service.deletion import KEEP_DELETED
 from service.engine import Engine
 from service.heartbeats import Heartbeats
 from service.jobs import AnyJobs
@@ -20,7 +21,11 @@ SILENT_SECONDS: Final = 30.0
 KEEP_SECONDS: Final = 3600.0
 """What the steps of a job computed is kept for so long after its end."""
 _REMOVED: Final = 20
-"""Jobs whose steps are removed at a look."""
+"""Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
 
 
 class WorkerLostError(Exception):
@@ -37,6 +42,7 @@ class Janitor:
         engine: Engine,
         executor: str,
         keep: timedelta = timedelta(seconds=KEEP_SECONDS),
+        now: Callable[[], datetime] = _now,
     ) -> None:
         """Look after the jobs of a store.
 
@@ -46,12 +52,14 @@ class Janitor:
             engine: of this worker.
             executor: name of this worker.
             keep: for how long after the end of a job what its steps computed is kept.
+            now: tells the time, aware, by which deleted jobs are removed.
         """
         self._heartbeats = heartbeats
         self._jobs = jobs
         self._engine = engine
         self._executor = executor
         self._keep = keep
+        self._now = now
         self._idle: set[str] = set()
         self._lost: set[str] = set()
 
@@ -73,6 +81,7 @@ class Janitor:
             self._resume(abandoned, pending)
             self._look_after_jobs()
             self._tidy()
+            self._purge()
 
     def hand_over(self) -> None:
         """Leave what this worker has begun to the others, as it is about to end."""
@@ -116,3 +125,9 @@ class Janitor:
         if ended:
             for jobs in self._jobs.values():
                 jobs.log.forget_steps(ended)
+
+    def _purge(self) -> None:
+        """Remove for good what was deleted long ago."""
+        before = self._now() - KEEP_DELETED
+        for jobs in self._jobs.values():
+            jobs.deletions.purge(before, _REMOVED)

@@ -38,6 +38,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
     Attributes:
         kind: what they are.
         log: what changes about them until they end.
+        deletions: how they are deleted and brought back.
         work: what a stored job takes, for those who carry it out.
     """
 
@@ -58,6 +59,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
         """
         self.kind: Kind[Request, Message, JobRecord] = kind
         self.log = store.job_log(kind.record)
+        self.deletions = store.deletions(kind.record)
         self.work = lru_cache(maxsize=4)(self._work)
         self._store = store
         self._announce = announce
@@ -115,7 +117,8 @@ class Jobs(Generic[Request, Message, JobRecord]):
         Raises:
             NotFoundError: there is no such job.
         """
-        found = self.log.standing(job_id) if job_id.isascii() and job_id.isprintable() else None
+        self._refuse_odd(job_id)
+        found = self.log.standing(job_id)
         if found is None:
             raise NotFoundError(self.kind.record, job_id)
         return found
@@ -130,6 +133,29 @@ class Jobs(Generic[Request, Message, JobRecord]):
         if job.state in OPEN_STATES:
             self._end(job, "cancelled")
         return self.current(job_id)
+
+    def delete(self, job_id: str) -> None:
+        """Hide a job that has ended from all who ask for it; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such job.
+            NotEndedError: it goes on.
+        """
+        self._refuse_odd(job_id)
+        self.deletions.delete(job_id, datetime.now(UTC))
+
+    def restore(self, job_id: str) -> str:
+        """Bring a deleted job back; to do so again changes nothing.
+
+        Returns:
+            The job as JSON.
+
+        Raises:
+            NotFoundError: there is no such job, or it has been removed for good.
+        """
+        self._refuse_odd(job_id)
+        self.deletions.restore(job_id)
+        return self.document(job_id)
 
     def goes_on(self, job_id: str) -> bool:
         """Whether a job has not ended."""
@@ -151,13 +177,20 @@ class Jobs(Generic[Request, Message, JobRecord]):
         self._end(job.model_copy(update=changes), _final(error))
 
     def fail(self, job_id: str, failure: Exception) -> None:
-        """End a job whose steps failed."""
+        """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
+        if not self.goes_on(job_id):
+            return
         if isinstance(failure, JointstiffError):
             error = problem_of(failure)
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = _unexpected()
         self._end(self.current(job_id).model_copy(update={"error": error}), "failed")
+
+    def _refuse_odd(self, job_id: str) -> None:
+        """Ids are ours: what a database may not even take as a text is none."""
+        if not (job_id.isascii() and job_id.isprintable()):
+            raise NotFoundError(self.kind.record, job_id)
 
     def _work(self, job_id: str) -> Work[Any]:
         return self.kind.work(self.current(job_id).request)

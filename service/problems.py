@@ -10,7 +10,9 @@ from typing import Any, Final
 from schemas.problem import Problem, ProblemItem
 from service.store_errors import (
     CursorError,
+    DeletedError,
     IdempotencyConflictError,
+    NotEndedError,
     NotFoundError,
     StoreError,
     StoreUnavailableError,
@@ -44,6 +46,8 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         SolverError: (500, "solver", "The optimum could not be certified"),
         IdempotencyConflictError: (422, "idempotency-conflict", "The idempotency key was used before"),
         CursorError: (422, "invalid-cursor", "The cursor is not one of ours"),
+        DeletedError: (404, "deleted", "The resource was deleted"),
+        NotEndedError: (409, "not-ended", "The job has not ended"),
         NotFoundError: (404, "not-found", "There is no such resource"),
         StoreUnavailableError: (503, "store-unavailable", "The database does not answer"),
         StoreError: (500, "store", "The database cannot be used"),

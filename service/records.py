@@ -11,6 +11,7 @@ from datetime import datetime
 from typing import ClassVar, Generic, TypeVar
 
 __all__ = [
+    "AnyJobRecord",
     "AnyRecord",
     "ComparisonEntry",
     "ComparisonRecord",
@@ -148,6 +149,7 @@ class IdempotencyKey:
 
 
 AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord | ComparisonRecord | PairRecord
+AnyJobRecord = RunRecord | ComparisonRecord | PairRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord, PairRecord)
 JobRecord = TypeVar("JobRecord", RunRecord, ComparisonRecord, PairRecord)

@@ -24,17 +24,19 @@ class Statements:
 
     Attributes:
         insert: Adds a row.
-        by_id: Columns of the row whose id is `:id`.
-        by_key: `body_hash`, then the columns of the row that `:resource`, `:key_hash` created.
-        exists: The id of the row whose id is `:id`.
+        by_id: Columns of the row whose id is `:id`, unless it is deleted.
+        by_key: `body_hash`, then the columns of the row that `:resource`, `:key_hash` created, deleted
+            or not.
+        exists: The id of the row whose id is `:id`, deleted or not.
     """
 
     def __init__(self, kind: type) -> None:
         self._table = table = TABLES[kind]
         self._columns = [table.c[field.name] for field in fields(kind)]
         keys = idempotency_keys.c
+        self._shown = [table.c.deleted_at.is_(None)] if "deleted_at" in table.c else []
         self.insert = insert(table)
-        self.by_id: Select[Any] = select(*self._columns).where(table.c.id == bindparam("id"))
+        self.by_id: Select[Any] = select(*self._columns).where(table.c.id == bindparam("id"), *self._shown)
         self.by_key: Select[Any] = (
             select(keys.body_hash, *self._columns)
             .join_from(idempotency_keys, table, keys.resource_id == table.c.id)
@@ -51,7 +53,7 @@ class Statements:
         table = self._table
         return (
             select(table.c.sequence, *self._columns)
-            .where(table.c.sequence < bindparam("before"))
+            .where(table.c.sequence < bindparam("before"), *self._shown)
             .where(*(table.c[column] == bindparam(column) for column in filters))
             .order_by(table.c.sequence.desc())
             .limit(bindparam("limit", type_=Integer))

@@ -1,7 +1,7 @@
 """The store: robots, measurement sets and jobs in SQLite or PostgreSQL.
 
-Records are never changed or deleted here, and are listed in the order in which they came; what changes about
-a job is `job_log`'s.
+Records are never changed here, and are listed in the order in which they came; what changes about a job is
+`job_log`'s, how it is deleted `deletion`'s.
 """
 
 from __future__ import annotations
@@ -16,12 +16,19 @@ from sqlalchemy import Connection, Row, func, select
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database, Dialect
+from service.deletion import Deletions
 from service.heartbeats import Heartbeats
 from service.job_log import JobLog
 from service.migrations import migrate
-from service.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
+from service.records import AnyJobRecord, AnyRecord, Entry, IdempotencyKey, Record, RecordPage
 from service.statements import INSERT_KEY, PING, STATEMENTS
-from service.store_errors import CursorError, IdempotencyConflictError, NotFoundError, StoreError
+from service.store_errors import (
+    CursorError,
+    DeletedError,
+    IdempotencyConflictError,
+    NotFoundError,
+    StoreError,
+)
 from service.tables import FILTERS, PARENTS, TABLES
 
 __all__ = ["Store"]
@@ -83,6 +90,10 @@ class Store:
         """What changes about the jobs of a kind of record until they end."""
         return JobLog(self._database, record)
 
+    def deletions(self, record: type[AnyJobRecord]) -> Deletions:
+        """How the jobs of a kind of record are deleted and brought back."""
+        return Deletions(self._database, record)
+
     def schema(self) -> str | None:
         """Where its tables are: the schema on PostgreSQL, None on SQLite."""
         if self._database.dialect == "sqlite":
@@ -117,8 +128,8 @@ class Store:
             also: What else belongs into the transaction, such as the work that the record announces.
 
         Returns:
-            `record`; or, if the key came before with the same body, what it created then. Of two
-            calls at the same time one creates, and both return what it created.
+            `record`; or, if the key came before with the same body, what it created then, even if
+            that has been deleted. Of two calls at the same time one creates, and both return what it created.
 
         Raises:
             NotFoundError: The robot or the measurement set that the record names is not there.
@@ -159,13 +170,15 @@ class Store:
 
         Raises:
             NotFoundError: There is none.
+            DeletedError: It was deleted.
         """
         row = None
         if _is_indexable(identifier):
             with self._database.reading() as connection:
                 row = connection.execute(STATEMENTS[kind].by_id, {"id": identifier}).one_or_none()
         if row is None:
-            raise NotFoundError(kind, identifier)
+            deleted = _is_indexable(identifier) and self._exists(kind, identifier)
+            raise (DeletedError if deleted else NotFoundError)(kind, identifier)
         return kind(*_values(row))
 
     def page(

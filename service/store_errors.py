@@ -3,6 +3,8 @@
 StoreError                     a database that this software cannot work with: see the remedy
 ├── StoreUnavailableError      the database does not answer: try again, or look at the server
 ├── NotFoundError              no such record: check the id
+│   └── DeletedError           it was deleted: restore it
+├── NotEndedError              a job that goes on cannot be deleted: cancel it first
 ├── IdempotencyConflictError   a key used again for another body: take a new key
 └── CursorError                not a cursor that a page gave: start from the first page
 """
@@ -13,7 +15,9 @@ from service.records import AnyRecord
 
 __all__ = [
     "CursorError",
+    "DeletedError",
     "IdempotencyConflictError",
+    "NotEndedError",
     "NotFoundError",
     "StoreError",
     "StoreUnavailableError",
@@ -67,6 +71,33 @@ class NotFoundError(StoreError):
         super().__init__(
             f"there is no {kind.title} {_shown(identifier)}",
             f"check the id, or list the {kind.title}s",
+        )
+        self.kind = kind
+        self.id = identifier
+
+
+class DeletedError(NotFoundError):
+    """The record was deleted, and has not been removed yet."""
+
+    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+        super().__init__(kind, identifier)
+        self.reason = f"the {kind.title} {_shown(identifier)} was deleted"
+        self.remedy = f"bring it back with POST /v1/{kind.title}s/{identifier}/restore"
+        self.args = (f"{self.reason}: {self.remedy}",)
+
+
+class NotEndedError(StoreError):
+    """A job that goes on cannot be deleted.
+
+    Attributes:
+        kind: Type of its record.
+        id: Of the job.
+    """
+
+    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+        super().__init__(
+            f"the {kind.title} {_shown(identifier)} has not ended",
+            f"cancel it first with POST /v1/{kind.title}s/{identifier}/cancel, or wait for its end",
         )
         self.kind = kind
         self.id = identifier

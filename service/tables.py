@@ -71,6 +71,14 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
 
 
+def _jobs(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table:
+    """A table of records that can be deleted: hidden from when `deleted_at` says, removed later."""
+    table = _listed(name, *columns, Column("deleted_at", UtcDateTime, nullable=True), filters=filters)
+    deleted = table.c.deleted_at.is_not(None)
+    Index(None, table.c.deleted_at, sqlite_where=deleted, postgresql_where=deleted)
+    return table
+
+
 def _listed(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table:
     """A table of records: listed by `sequence`, newest first, within any one filter's value."""
     return Table(
@@ -111,7 +119,7 @@ _measurement_sets = _listed(
     filters=("robot_id", "name", "encoders"),
 )
 
-_runs = _listed(
+_runs = _jobs(
     "runs",
     Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
     Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
@@ -124,7 +132,7 @@ _runs = _listed(
     filters=("measurement_set_id", "robot_id", "method", "weighting", "state"),
 )
 
-_comparisons = _listed(
+_comparisons = _jobs(
     "comparisons",
     Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
     Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
@@ -134,7 +142,7 @@ _comparisons = _listed(
     filters=("measurement_set_id", "robot_id", "state"),
 )
 
-_pairs = _listed(
+_pairs = _jobs(
     "pairs",
     Column("first_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
     Column("second_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
@@ -186,9 +194,12 @@ TABLES: Mapping[type, Table] = MappingProxyType(
 """Where records and entries live."""
 
 FILTERS: Mapping[type, frozenset[str]] = MappingProxyType(
-    {kind: frozenset(index.columns[0].name for index in table.indexes) for kind, table in TABLES.items()}
+    {
+        kind: frozenset(index.columns[0].name for index in table.indexes if "sequence" in index.columns)
+        for kind, table in TABLES.items()
+    }
 )
-"""The columns by which a listing can be narrowed: those that have an index."""
+"""The columns by which a listing can be narrowed: those that have an index for it."""
 
 PARENTS: Mapping[type, Mapping[str, type[AnyRecord]]] = MappingProxyType(
     {

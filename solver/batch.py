@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from solver.certificate import CERTIFICATE_TOLERANCE
 from solver.exceptions import SolverError
 from solver.problem import Bounds, IdentificationProblem
-from solver.solve import CERTIFICATE_TOLERANCE, solve
+from solver.solve import solve
 
 __all__ = ["LEAST_EIGENVALUE", "BatchSolution", "exactly_at_bounds", "solve_batch"]
 

@@ -98,18 +98,11 @@ class LeastSquares:
         return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
 
     @cached_property
-    def gradient(self) -> FloatArray:
-        """(p,) of ‖R x − z‖² at `near`."""
-        return self.gradient_at(self.near)
-
-    @cached_property
-    def upper(self) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Upper triangle of 2 RᵀR, compressed by columns: values, rows, starts of columns."""
-        gram = 2.0 * self.R.T @ self.R
-        p = len(gram)
-        columns, rows = np.tril_indices(p)
-        starts = np.concatenate([[0], np.cumsum(np.arange(1, p + 1))])
-        return gram[rows, columns], rows, starts
+    def compressed(self) -> tuple[FloatArray, FloatArray]:
+        """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
+        p = self.R.shape[1]
+        both = np.linalg.qr(np.column_stack([self.R, self.z]), mode="r")
+        return both[:p, :p], both[:p, p]
 
     def gradient_at(self, x: FloatArray) -> FloatArray:
         """(p,) of ‖R x − z‖²."""

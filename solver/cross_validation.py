@@ -31,7 +31,7 @@ Indices = npt.NDArray[np.intp]
 
 Rule = Literal["best", "one_standard_error"]
 
-WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-5.0, 0.0, 11))
+WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 0.0, 11))
 """λ: from hardly any penalty to one that leaves next to nothing of the links."""
 _GAP: Final = 1e-4
 """Of the fitted readings, relative to all: far below what predictions of other readings are worth."""

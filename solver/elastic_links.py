@@ -1,139 +1,47 @@
-"""Elastic links: joint and link compliances of a whole set, with what they explain and how that is known."""
+"""Elastic links of a whole set, fitted with a penalty whose weight is known: METHOD.md §7."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from solver.cone import raised
-from solver.cross_validation import Folds, joints_only
+from solver.cross_validation import Folds
+from solver.elastic_estimate import (
+    ElasticEstimate,
+    Element,
+    ElementKind,
+    LinkCertificate,
+    LinkCompliance,
+    principal,
+)
 from solver.elastic_model import ElasticModel, Formulation, formulate
-from solver.exceptions import UnsupportedMethodError
+from solver.exceptions import SolverError, UnsupportedMethodError
 from solver.face import effective_freedom
 from solver.link_regressor import ElasticColumns, ElasticRows, elastic_blocks
 from solver.measurements import Measurements
 from solver.prediction import Prediction
 from solver.robot import Robot
-from solver.semidefinite import ConeCertificate, certify_cone, solve_cone
+from solver.semidefinite import ConeSolution, certify_cone, solve_cone
 from solver.settings import Settings
-from solver.symmetric import entries, to_matrix, to_vector
+from solver.symmetric import diagonal, to_matrix
 
-__all__ = [
-    "CERTIFIED_GAP",
-    "ElasticEstimate",
-    "Element",
-    "LinkCertificate",
-    "LinkCompliance",
-    "estimate_elastic",
-    "refuse_unsupported_elastic",
-]
+__all__ = ["CERTIFIED_GAP", "estimate_elastic", "refuse_unsupported_elastic"]
 
 FloatArray = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 CERTIFIED_GAP: Final = 1e-2
 """Of a certificate that is accepted, in units of sigma."""
+_DESIRED_GAP: Final = 1e-3
+"""Where rounding allows it: the ranks of the matrices are then beyond doubt."""
+_LEAST_SCALE: Final = 1e-6
+"""Of a residual, beside the readings: data without noise have a scale, too."""
 _LEAST_FREEDOM: Final = 0.5
 """Degrees of freedom below which the residuals say nothing of sigma."""
-
-
-@dataclass(frozen=True)
-class LinkCertificate:
-    """Evidence of optimality, from the data.
-
-    Attributes:
-        least_eigenvalue: of the matrices as they are returned, each in SI units; zero or positive.
-        dual: how far the slack matrices are from positive semidefinite, over the weight of the penalty.
-        gap: bound of the distance, over all weighted readings, between what is fitted and what the optimum
-            fits, in units of `scale`.
-        scale: sigma where it is given, else the residual scale of joints alone [m].
-        tolerance: of Clarabel, that sufficed.
-    """
-
-    least_eigenvalue: float
-    dual: float
-    gap: float
-    scale: float
-    tolerance: float
-
-
-@dataclass(frozen=True, eq=False)
-class LinkCompliance:
-    """The compliance of a link, in the frame of the joint that carries it.
-
-    Attributes:
-        joint: index of that joint.
-        matrix: (6, 6) displacement (m, then rad) by the load's wrench (N, then N·m), about the origin of
-            the joint's frame and in its axes.
-        translation: principal compliances (3,) [m/N], largest first, and their directions (3, 3) in columns.
-        rotation: the same of rotations [rad/(N·m)].
-        effective_freedom: how many of its numbers the readings determine.
-        parameters: how many numbers it has.
-    """
-
-    joint: int
-    matrix: FloatArray
-    translation: tuple[FloatArray, FloatArray]
-    rotation: tuple[FloatArray, FloatArray]
-    effective_freedom: float
-    parameters: int
-
-
-@dataclass(frozen=True, eq=False)
-class Element:
-    """What an element contributes to the deflection.
-
-    Attributes:
-        kind: a joint, the coupling between joints, or a link.
-        joint: index of the joint, or of the one that carries the link; None for the coupling.
-        share: of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set.
-        by_observation: (N,) the same of each observation; zero where nothing moved.
-    """
-
-    kind: Literal["joint", "coupling", "link"]
-    joint: int | None
-    share: float
-    by_observation: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticEstimate:
-    """Joint and link compliances with their evidence.
-
-    Attributes:
-        model: what bends.
-        weight: λ of the penalty.
-        compliance: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one.
-        coupled: (n, n) full joint compliance [rad/(N·m)]; None where joints are not coupled. Its rows of
-            joints that are not seen are zero.
-        links: that bend.
-        elements: what each explains.
-        prediction: of all deflections.
-        sigma: given, or of the residuals [m]; None without degrees of freedom.
-        chi_square: of the weighted residuals, under sigma.
-        degrees_of_freedom: readings less effective freedom.
-        effective_freedom: of the whole model: how many numbers the readings determine.
-        parameters: how many numbers the model has.
-        certificate: of optimality.
-    """
-
-    model: ElasticModel
-    weight: float
-    compliance: FloatArray
-    coupled: FloatArray | None
-    links: tuple[LinkCompliance, ...]
-    elements: tuple[Element, ...]
-    prediction: Prediction
-    sigma: float | None
-    chi_square: float
-    degrees_of_freedom: float
-    effective_freedom: float
-    parameters: int
-    certificate: LinkCertificate
 
 
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
@@ -171,7 +79,7 @@ def estimate_elastic(
         robot: n joints.
         measurements: N observations.
         folds: of the same, for its compressed rows.
-        model: what bends besides the joints.
+        model: what bends besides the joints; not joints alone, which need no penalty.
         weight: λ > 0 of the penalty.
 
     Raises:
@@ -181,19 +89,148 @@ def estimate_elastic(
     rows = folds.all_rows
     formulation = formulate(rows, model, folds.visible)
     scale = measurements.sigma or _residual_scale(formulation, rows)
-    program = formulation.program(weight)
-    gap = CERTIFIED_GAP * scale / formulation.size
-    x = solve_cone(program, gap=0.5 * gap).x
-    compliances, least = _returned(formulation.compliances(x), model)
-    x = compliances[formulation.columns] / formulation.unit
-    certificate = certify_cone(program, x, 0.0)
-    raise NotImplementedError(certificate, least)
+    solution = _solved(formulation, weight, scale / formulation.size)
+    freedom = _by_column(formulation, effective_freedom(formulation.program(weight), solution.x))
+    compliances, least = _returned(formulation.compliances(solution.x), model)
+    gap, sigma, chi_square = _judged(formulation, weight, compliances, scale), measurements.sigma, 0.0
+    squares = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    left = rows.readings - float(freedom.sum())
+    if sigma is None and left >= _LEAST_FREEDOM:
+        sigma = float(np.sqrt(squares / left))
+    if sigma:
+        chi_square = squares / sigma**2
+    elements, prediction = _explained(robot, measurements, model, compliances)
+    seen = np.isin(np.arange(robot.n), formulation.columns)
+    return ElasticEstimate(
+        model=model,
+        weight=weight,
+        compliance=np.where(seen, _joint_compliances(compliances, model.columns), np.nan),
+        coupled=_coupled(compliances, model),
+        links=tuple(_links(compliances, model, freedom)),
+        elements=elements,
+        prediction=prediction,
+        sigma=sigma,
+        chi_square=chi_square,
+        degrees_of_freedom=max(0.0, left),
+        effective_freedom=float(freedom.sum()),
+        parameters=len(formulation.columns),
+        certificate=LinkCertificate(
+            least, solution.certificate.dual, gap, scale, solution.certificate.tolerance
+        ),
+    )
 
 
 def _residual_scale(formulation: Formulation, rows: ElasticRows) -> float:
     """Of joints alone, whose model error stands for noise where sigma is unknown [m]."""
     joints = formulation.joints
     R, z = formulation.fit.R[:, joints], formulation.fit.z
-    x = np.linalg.lstsq(R, z, rcond=None)[0]
-    freedom = max(1, rows.readings - len(joints))
-    return float(np.linalg.norm(R @ x - z) / np.sqrt(freedom)) * formulation.size
+    left = float(np.linalg.norm(R @ np.linalg.lstsq(R, z, rcond=None)[0] - z))
+    return max(left, _LEAST_SCALE) * formulation.size / np.sqrt(max(1, rows.readings - len(joints)))
+
+
+def _solved(formulation: Formulation, weight: float, scale: float) -> ConeSolution:
+    """As exactly as rounding allows, and certified in any case."""
+    program = formulation.program(weight)
+    try:
+        return solve_cone(program, gap=_DESIRED_GAP * scale)
+    except SolverError:
+        return solve_cone(program, gap=0.5 * CERTIFIED_GAP * scale)
+
+
+def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
+    """(P,) compliances whose matrices, in SI units, have no computed eigenvalue below zero, and the least."""
+    out, columns = compliances.copy(), model.columns
+    places = [(6, columns.link(joint)) for joint in columns.links] + [(columns.n, columns.coupling)]
+    least = [float(out[columns.joints].min())]
+    for size, own in places:
+        if out[own].any():
+            out[own] = raised(out[own], size)
+            least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
+    return out, min(least)
+
+
+def _judged(formulation: Formulation, weight: float, compliances: FloatArray, scale: float) -> float:
+    """Gap of what is returned, in units of the scale.
+
+    Raises:
+        SolverError: it is not the optimum after all.
+    """
+    x = compliances[formulation.columns] / formulation.unit
+    gap = certify_cone(formulation.program(weight), x, 0.0).gap * formulation.size / scale
+    if not gap <= CERTIFIED_GAP:
+        raise SolverError(
+            f"the gap of what is returned is {gap:.1e} sigma", remedy="report this with the data"
+        )
+    return gap
+
+
+def _joint_compliances(compliances: FloatArray, columns: ElasticColumns) -> FloatArray:
+    """(n,) the joints' own, with their part of a coupled compliance."""
+    coupled = compliances[columns.coupling][diagonal(columns.n)]
+    own: FloatArray = compliances[columns.joints] + coupled
+    return own
+
+
+def _coupled(compliances: FloatArray, model: ElasticModel) -> FloatArray | None:
+    if model.name != "coupled_joints":
+        return None
+    columns = model.columns
+    return to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
+
+
+def _links(compliances: FloatArray, model: ElasticModel, freedom: FloatArray) -> Iterator[LinkCompliance]:
+    if model.name in {"joints", "coupled_joints"}:
+        return
+    for joint in model.columns.links:
+        own = model.columns.link(joint)
+        matrix = to_matrix(compliances[own], 6)
+        yield LinkCompliance(
+            joint=joint,
+            matrix=matrix,
+            translation=principal(matrix[:3, :3]),
+            rotation=principal(matrix[3:, 3:]),
+            effective_freedom=float(freedom[own].sum()),
+            parameters=6 if model.name == "diagonal_links" else len(own),
+        )
+
+
+def _by_column(formulation: Formulation, shares: FloatArray) -> FloatArray:
+    """(P,) numbers of the parameters (p,) at their columns."""
+    out = np.zeros(formulation.width)
+    out[formulation.columns] = shares
+    return out
+
+
+def _explained(
+    robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
+) -> tuple[tuple[Element, ...], Prediction]:
+    """What each element explains of the measured deflections, and all of them together."""
+    places = list(_places(model))
+    predicted, along = [], []
+    for block in elastic_blocks(robot, measurements, model.columns):
+        deflection = block.base.measurements.deflection
+        # Whatever was not read is zero, in the rows as in the deflections.
+        weighed = np.einsum("btip,bti->bp", block.rows, deflection) * compliances
+        along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
+        predicted.append(block.rows @ compliances)
+    moved = np.square(measurements.deflection).sum(axis=(1, 2))
+    worked = np.concatenate(along, axis=1)
+    share = np.divide(worked, moved, out=np.zeros_like(worked), where=moved > 0.0)
+    elements = tuple(
+        Element(kind, joint, float(worked[number].sum() / moved.sum()), share[number])
+        for number, (kind, joint, _) in enumerate(places)
+    )
+    return elements, Prediction.of(measurements, np.concatenate(predicted))
+
+
+def _places(model: ElasticModel) -> Iterator[tuple[ElementKind, int | None, Indices]]:
+    """Kind, joint and columns of each element."""
+    columns = model.columns
+    own = columns.coupling[diagonal(columns.n)]
+    for joint in range(columns.n):
+        yield "joint", joint, np.array([columns.joints[joint], own[joint]])
+    if model.name == "coupled_joints":
+        yield "coupling", None, np.setdiff1d(columns.coupling, own)
+    elif model.name != "joints":
+        for joint in columns.links:
+            yield "link", joint, columns.link(joint)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from solver.certificate import Certificate
 from solver.complementary_stiffness import ComplementaryStiffness
 from solver.compression import Compression
 from solver.exceptions import MeasurementError
@@ -16,7 +17,6 @@ from solver.informed import prior_to_data
 from solver.robust import RobustFit
 from solver.scale import Scale, SigmaTest, scale_of, sigma_test
 from solver.settings import Settings
-from solver.solve import Certificate
 from solver.verdict import Evidence, JointCompliance, verdicts
 
 __all__ = ["Estimate", "JointCompliance", "assemble"]

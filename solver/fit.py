@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from solver.certificate import Certificate
 from solver.combination import Combination
 from solver.identifiability import Identifiability
 from solver.likelihood import Likelihood
-from solver.solve import Certificate
 
 __all__ = ["Fit"]
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from solver.certificate import Certificate
 from solver.compression import Compression
 from solver.exceptions import UnsupportedMethodError
 from solver.gram_blocks import GramBlocks, StageBlocks
 from solver.identifiability import Spectrum
 from solver.identification import Settings
 from solver.problem import Bounds, IdentificationProblem, Inequalities
-from solver.solve import Certificate, solve
+from solver.solve import solve
 from solver.wrist import WRIST_JOINTS
 
 __all__ = ["OrderedFit", "WhitenedCampaign", "fit_ordered"]

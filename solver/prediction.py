@@ -32,6 +32,19 @@ class Prediction:
     compensation: float | None
     rms_residual: float
 
+    @classmethod
+    def of(cls, measurements: Measurements, predicted: FloatArray) -> Prediction:
+        """Judge predicted deflections (N, T, 3) [m]."""
+        residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
+        left = np.linalg.norm(residual[measurements.present], axis=-1)
+        moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+        return cls(
+            predicted=predicted,
+            residual=residual,
+            compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
+            rms_residual=float(np.sqrt(np.mean(left**2))),
+        )
+
 
 def predict(
     robot: Robot,
@@ -57,12 +70,4 @@ def predict(
     """
     blocks = regressor_blocks(robot, measurements, compliance if complementary_stiffness else None)
     predicted = np.concatenate([block.A @ compliance for block in blocks])
-    residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
-    left = np.linalg.norm(residual[measurements.present], axis=-1)
-    moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
-    return Prediction(
-        predicted=predicted,
-        residual=residual,
-        compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
-        rms_residual=float(np.sqrt(np.mean(left**2))),
-    )
+    return Prediction.of(measurements, predicted)

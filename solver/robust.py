@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
+from solver.certificate import Certificate, certify
 from solver.compression import Compression
 from solver.constraints import Constraints
 from solver.exceptions import SolverError, UnsupportedMethodError
@@ -30,7 +31,7 @@ from solver.identifiability import Spectrum
 from solver.measurements import Measurements
 from solver.prior import Prior
 from solver.problem import IdentificationProblem
-from solver.solve import Certificate, certify, solve
+from solver.solve import solve
 from solver.target_rows import TargetRows
 
 __all__ = ["DEFAULT_THRESHOLD", "SUSPICIOUS_NORM", "RobustFit", "fit_huber"]

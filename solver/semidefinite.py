@@ -26,9 +26,16 @@ __all__ = ["ConeCertificate", "ConeSolution", "certify_cone", "solve_cone"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_LADDER: Final = (1e-8, 1e-10, 1e-12)
+_LADDER: Final = (1e-8, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the last."""
-_MAX_ITERATIONS: Final = 100
+_SETTINGS: Final = {
+    "verbose": False,
+    "max_iter": 100,
+    "max_threads": 1,
+    "iterative_refinement_abstol": 1e-14,
+    "iterative_refinement_reltol": 1e-14,
+    "iterative_refinement_max_iter": 30,
+}
 _NEWTON_STEPS: Final = 4
 """Each doubles the digits, once the face is the right one."""
 _SLACK_ROUNDING: Final = 1e-13
@@ -133,31 +140,35 @@ def _eigenvalues(vector: FloatArray, size: int) -> FloatArray:
 
 
 def _clarabel(program: SemidefiniteProgram, tolerance: float) -> FloatArray | None:
-    """Solve in y = x − near; any status but `Solved` is a failure, whatever values it leaves behind."""
-    import clarabel
-    from scipy.sparse import csc_matrix
+    """Solve in x − near and the residual; any status but `Solved` is a failure, whatever is left behind.
 
-    fit, cone = program.fit, program.cone
-    values, rows, starts = fit.upper
-    p = cone.dimension
+    With the residual as a variable of its own the Gram matrix, whose condition is the square of the
+    regressor's, is never formed.
+    """
+    import clarabel
+    from scipy import sparse
+
+    near, cone = program.fit.near, program.cone
+    triangle, readings = program.fit.compressed
+    k, p = triangle.shape
     settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_iter = _MAX_ITERATIONS
-    settings.max_threads = 1
+    for name, value in _SETTINGS.items():
+        setattr(settings, name, value)
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    cones = [clarabel.NonnegativeConeT(cone.nonnegative)] if cone.nonnegative else []
+    cones = [clarabel.ZeroConeT(k)]
+    cones += [clarabel.NonnegativeConeT(cone.nonnegative)] if cone.nonnegative else []
     cones += [clarabel.PSDTriangleConeT(size) for size in cone.sizes]
-    identity = csc_matrix((-np.ones(p), np.arange(p), np.arange(p + 1)), shape=(p, p))
+    rows = [[sparse.csc_array(triangle), -sparse.eye_array(k)], [-sparse.eye_array(p), None]]
     solver = clarabel.DefaultSolver(
-        csc_matrix((values, rows, starts), shape=(p, p)),
-        fit.gradient + program.penalty,
-        identity,
-        fit.near,
+        sparse.diags_array(np.repeat([0.0, 2.0], [p, k]), format="csc"),
+        np.concatenate([program.penalty, np.zeros(k)]),
+        sparse.block_array(rows, format="csc"),
+        np.concatenate([readings - triangle @ near, near]),
         cones,
         settings,
     )
     answer = solver.solve()
     if answer.status != clarabel.SolverStatus.Solved:
         return None
-    y = np.asarray(answer.x, dtype=np.float64)
-    return fit.near + y if np.isfinite(y).all() else None
+    moved = np.asarray(answer.x[:p], dtype=np.float64)
+    return near + moved if np.isfinite(moved).all() else None

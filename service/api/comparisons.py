@@ -12,8 +12,8 @@ from schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
 from schemas.query import ComparisonQuery
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import COMPARISONS
-from service.api.jobs import JobId, Wait, answer, follow
-from service.api.parts import EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
+from service.api.jobs import JobId, Wait, answer, delete, follow, restore
+from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
 from service.comparison_csv import comparison_csv
 from service.records import ComparisonEntry
 
@@ -92,3 +92,17 @@ async def get_comparison_events(request: Request, parts: PartsOf, comparison_id:
 def cancel_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
     """End a comparison where it stands, as a run; one that has ended stays as it is."""
     return json_response(parts.comparisons.cancel(comparison_id).model_dump_json())
+
+
+@router.delete(
+    "/{comparison_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+)
+def delete_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
+    """Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored."""
+    return delete(parts.comparisons, comparison_id)
+
+
+@router.post("/{comparison_id}/restore", response_model=Comparison, responses=problems(404, 422))
+def restore_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
+    """Bring a deleted comparison back; one that is not deleted stays as it is."""
+    return restore(parts.comparisons, comparison_id)

@@ -9,12 +9,12 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
 from service.api.bodies import Body
-from service.api.parts import created
+from service.api.parts import created, json_response
 from service.api.progress import MAX_WAIT_SECONDS, wait_for_end
 from service.job_log import OPEN_STATES
 from service.jobs import AnyJobs
 
-__all__ = ["JobId", "Wait", "answer", "follow"]
+__all__ = ["JobId", "Wait", "answer", "delete", "follow", "restore"]
 
 JobId = Annotated[str, Path(max_length=64)]
 
@@ -50,8 +50,29 @@ async def follow(request: Request, jobs: AnyJobs, job_id: str) -> StreamingRespo
         NotFoundError: there is no such job.
     """
     await run_in_threadpool(jobs.standing, job_id)  # a job that is not there is a 404, not an event
+    await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
     return StreamingResponse(
         request.app.state.watches.events(jobs, job_id),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store"},
     )
+
+
+def delete(jobs: AnyJobs, job_id: str) -> Response:
+    """Hide a job; 204, also if it is hidden already.
+
+    Raises:
+        NotFoundError: there is no such job.
+        NotEndedError: it goes on (409).
+    """
+    jobs.delete(job_id)
+    return Response(status_code=204)
+
+
+def restore(jobs: AnyJobs, job_id: str) -> Response:
+    """Bring a job back; 200 with the job, also if it was not hidden.
+
+    Raises:
+        NotFoundError: there is no such job, or it has been removed for good.
+    """
+    return json_response(jobs.restore(job_id))

@@ -11,8 +11,8 @@ from schemas.pair import Pair, PairRequest, PairSummary
 from schemas.query import PairQuery
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import PAIRS
-from service.api.jobs import JobId
-from service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from service.api.jobs import JobId, delete, restore
+from service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 from service.records import PairEntry
 
 __all__ = ["router"]
@@ -53,3 +53,17 @@ def list_pairs(parts: PartsOf, query: Annotated[PairQuery, Query()]) -> Page[Pai
 def get_pair(parts: PartsOf, pair_id: JobId) -> Response:
     """One pair with its request, result and provenance. It never changes."""
     return json_response(parts.pairs.document(pair_id))
+
+
+@router.delete(
+    "/{pair_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+)
+def delete_pair(parts: PartsOf, pair_id: JobId) -> Response:
+    """Delete a pair. For 30 days it can be restored."""
+    return delete(parts.pairs, pair_id)
+
+
+@router.post("/{pair_id}/restore", response_model=Pair, responses=problems(404, 422))
+def restore_pair(parts: PartsOf, pair_id: JobId) -> Response:
+    """Bring a deleted pair back; one that is not deleted stays as it is."""
+    return restore(parts.pairs, pair_id)

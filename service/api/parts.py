@@ -11,6 +11,7 @@ from schemas.problem import Problem
 from service.parts import Parts
 
 __all__ = [
+    "DELETED",
     "EVENT_STREAM",
     "LOCATION",
     "PartsOf",
@@ -69,6 +70,10 @@ EVENT_STREAM: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "Events of the job.", "content": {"text/event-stream": {}}}
 }
 
+DELETED: Final[dict[int | str, dict[str, Any]]] = {
+    204: {"description": "Deleted: `restore` brings it back for 30 days."}
+}
+
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {
     201: {
         "description": "Stored.",
@@ -79,9 +84,9 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {
 _DESCRIPTIONS: Final = {
     400: "The client left before its body was complete.",
     404: "There is no such resource.",
-    409: "It has not succeeded: look at its state.",
+    409: "Its state does not allow it: see `remedy`.",
     413: "The body is too large.",
-    415: "The body is not declared as JSON.",
+    415: "The body is not declared as what the route takes.",
     422: "The request cannot be carried out; `where` names the field and `remedy` how to mend it.",
     503: "The database does not answer.",
 }

@@ -12,8 +12,8 @@ from schemas.query import RunQuery
 from schemas.run import Run, RunRequest, RunSummary
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.jobs import JobId, Wait, answer, follow
-from service.api.parts import EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
+from service.api.jobs import JobId, Wait, answer, delete, follow, restore
+from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
 from service.records import RunEntry
 
 __all__ = ["router"]
@@ -70,3 +70,17 @@ async def get_run_events(request: Request, parts: PartsOf, run_id: JobId) -> Str
 def cancel_run(parts: PartsOf, run_id: JobId) -> Response:
     """End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is."""
     return json_response(parts.runs.cancel(run_id).model_dump_json())
+
+
+@router.delete(
+    "/{run_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+)
+def delete_run(parts: PartsOf, run_id: JobId) -> Response:
+    """Delete a run; one that goes on must be cancelled first. For 30 days it can be restored."""
+    return delete(parts.runs, run_id)
+
+
+@router.post("/{run_id}/restore", response_model=Run, responses=problems(404, 422))
+def restore_run(parts: PartsOf, run_id: JobId) -> Response:
+    """Bring a deleted run back; one that is not deleted stays as it is."""
+    return restore(parts.runs, run_id)

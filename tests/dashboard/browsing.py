@@ -102,6 +102,7 @@ def post(api: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
 
 VIEWS = (
     "#/",
+    "#/?set={set}",
     "#/runs",
     "#/runs/{run}",
     "#/runs/{run}/deflection",

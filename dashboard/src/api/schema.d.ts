@@ -164,7 +164,11 @@ export interface paths {
         get: operations["get_run_v1_runs__run_id__get"];
         put?: never;
         post?: never;
-        delete?: never;
+        /**
+         * Delete Run
+         * @description Delete a run; one that goes on must be cancelled first. For 30 days it can be restored.
+         */
+        delete: operations["delete_run_v1_runs__run_id__delete"];
         options?: never;
         head?: never;
         patch?: never;
@@ -204,6 +208,26 @@ export interface paths {
          * @description End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is.
          */
         post: operations["cancel_run_v1_runs__run_id__cancel_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Run
+         * @description Bring a deleted run back; one that is not deleted stays as it is.
+         */
+        post: operations["restore_run_v1_runs__run_id__restore_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -252,7 +276,11 @@ export interface paths {
         get: operations["get_comparison_v1_comparisons__comparison_id__get"];
         put?: never;
         post?: never;
-        delete?: never;
+        /**
+         * Delete Comparison
+         * @description Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored.
+         */
+        delete: operations["delete_comparison_v1_comparisons__comparison_id__delete"];
         options?: never;
         head?: never;
         patch?: never;
@@ -318,6 +346,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/comparisons/{comparison_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Comparison
+         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
+         */
+        post: operations["restore_comparison_v1_comparisons__comparison_id__restore_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/pairs": {
         parameters: {
             query?: never;
@@ -361,6 +409,30 @@ export interface paths {
         get: operations["get_pair_v1_pairs__pair_id__get"];
         put?: never;
         post?: never;
+        /**
+         * Delete Pair
+         * @description Delete a pair. For 30 days it can be restored.
+         */
+        delete: operations["delete_pair_v1_pairs__pair_id__delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Pair
+         * @description Bring a deleted pair back; one that is not deleted stays as it is.
+         */
+        post: operations["restore_pair_v1_pairs__pair_id__restore_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1772,12 +1844,12 @@ export interface components {
             ] | null;
             /**
              * Sigma
-             * @description Standard uncertainty of one coordinate of either position of this reading, in units.length. Where one reading states its own noise all do, and `noise` states none of the tracker.
+             * @description Standard uncertainty of one coordinate of either position of this reading, in units.length. Where one reading states its own noise all do, and `noise` none of the tracker.
              */
             sigma?: number | null;
             /**
              * Unloaded Covariance
-             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both covariances, too.
+             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both, too.
              */
             unloaded_covariance?: [
                 [
@@ -2703,7 +2775,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -2833,7 +2905,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -2956,7 +3028,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3146,7 +3218,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3224,6 +3296,62 @@ export interface operations {
             };
         };
     };
+    delete_run_v1_runs__run_id__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     get_run_events_v1_runs__run_id__events_get: {
         parameters: {
             query?: never;
@@ -3274,6 +3402,55 @@ export interface operations {
         };
     };
     cancel_run_v1_runs__run_id__cancel_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Run"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restore_run_v1_runs__run_id__restore_post: {
         parameters: {
             query?: never;
             header?: never;
@@ -3430,7 +3607,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3508,6 +3685,62 @@ export interface operations {
             };
         };
     };
+    delete_comparison_v1_comparisons__comparison_id__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     get_comparison_table_v1_comparisons__comparison_id__table_csv_get: {
         parameters: {
             query?: never;
@@ -3537,7 +3770,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description It has not succeeded: look at its state. */
+            /** @description Its state does not allow it: see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -3616,6 +3849,55 @@ export interface operations {
         };
     };
     cancel_comparison_v1_comparisons__comparison_id__cancel_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Comparison"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restore_comparison_v1_comparisons__comparison_id__restore_post: {
         parameters: {
             query?: never;
             header?: never;
@@ -3760,7 +4042,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as JSON. */
+            /** @description The body is not declared as what the route takes. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -3790,6 +4072,111 @@ export interface operations {
         };
     };
     get_pair_v1_pairs__pair_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                pair_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Pair"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    delete_pair_v1_pairs__pair_id__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                pair_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restore_pair_v1_pairs__pair_id__restore_post: {
         parameters: {
             query?: never;
             header?: never;

@@ -59,7 +59,8 @@ export class Stage {
     addEventListener("themechange", this.#paint);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this.#paint);
     this.#measured.material.transparent = true;
-    this.#measured.material.opacity = 0.55;
+    this.#measured.material.opacity = 0.42;
+    this.#measured.material.depthWrite = false;
     this.#paint();
   }
 
@@ -117,7 +118,7 @@ export class Stage {
     this.#arm.set(show.posture, this.#reach);
     this.#arm.axes.visible = show.axes;
     const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.007);
-    if (before?.measured !== show.measured || before.factor !== show.factor) this.#measured.set(show.measured, show.factor, thin * 1.7); // the predicted one shows inside it
+    if (before?.measured !== show.measured || before.factor !== show.factor) this.#measured.set(show.measured, show.factor, thin * 2.4); // the predicted one shows inside it
     if (before?.predicted !== show.predicted || before.factor !== show.factor) this.#predicted.set(show.predicted, show.factor, thin);
     this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.009);
   }

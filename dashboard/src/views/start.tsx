@@ -107,7 +107,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
           <h2 id="step-method"><span class="step">3</span>{text.start.method}</h2>
           <MethodForm options={options} change={setOptions} facts={facts} />
         </section>
-        <div class="gobar wide">
+        <div class={set ? "gobar wide ready" : "gobar wide"}>
           {identify.problem && <ProblemNote problem={identify.problem} />}
           <div class="go">
             <button type="button" class="button primary big" disabled={!set || identify.busy} onClick={identify.run}>

@@ -53,10 +53,10 @@ def _checks(view: View) -> Iterator[Iterable[Finding]]:
     yield inspect_repeats(view)
     if not places.sound:
         return
-    yield inspect_rigidity(view)
-    yield inspect_drift(view)
+    yield inspect_rigidity(view, places.good)
+    yield inspect_drift(view, places.good)
     if not any(finding.code in _NO_RESPONSE for check in values for finding in check):
-        yield inspect_response(view)
+        yield inspect_response(view, places.good)
 
 
 _NO_RESPONSE: Final = frozenset(

@@ -1,0 +1,99 @@
+"""Mistakes of a whole set that leave every number plausible: what the angles and lengths may have been meant as."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.finding import FindingCode
+
+__all__ = ["Hypothesis", "angle_hypotheses", "unit_hypotheses"]
+
+FloatArray = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What the angles and positions of some rows would be, had one mistake been made.
+
+    Attributes:
+        code: the finding if it is true.
+        joints: (M, n) controller angles [rad].
+        length: factor on the positions.
+        figure: what was done, for the message: "with ... ".
+        remedy: the proposed correction.
+        rows: (M,) rows that it can explain, as places among those asked for.
+    """
+
+    code: FindingCode
+    joints: FloatArray
+    length: float
+    figure: str
+    remedy: str
+    rows: Rows
+
+
+def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
+    """Lengths and angles in another unit.
+
+    Args:
+        joints: (M, n) controller angles as posted [rad].
+    """
+    rows = np.arange(len(joints))
+    for factor, taken in ((1e-3, "mm taken for m"), (1e3, "m taken for mm")):
+        yield Hypothesis("length_unit_suspect", joints, factor, taken, f"check units.length: {taken}?", rows)
+    for angles, taken in (
+        (np.deg2rad(joints), "degrees taken for radians"),
+        (np.rad2deg(joints), "radians taken for degrees"),
+    ):
+        yield Hypothesis("angle_unit_suspect", angles, 1.0, taken, f"check units.angle: {taken}?", rows)
+
+
+def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
+    """A joint's sign, two joints' columns, rows shifted against the readings.
+
+    Args:
+        joints: (N, n) controller angles of the whole set [rad].
+        rows: (M,) which of its rows are asked for.
+        names: of the controller's joints.
+    """
+    asked, every = joints[rows], np.arange(len(rows))
+    for j, name in enumerate(names):
+        sign = np.ones(len(names))
+        sign[j] = -1.0
+        yield Hypothesis(
+            "joint_sign_suspect",
+            asked * sign,
+            1.0,
+            f"the angle of {name} with the other sign",
+            f"change the sign of {name} in every observation, or in the joint map",
+            every,
+        )
+    for j, k in combinations(range(len(names)), 2):
+        order = np.arange(len(names))
+        order[[j, k]] = k, j
+        yield Hypothesis(
+            "joints_swapped",
+            asked[:, order],
+            1.0,
+            f"the angles of {names[j]} and {names[k]} exchanged",
+            f"exchange the columns of {names[j]} and {names[k]} in every observation",
+            every,
+        )
+    for shift, neighbour in ((-1, "before"), (1, "after")):
+        inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
+        if not len(inside):
+            continue
+        yield Hypothesis(
+            "observations_out_of_order",
+            joints[rows[inside] + shift],
+            1.0,
+            f"the angles of the row {neighbour}",
+            f"move the readings by one row: they belong to the angles of the row {neighbour}",
+            inside,
+        )

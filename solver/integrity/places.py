@@ -1,0 +1,262 @@
+"""Where the targets sit on the flange: still, whatever the posture, if angles and readings belong together.
+
+A robot stands where its model says within millimetres. A mistake in the angles, their order, a name or a
+unit moves a target by centimetres or metres as seen from the flange; and the mistake that was made is the
+one whose correction brings the targets back to one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.configuration import Configurations
+from solver.finding import Finding, length_text
+from solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
+from solver.integrity.view import View, seen_from_flange
+
+__all__ = ["LARGEST_MODEL_ERROR", "Places", "inspect_places"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.intp]
+
+LARGEST_MODEL_ERROR: Final = 0.02
+"""Robots stand where their model says within millimetres; more [m] is a wrong frame, map, unit or angle."""
+OUTLIER: Final = 10.0
+"""Times the median distance from the median place: model errors vary with the posture, but not so much."""
+SMALLEST_OUTLIER: Final = 2e-3
+"""Distance [m] below which it is not worth a word: a joint by 0.05° at 2 m."""
+EXPLAINED: Final = 0.8
+"""Of the rows, that a mistake of the whole set must bring to one place; others may have their own."""
+_ANCHORS: Final = 24
+_ROWS: Final = 150
+"""So many rows tell a mistake of the whole set; more take time and tell no more."""
+_SEARCHED: Final = 300
+"""Rows for which the posture they belong to is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """What the places of the targets on the flange tell.
+
+    Attributes:
+        findings: what is suspicious.
+        good: (N,) rows whose targets sit where they should, or that measured no place.
+        sound: whether the set as a whole may be looked at further.
+    """
+
+    findings: tuple[Finding, ...]
+    good: BoolArray
+    sound: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Consensus:
+    """The place (T, 3) of the targets on which most rows agree, and which do (M,)."""
+
+    place: FloatArray
+    agree: BoolArray
+    apart: FloatArray
+
+    @property
+    def count(self) -> int:
+        return int(self.agree.sum())
+
+
+def inspect_places(view: View) -> Places:
+    """Compare where each observation sees the targets on the flange."""
+    useful = view.measured & (view.measured.sum(axis=0) > 1)
+    rows = np.flatnonzero(useful.any(axis=1))
+    good = np.ones(len(useful), dtype=np.bool_)
+    if len(rows) < 2:
+        return Places((), good, sound=True)
+    seen = np.where(useful[..., None], view.places, np.nan)[rows]
+    place = np.nanmedian(seen, axis=0) if np.isnan(seen).any() else np.median(seen, axis=0)
+    apart = _apart(seen, place)
+    if apart.max() <= LARGEST_MODEL_ERROR:
+        return Places(tuple(_outliers(view, rows, seen - place)), good, sound=True)
+    return _explained(view, rows, seen)
+
+
+def _explained(view: View, rows: Rows, seen: FloatArray) -> Places:
+    """Some targets are far from where the others say: find the mistake that explains it."""
+    as_posted = _consensus(seen)
+    sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
+    hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
+    hypotheses += angle_hypotheses(view.measurements.joints, sample, _controller_joints(view))
+    judged = [(h, _consensus(_places_under(view, sample, h))) for h in hypotheses]
+    best, found = max(judged, key=lambda pair: (pair[1].count, -float(np.median(pair[1].apart))))
+    posted_share = as_posted.count / len(rows)
+    if found.count >= EXPLAINED * len(sample) and found.count / len(sample) > posted_share + 0.1:
+        return Places(
+            (_of_the_set(best, found, as_posted, len(rows)),), np.zeros(len(view.measured), bool), sound=False
+        )
+    if best.code == "observations_out_of_order" and found.count / len(sample) > posted_share:
+        as_posted = _against(seen, found.place)
+    return _row_by_row(view, rows, seen, as_posted)
+
+
+def _of_the_set(best: Hypothesis, found: _Consensus, as_posted: _Consensus, count: int) -> Finding:
+    return Finding(
+        best.code,
+        None,
+        f"as posted the targets keep to one place on the flange in {as_posted.count} of {count} observations; with "
+        f"{best.figure}, in {found.count} of {len(found.agree)}, within "
+        f"{length_text(float(found.apart[found.agree].max()))}",
+        best.remedy,
+        "error",
+    )
+
+
+def _row_by_row(view: View, rows: Rows, seen: FloatArray, consensus: _Consensus) -> Places:
+    """The rows that disagree one by one: names exchanged, or the readings of another posture."""
+    bad = np.flatnonzero(~consensus.agree)
+    good = np.ones(len(view.measured), dtype=np.bool_)
+    good[rows[bad]] = False
+    findings: list[Finding] = []
+    elsewhere: dict[int, int] = {}
+    for b in bad.tolist():
+        i = int(rows[b])
+        swapped = _swapped(seen[b], consensus.place)
+        if swapped is not None:
+            findings.append(_exchanged(view, i, swapped))
+        elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, consensus.place)) is not None:
+            elsewhere[i] = j
+        else:
+            findings.append(_off_model(view, i, seen[b], consensus.place))
+    findings += _out_of_order(elsewhere)
+    return Places(tuple(findings), good, sound=consensus.count >= max(2, len(rows) // 2))
+
+
+def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
+    """Shifted rows in one finding, others one by one."""
+    for shift, neighbour in ((-1, "before"), (1, "after")):
+        moved = [i for i, j in elsewhere.items() if j == i + shift]
+        if len(moved) < 2 or any(elsewhere.get(elsewhere[i]) == i for i in moved):
+            continue
+        yield Finding(
+            "observations_out_of_order",
+            moved[0],
+            f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were taken "
+            f"at the angles of the row {neighbour}",
+            f"move the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+            "error",
+        )
+        for i in moved:
+            del elsewhere[i]
+    for i, j in elsewhere.items():
+        yield Finding(
+            "observations_out_of_order",
+            i,
+            f"its readings were taken at the angles of observations[{j}]",
+            "put readings and angles together again; the order of both is suspicious",
+            "error",
+        )
+
+
+def _exchanged(view: View, i: int, order: Rows) -> Finding:
+    wrong = [t for t in np.flatnonzero(view.measured[i]).tolist() if order[t] != t]
+    pairs = ", ".join(f"'{view.targets[t]}' is '{view.targets[order[t]]}'" for t in wrong)
+    return Finding(
+        "targets_swapped",
+        i,
+        f"the targets sit on the flange where others do: what is called {pairs}",
+        "exchange their names in this observation",
+        "error",
+    )
+
+
+def _off_model(view: View, i: int, seen: FloatArray, place: FloatArray) -> Finding:
+    apart = np.nan_to_num(np.linalg.norm(seen - place, axis=1))
+    t = int(apart.argmax())
+    return Finding(
+        "target_off_model",
+        i,
+        f"target '{view.targets[t]}' sits {length_text(apart[t])} from its median place on the flange",
+        "check that positions are in R0, units.length, the angles and their order, the joint map, and the "
+        "robot's model",
+        "error",
+    )
+
+
+def _outliers(view: View, rows: Rows, apart: FloatArray) -> Iterator[Finding]:
+    """A mistyped angle moves all targets at once, further than the model's errors do elsewhere."""
+    with np.errstate(invalid="ignore"):
+        nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
+    limit = max(OUTLIER * float(np.median(nearest)), SMALLEST_OUTLIER)
+    for b in np.flatnonzero(nearest > limit):
+        yield Finding(
+            "target_off_model",
+            int(rows[b]),
+            f"all targets sit at least {length_text(nearest[b])} from their median place on the flange, and "
+            f"mostly it is {length_text(float(np.median(nearest)))}",
+            "check the angles of this observation for a typing error, and that the robot stood still",
+        )
+
+
+def _apart(seen: FloatArray, place: FloatArray) -> FloatArray:
+    """(M,) greatest distance of a target from its place [m]."""
+    distance = np.linalg.norm(seen - place, axis=2)
+    apart: FloatArray = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
+    return apart
+
+
+def _against(seen: FloatArray, place: FloatArray) -> _Consensus:
+    apart = _apart(seen, place)
+    return _Consensus(place, apart <= LARGEST_MODEL_ERROR, apart)
+
+
+def _consensus(seen: FloatArray) -> _Consensus:
+    """The place that most rows agree on: the median would be nowhere with half of the rows wrong."""
+    anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
+    support = [_apart(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
+    inliers = seen[max(support, key=lambda near: int(near.sum()))]
+    with np.errstate(all="ignore"):
+        read = ~np.isnan(inliers).all(axis=(0, 2))
+        place = np.full(seen.shape[1:], np.nan)
+        place[read] = np.nanmedian(inliers[:, read], axis=0)
+    return _against(seen, place)
+
+
+def _places_under(view: View, rows: Rows, hypothesis: Hypothesis) -> FloatArray:
+    """(M, T, 3) places on the flange, had that mistake been made [m]."""
+    asked = rows[hypothesis.rows]
+    q = view.robot.joint_map.model_angles(hypothesis.joints)
+    position = hypothesis.length * view.measurements.position[asked]
+    return seen_from_flange(Configurations(view.robot, q), position, view.measured[asked])
+
+
+def _swapped(seen: FloatArray, place: FloatArray) -> Rows | None:
+    """(T,) the target that each one really is; None if that explains nothing."""
+    order = np.arange(len(place))
+    read = np.flatnonzero(~np.isnan(seen[:, 0]))
+    distance = np.linalg.norm(seen[read, None] - place, axis=2)
+    distance = np.where(np.isnan(distance), np.inf, distance)
+    order[read] = distance.argmin(axis=1)
+    fits = distance.min(axis=1).max() <= LARGEST_MODEL_ERROR
+    others = order[read]
+    if not fits or len(set(others.tolist())) < len(others) or np.array_equal(others, read):
+        return None
+    return order
+
+
+def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
+    """The row whose posture these readings were taken in, the nearest of several; None if there is none."""
+    at = view.configurations
+    expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
+    known = view.measured[i] & ~np.isnan(place[:, 0])
+    if not known.any():
+        return None
+    apart = np.linalg.norm(expected[:, known] - view.measurements.position[i, known], axis=2).max(axis=1)
+    fitting = np.flatnonzero(apart <= LARGEST_MODEL_ERROR)
+    return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
+
+
+def _controller_joints(view: View) -> tuple[str, ...]:
+    """Names of the controller's joints: where it couples or swaps them they are counted."""
+    return view.robot.joint_names

@@ -1,0 +1,97 @@
+"""The same posture measured again: what the readings themselves say of their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+from solver.finding import Finding, length_text
+from solver.integrity.thresholds import FALSE_ALARM
+from solver.integrity.view import View
+
+__all__ = ["inspect_repeats"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.intp]
+
+SAME_ANGLE: Final = 1e-5
+"""Angles [rad] that are the same posture: 20 µm at 2 m."""
+
+
+def inspect_repeats(view: View) -> Iterator[Finding]:
+    """Pool the scatter of repeated deflections and of repeated unloaded positions."""
+    m = view.measurements
+    posture = np.round(m.joints / SAME_ANGLE)
+    groups = _groups(posture)
+    if groups is None:
+        return
+    load = np.concatenate([m.force, m.moment, m.load_point], axis=1)
+    alike = _groups(np.concatenate([posture, load, m.present], axis=1))
+    if alike is not None:
+        yield from _deflections(view, alike)
+    placed = _groups(np.concatenate([posture, view.measured], axis=1))
+    if placed is not None and view.measured.any():
+        yield from _positions(view, placed)
+
+
+def _deflections(view: View, group: Rows) -> Iterator[Finding]:
+    """Repeated deflections hold the tracker's noise alone: where the robot stands cancels."""
+    m = view.measurements
+    squares, freedom, count = _scatter(m.deflection, m.present, group)
+    if not freedom or not squares:
+        return
+    sigma = float(np.sqrt(squares / freedom / 2.0))
+    stated, worse = "none is stated", False
+    if m.sigma is not None:
+        stated = f"{length_text(m.sigma)} is stated"
+        worse = float(special.chdtrc(freedom, squares / (2.0 * m.sigma**2))) < FALSE_ALARM
+    yield Finding(
+        "repeated_readings",
+        None,
+        f"{count} observations repeat others, posture and load; their deflections make sigma "
+        f"{length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
+        "state a noise that agrees with the repetitions, and look for what moves between them"
+        if worse
+        else "keep the repetitions in the set: they count like any others",
+        "warning" if worse else "note",
+    )
+
+
+def _positions(view: View, group: Rows) -> Iterator[Finding]:
+    squares, freedom, count = _scatter(view.measurements.position, view.measured, group)
+    if not freedom or not squares:
+        return
+    yield Finding(
+        "repeated_readings",
+        None,
+        f"in {count} repeated postures the unloaded targets came back within "
+        f"{length_text(float(np.sqrt(squares / freedom)))} a coordinate ({freedom} degrees of freedom): tracker "
+        "and robot together",
+        "compare with the stated noise: what is more is how well the robot comes back",
+        "note",
+    )
+
+
+def _groups(keys: FloatArray) -> Rows | None:
+    """(N,) number of the group of equal keys (N, k); None if all differ."""
+    first: dict[bytes, int] = {}
+    group = [first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)]
+    return np.array(group) if len(first) < len(group) else None
+
+
+def _scatter(values: FloatArray, read: BoolArray, group: Rows) -> tuple[float, int, int]:
+    """Sum of squares about the groups' means, its degrees of freedom, and how many rows repeat others."""
+    squares, freedom, count = 0.0, 0, 0
+    numbers, sizes = np.unique(group, return_counts=True)
+    for number in numbers[sizes > 1]:
+        rows = np.flatnonzero(group == number)
+        some = values[rows][:, read[rows[0]]]
+        squares += float(((some - some.mean(axis=0)) ** 2).sum())
+        freedom += (len(rows) - 1) * some[0].size
+        count += len(rows) - 1
+    return squares, freedom, count

@@ -1,0 +1,166 @@
+"""Targets on a flange keep their distances; one that does not was bumped, and stays where it was put."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.finding import Finding, length_text
+from solver.integrity.steps import Step, find_step
+from solver.integrity.thresholds import MODEL_ALLOWANCE, length_scale, normal_quantile
+from solver.integrity.view import View
+
+__all__ = ["inspect_rigidity"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.intp]
+
+LEAST_SIGMA: Final = 1e-6
+"""Of a tracker's reading [m], where it is not stated and the distances say less."""
+OVERSTATED: Final = 2.0
+"""Times the stated noise, of a scatter of distances that is worth a word."""
+_ENOUGH: Final = 30
+_CLEARER: Final = 4.0
+"""Times the sum of squares, of an explanation by another target that does not count beside the best."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Distances of P pairs of targets in both states of N observations.
+
+    Attributes:
+        first: (P,) one target of each pair.
+        second: (P,) the other.
+        both: (N, P) whether both were measured.
+        change: (2, N, P) distance less its median [m], unloaded and loaded; zero where not measured.
+        sigma: (N, P) standard uncertainty of a distance as stated [m]; zero where nothing is.
+    """
+
+    first: Rows
+    second: Rows
+    both: BoolArray
+    change: FloatArray
+    sigma: FloatArray
+
+    def limits(self) -> FloatArray:
+        """(N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter."""
+        comparisons = 2 * int(self.both.sum())
+        stated = normal_quantile(comparisons) * self.sigma
+        scatter = (
+            MODEL_ALLOWANCE * normal_quantile(comparisons) * max(np.sqrt(2.0) * LEAST_SIGMA, self.scatter)
+        )
+        limits: FloatArray = (
+            np.maximum(stated, scatter) if not self.sigma.any() else np.maximum(stated, 0.5 * scatter)
+        )
+        return limits
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of a distance by medians [m]."""
+        return length_scale(np.abs(self.change[:, self.both]))
+
+
+def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
+    """Look for targets that moved on the flange.
+
+    Args:
+        view: of the set.
+        good: (N,) rows whose angles and names are not in doubt.
+    """
+    measured = view.measured & good[:, None]
+    step = find_step(np.where(measured[..., None], view.places, np.nan))
+    if step is not None:
+        yield _moved(view, step)
+    edges = _edges(view, measured, step)
+    if edges is None:
+        return
+    yield from _understated(edges)
+    limits = edges.limits()
+    worst = np.abs(edges.change).max(axis=0)
+    for i in np.flatnonzero((worst > limits).any(axis=1)):
+        yield _not_rigid(view, edges, int(i), limits[i])
+
+
+def _moved(view: View, step: Step) -> Finding:
+    return Finding(
+        "target_moved",
+        step.row,
+        f"from here on '{view.targets[step.target]}' sits {length_text(step.size)} from where it sat on the flange "
+        f"before, beside the other targets; {step.ratio:.3g} times what chance allows",
+        "check that it sits tight; treat it as another target from here on (give it another name), or repeat",
+        "error",
+    )
+
+
+def _edges(view: View, measured: BoolArray, step: Step | None) -> _Edges | None:
+    """Distances; those to a target that moved are compared with others of the same side of the step."""
+    first, second = np.triu_indices(measured.shape[1], k=1)
+    usable = (measured[:, first] & measured[:, second]).any(axis=0)
+    first, second = first[usable], second[usable]
+    if not len(first):
+        return None
+    m = view.measurements
+    both = measured[:, first] & measured[:, second]
+    states = (m.position, m.position + m.deflection)
+    lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
+    change = _less_median(lengths, both)
+    if step is not None:
+        touched = (first == step.target) | (second == step.target)
+        for side in (slice(None, step.row), slice(step.row, None)):
+            change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
+    sigma = np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second])
+    return _Edges(first, second, both, change, np.where(both, sigma, 0.0))
+
+
+def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
+    """(2, N, P) each distance less the median of its pair; zero where not measured."""
+    if both.all():
+        out: FloatArray = lengths - np.median(lengths, axis=(0, 1))
+        return out
+    out = np.zeros(lengths.shape)
+    for p in np.flatnonzero(both.any(axis=0)):
+        out[:, both[:, p], p] = lengths[:, both[:, p], p] - np.median(lengths[:, both[:, p], p])
+    return out
+
+
+def _understated(edges: _Edges) -> Iterator[Finding]:
+    typical = float(np.median(edges.sigma[edges.both]))
+    if typical == 0.0 or edges.both.sum() < _ENOUGH or edges.scatter < OVERSTATED * typical:
+        return
+    yield Finding(
+        "sigma_suspect",
+        None,
+        f"distances between targets scatter by {length_text(edges.scatter)}, and the stated noise makes it "
+        f"{length_text(typical)}",
+        "check the stated noise and its unit; or leave it out, and it comes from the residuals",
+    )
+
+
+def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding:
+    change = np.abs(edges.change[:, i]).max(axis=0)
+    p = int((change / np.where(limits > 0.0, limits, np.inf)).argmax())
+    state = "loaded" if abs(edges.change[1, i, p]) > abs(edges.change[0, i, p]) else "unloaded"
+    suspects = _suspects(edges, i)
+    who = " or ".join(f"'{view.targets[t]}'" for t in suspects)
+    return Finding(
+        "targets_not_rigid",
+        i,
+        f"the distance between '{view.targets[edges.first[p]]}' and '{view.targets[edges.second[p]]}' ({state}) "
+        f"differs by {length_text(change[p])} from its median, more than {length_text(limits[p])}: {who} moved",
+        f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove that reading",
+        "error",
+    )
+
+
+def _suspects(edges: _Edges, i: int) -> list[int]:
+    """The target that leaves the least change to the others, and those that do nearly as well."""
+    squares = (edges.change[:, i] ** 2).sum(axis=0)
+    present = np.unique(np.concatenate([edges.first[edges.both[i]], edges.second[edges.both[i]]]))
+    left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
+    least = left.min() + (edges.scatter + 1e-9) ** 2
+    return [int(t) for t in present[left <= _CLEARER * least]]
