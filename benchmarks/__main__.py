@@ -22,8 +22,11 @@ from benchmarks import (
     efficiency,
     exactness,
     fanuc,
+    geometry,
+    integrity,
     invariance,
     large,
+    links,
     memory,
     post,
     replication,
@@ -50,8 +53,13 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "fanuc": fanuc.run,
     "replication": replication.run,
     "invariance": invariance.run,
+    "geometry": geometry.run,
+    "integrity": integrity.run,
+    "links": links.run,
 }
-STUDIES = frozenset({"coverage", "efficiency", "robustness", "fanuc", "replication", "invariance"})
+STUDIES = frozenset(
+    {"coverage", "efficiency", "robustness", "fanuc", "replication", "invariance", "links", "integrity", "geometry"}
+)
 """They prove numbers and compare no times."""
 BY_NAME = frozenset({"workers", "durability"}) | STUDIES
 """They run only when they are asked for; most take long."""

@@ -11,17 +11,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import factorial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from examples.arm import FloatArray, SpringArm
+from examples.document import Document, measurement_set, robot_document
 from examples.equilibrium import EquilibriumError
-from examples.experiment import NOISE_STREAM, Experiment, Targets
+from examples.experiment import NOISE_STREAM, TARGETS, Experiment, Targets, plan_experiment
+from examples.units import SI_UNITS
 
-__all__ = ["ElasticArm", "beam_arm", "beam_compliance", "elastic_deflections", "elastic_positions"]
+__all__ = [
+    "ElasticArm",
+    "beam_arm",
+    "beam_compliance",
+    "elastic_campaign",
+    "elastic_deflections",
+    "elastic_positions",
+]
 
-AnyArray = NDArray[np.float64] | NDArray[np.complex128]
+AnyArray = NDArray[Any]  # real, or complex on the way to a derivative
 
 MAX_NEWTON_STEPS = 20
 STEP = 1e-30  # of the complex step, whose derivative is exact to rounding
@@ -126,6 +136,47 @@ def elastic_positions(
     exact = elastic_deflections(elastic, experiment.joints, experiment.forces, experiment.load_points, points)
     noise = sigma * np.random.default_rng([seed, NOISE_STREAM]).standard_normal((2, *exact[0].shape))
     return exact[0] + noise[0], exact[1] + noise[1]
+
+
+def elastic_campaign(
+    elastic: ElasticArm,
+    *,
+    configurations: int = 40,
+    force: float = 1500.0,
+    sigma: float = 2e-5,
+    targets: Targets = TARGETS,
+    seed: int = 0,
+) -> Document:
+    """A campaign of pulls in all directions, as `examples.simulator.simulate_campaign` writes it.
+
+    Args:
+        elastic: The arm.
+        configurations: How many.
+        force: Size of the force [N].
+        sigma: Standard deviation of each coordinate of each position read [m].
+        targets: In the flange frame [m], by name.
+        seed: Of configurations, directions and noise.
+    """
+    experiment = plan_experiment(
+        elastic.arm, configurations=configurations, load="pull", force=force, seed=seed
+    )
+    unloaded, loaded = elastic_positions(elastic, experiment, targets, sigma=sigma, seed=seed)
+    document = measurement_set(
+        experiment,
+        targets,
+        unloaded,
+        loaded,
+        name=f"elastic links, {configurations} configurations",
+        units=SI_UNITS,
+        encoders="motor",
+        readings="positions",
+        sigma=sigma or None,
+    )
+    return {
+        "robot": robot_document(elastic.arm),
+        "measurement_set": document,
+        "run": {"method": "partial_pose", "elasticity": "joints_and_links"},
+    }
 
 
 def _balance(elastic: ElasticArm, q: FloatArray, force: FloatArray, load_point: FloatArray) -> FloatArray:

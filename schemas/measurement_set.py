@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import FailFast, Field, model_validator
 
 from schemas.base import Identifier, Message, Name, Quantity, Timestamp, Vector3
+from schemas.frame import Frame, ResolvedFrame
 from schemas.noise import Matrix3, Noise, Sigma, refuse_two_kinds
 from schemas.robot import MAX_JOINTS
 
@@ -145,6 +146,11 @@ class MeasurementSetHeader(Message):
         default=None,
         description="If absent, and no reading states its own, sigma is estimated from the residuals.",
     )
+    frame: Frame | None = Field(
+        default=None,
+        description="Where positions and deflections, and covariances and the tracker's station, are in a "
+        "tracker's frame; R0 if absent.",
+    )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
         description="Targets in the flange frame, in units.length; needed for deflections.",
@@ -204,6 +210,8 @@ WarningCode = Literal[
     "low_compensation",
     "configurations_differ",
     "robot_models_differ",
+    "base_drifted",
+    "base_target_moved",
     "stiffness_implausible",
     "complementary_stiffness_matters",
 ]
@@ -240,6 +248,7 @@ class StoredMeasurementSet(MeasurementSetHeader):
 
     robot_id: Identifier = Field(description="The robot that was measured.")
     id: Identifier
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="What `frame` stands for.")
     warnings: list[QualityWarning]
     content_hash: str = Field(description="SHA-256 of everything that was posted.")
     created_at: Timestamp

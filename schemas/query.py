@@ -9,7 +9,16 @@ from pydantic import Field
 from schemas.base import MAX_NAME_LENGTH, Message
 from schemas.run import Method, RunState, Weighting
 
-__all__ = ["MAX_PAGE", "ComparisonQuery", "PageQuery", "PairQuery", "RobotQuery", "RunQuery", "SetQuery"]
+__all__ = [
+    "MAX_PAGE",
+    "ComparisonQuery",
+    "GeometryQuery",
+    "PageQuery",
+    "PairQuery",
+    "RobotQuery",
+    "RunQuery",
+    "SetQuery",
+]
 
 MAX_PAGE = 100
 
@@ -69,4 +78,12 @@ class PairQuery(PageQuery):
     first_set_id: Reference | None = Field(default=None, description="Only those with this first set.")
     second_set_id: Reference | None = Field(default=None, description="Only those with this second set.")
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
+    state: RunState | None = Field(default=None, description="Only those in this state.")
+
+
+class GeometryQuery(PageQuery):
+    """Which geometries."""
+
+    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
+    robot_id: Reference | None = Field(default=None, description="Only those with this nominal model.")
     state: RunState | None = Field(default=None, description="Only those in this state.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from schemas.base import Identifier, Message, Name, Quantity, Timestamp
 
@@ -12,10 +12,12 @@ __all__ = [
     "MAX_JOINTS",
     "DhModel",
     "DhRow",
+    "GeometryModel",
     "Joint",
     "JointMap",
     "Robot",
     "RobotDocument",
+    "RobotRequest",
     "RobotSummary",
     "UrdfModel",
     "Wrist",
@@ -70,7 +72,15 @@ class UrdfModel(Message):
     flange: Name = Field(description="Link whose frame is the flange frame.")
 
 
+class GeometryModel(Message):
+    """Kinematics as a stored geometry found them, with the joint map of its readings."""
+
+    format: Literal["geometry"]
+    geometry_id: Identifier
+
+
 Model = Annotated[UrdfModel | DhModel, Field(discriminator="format")]
+PostedModel = Annotated[UrdfModel | DhModel | GeometryModel, Field(discriminator="format")]
 
 
 class JointMap(Message):
@@ -93,6 +103,23 @@ class RobotDocument(Message):
         default=None,
         description="For coupled axes and flipped signs; the identity if absent.",
     )
+
+
+class RobotRequest(Message):
+    """A robot as it is posted: described, or as a stored geometry found it."""
+
+    name: Name = Field(description="What people call this robot.", examples=["KR 240 cell 3"])
+    model: PostedModel
+    joint_map: JointMap | None = Field(
+        default=None,
+        description="For coupled axes and flipped signs; the identity if absent. A geometry has its own.",
+    )
+
+    @model_validator(mode="after")
+    def _one_joint_map(self) -> RobotRequest:
+        if isinstance(self.model, GeometryModel) and self.joint_map is not None:
+            raise ValueError("leave `joint_map` out: the geometry has its own")
+        return self
 
 
 class Joint(Message):
@@ -135,5 +162,8 @@ class Robot(RobotDocument):
     id: Identifier
     joints: list[Joint]
     wrist: Wrist
+    geometry_id: Identifier | None = Field(
+        default=None, description="The geometry that the model comes from, if it was posted so."
+    )
     content_hash: str = Field(description="SHA-256 of the document as it was understood.")
     created_at: Timestamp

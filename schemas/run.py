@@ -8,6 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from pydantic.config import JsonDict
 
 from schemas.base import Identifier, Message, Name, Timestamp
+from schemas.links import CrossValidation, Elasticity, LinksResult, ModelSelection
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import Resampling, ResamplingResult
@@ -129,7 +130,26 @@ class RunOptions(Message):
         description="Chains of joints, each at least as stiff as the next; they are positive in any case.",
         examples=[[["joint_2", "joint_4"]]],
     )
-    elasticity: Literal["joints"] = Field(default="joints", description="What bends.")
+    elasticity: Elasticity = Field(
+        default="joints",
+        description="What bends. `coupled_joints`: a full positive semidefinite joint compliance. "
+        "`diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full "
+        "positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, "
+        "weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.",
+    )
+    links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list,
+        description="The links that may bend, each by the joint that carries it; all if empty.",
+        examples=[["joint_2", "joint_3"]],
+    )
+    link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
+        default=None,
+        description="Weight of the penalty on links and coupling; chosen by cross-validation if absent, and "
+        "the run may then take long. Dimensionless.",
+    )
+    cross_validation: CrossValidation = Field(
+        default=CrossValidation(), description="For all elasticities but `joints`."
+    )
     resampling: Resampling | None = Field(
         default=None,
         description="Repeat the fit on configurations drawn at random; a run may then take long.",
@@ -152,6 +172,18 @@ class RunOptions(Message):
         if threshold is not None and info.data.get("loss") != "huber":
             raise ValueError("goes with loss `huber` only")
         return threshold
+
+    @field_validator("links", "link_penalty", mode="after")
+    @classmethod
+    def _goes_with_more_than_joints(
+        cls, chosen: list[str] | float | None, info: ValidationInfo
+    ) -> list[str] | float | None:
+        elasticity = info.data.get("elasticity")
+        if chosen and elasticity == "joints":
+            raise ValueError("goes with an elasticity beyond `joints` only")
+        if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
+            raise ValueError("goes with an elasticity that has links, not with `coupled_joints`")
+        return chosen
 
     @field_validator("stiffness_bounds", mode="after")
     @classmethod
@@ -422,6 +454,14 @@ class RunResult(Message):
     )
     robust: RobustLoss | None = Field(default=None, description="If the loss is `huber`.")
     resampling: ResamplingResult | None = Field(default=None, description="If the run asked for it.")
+    links: LinksResult | None = Field(
+        default=None,
+        description="If more than joints may bend. The joints' standard uncertainties are then those of a "
+        "jackknife over the folds, and intervals are null.",
+    )
+    selection: ModelSelection | None = Field(
+        default=None, description="Held-out compensation of each model, if more than joints may bend."
+    )
     residuals: list[Residual]
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="If secondary encoders were read."

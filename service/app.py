@@ -12,13 +12,25 @@ from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
 from schemas.comparison import ComparisonRequest
+from schemas.geometry import GeometryRequest
+from schemas.imports import ImportRequest
 from schemas.kinematics import KinematicsRequest
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import PairRequest
 from schemas.problem import Problem
-from schemas.robot import RobotDocument
+from schemas.robot import RobotDocument, RobotRequest
 from schemas.run import RunRequest
-from service.api import comparisons, health, kinematics, measurement_sets, pairs, robots, runs
+from service.api import (
+    comparisons,
+    geometries,
+    health,
+    imports,
+    kinematics,
+    measurement_sets,
+    pairs,
+    robots,
+    runs,
+)
 from service.api.bodies import LARGE_BODIES
 from service.api.errors import install_error_handlers
 from service.api.progress import Watches
@@ -67,7 +79,8 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
     app.state.parts = Parts.of(store, announce)
     app.state.watches = Watches()
     app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
-    for module in (robots, kinematics, measurement_sets, runs, comparisons, pairs, health):
+    resources = (robots, kinematics, geometries, measurement_sets, runs, comparisons, pairs, imports)
+    for module in (*resources, health):
         app.include_router(module.router)
     install_page(app)
     install_error_handlers(app)
@@ -86,7 +99,18 @@ def _describe_bodies(app: FastAPI) -> None:
     _, definitions = models_json_schema(
         [
             (message, "validation")
-            for message in (RobotDocument, KinematicsRequest, MeasurementSetRequest, RunRequest, ComparisonRequest, PairRequest, Problem)
+            for message in (
+                RobotDocument,
+                KinematicsRequest,
+                ImportRequest,
+                MeasurementSetRequest,
+                RunRequest,
+                ComparisonRequest,
+                PairRequest,
+                RobotRequest,
+                GeometryRequest,
+                Problem,
+            )
         ],
         ref_template="#/components/schemas/{model}",
     )

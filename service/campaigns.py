@@ -6,6 +6,9 @@ from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel
 
 from schemas.campaign import Campaign
 from schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
@@ -20,7 +23,9 @@ from service.problems import http_problem, invalid_request, problem_of
 from service.store import Store
 from solver.exceptions import InputError, RequestError
 
-__all__ = ["CampaignError", "compare", "identify", "pair", "read_campaign"]
+__all__ = ["CampaignError", "compare", "identify", "pair", "read_campaign", "read_document"]
+
+Document = TypeVar("Document", bound=BaseModel)
 
 
 class CampaignError(Exception):
@@ -37,13 +42,27 @@ def read_campaign(path: Path) -> Campaign:
     Raises:
         CampaignError: the file is too large, or not such a document.
     """
+    return read_document(path, Campaign)
+
+
+def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
+    """Read a file of JSON.
+
+    Args:
+        path: of the file.
+        message: what it should have.
+        section: of a larger document, which may be given in its place.
+
+    Raises:
+        CampaignError: the file is too large, or not such a document.
+    """
     with path.open("rb") as file:  # which may be a pipe, of no size
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
     try:
-        return parse(Campaign, content.removeprefix(BOM_UTF8))
+        return parse(message, content.removeprefix(BOM_UTF8), section)
     except MalformedError as error:
         raise CampaignError(invalid_request(error.faults)) from None
 

@@ -19,12 +19,16 @@ from schemas.pair import PairOptions
 from schemas.run import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
+from service.cli_geometry import geometry_command
+from service.cli_import import import_command
 from service.cli_options import (
     AsJson,
     CampaignFile,
     DatabaseUrl,
+    ElasticityChoice,
     EncoderChoice,
     FirstFile,
+    Links,
     LoadChoice,
     LossChoice,
     MethodChoice,
@@ -36,6 +40,7 @@ from service.cli_options import (
     Stiffer,
     WeightingChoice,
     chains,
+    link_names,
     priors,
 )
 from service.client import RefusedError, ServiceClient
@@ -64,6 +69,9 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+
+app.command("import")(import_command)
+app.command("geometry")(geometry_command)
 
 _INCLUDED = {True: "included", False: "neglected", None: None}
 
@@ -96,6 +104,13 @@ def identify(
     ] = None,
     prior: Priors = None,
     stiffer: Stiffer = None,
+    elasticity: Annotated[
+        ElasticityChoice | None, typer.Option(help="What bends; the penalty is chosen by cross-validation.")
+    ] = None,
+    links: Links = None,
+    link_penalty: Annotated[
+        float | None, typer.Option(min=1e-9, max=1e3, help="Weight of the penalty, instead of choosing it.")
+    ] = None,
     confidence: Annotated[
         float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
     ] = None,
@@ -115,6 +130,9 @@ def identify(
         "complementary_stiffness": _INCLUDED[complementary_stiffness],
         "priors": priors(prior),
         "stiffness_order": chains(stiffer),
+        "elasticity": elasticity,
+        "links": link_names(links),
+        "link_penalty": link_penalty,
         "confidence": confidence,
         "resampling": _resampling(resample, repetitions, seed),
     }
@@ -122,7 +140,7 @@ def identify(
     try:
         campaign = read_campaign(file)
         options = _changed(campaign.run, changes)
-        with progress_bar(shown=options.resampling is not None) as tell:
+        with progress_bar(shown=_takes_long(options)) as tell:
             run = campaigns.identify(campaign, options, tell)
     except CampaignError as error:
         raise _refused(error) from error
@@ -301,11 +319,10 @@ def post(
     try:
         understood = read_campaign(file)
         campaign = understood.model_dump(mode="json", exclude_unset=True)
-        resampling = understood.run.resampling
         with ServiceClient(server, _warn) as client:
             client.ping()
             robot, stored = client.post_campaign(campaign)
-            with progress_bar(shown=resampling is not None) as tell:
+            with progress_bar(shown=_takes_long(understood.run)) as tell:
                 run = client.run(stored["id"], campaign.get("run", {}), tell)
     except (CampaignError, RefusedError) as error:
         raise _refused(error) from error
@@ -332,6 +349,12 @@ def _changed(options: Options, changes: Mapping[str, object]) -> Options:
         return type(options).model_validate({**options.model_dump(), **changes})
     except ValidationError as error:
         raise CampaignError(invalid_request(error.errors())) from None
+
+
+def _takes_long(options: RunOptions) -> bool:
+    return options.resampling is not None or (
+        options.elasticity != "joints" and options.link_penalty is None
+    )
 
 
 def _resampling(size: int | None, repetitions: int, seed: int) -> dict[str, int] | None:

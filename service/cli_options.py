@@ -15,8 +15,10 @@ __all__ = [
     "AsJson",
     "CampaignFile",
     "DatabaseUrl",
+    "ElasticityChoice",
     "EncoderChoice",
     "FirstFile",
+    "Links",
     "LoadChoice",
     "LossChoice",
     "MethodChoice",
@@ -28,6 +30,7 @@ __all__ = [
     "Stiffer",
     "WeightingChoice",
     "chains",
+    "link_names",
     "priors",
 ]
 
@@ -94,6 +97,20 @@ Stiffer = Annotated[
 ]
 
 
+Links = Annotated[
+    str | None,
+    typer.Option(
+        metavar="JOINT,JOINT,...",
+        help="Links that may bend, each by the joint that carries it; all if absent.",
+    ),
+]
+
+
+def link_names(text: str | None) -> list[str] | None:
+    """What `--links` says, as the request has it; None if it was not given."""
+    return None if text is None else [name.strip() for name in text.split(",")]
+
+
 def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
     """What `--prior` says, as the request has it; None if it was not given.
 
@@ -133,6 +150,15 @@ class WeightingChoice(StrEnum):
     COVARIANCE = "covariance"
     LENGTH = "characteristic_length"
     UNIFORM = "uniform"
+
+
+class ElasticityChoice(StrEnum):
+    """Models of METHOD.md §7, from simple to rich."""
+
+    JOINTS = "joints"
+    COUPLED = "coupled_joints"
+    DIAGONAL = "diagonal_links"
+    LINKS = "joints_and_links"
 
 
 class LossChoice(StrEnum):

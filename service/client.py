@@ -9,8 +9,9 @@ from typing import Any, Final, TypeVar
 from uuid import uuid4
 
 import httpx
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
+from schemas.base import Identifier
 from schemas.comparison import Comparison
 from schemas.problem import Problem
 from schemas.run import Progress, Run
@@ -24,6 +25,7 @@ _LOOK_SECONDS: Final = 0.2
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
 _UNAVAILABLE: Final = 503
+_IDENTIFIER: Final[TypeAdapter[str]] = TypeAdapter(Identifier)
 
 Job = TypeVar("Job", Run, Comparison)
 
@@ -55,8 +57,14 @@ class ServiceClient:
             address: of the service, such as http://127.0.0.1:8000.
             warn: told when the service does not answer and is asked again.
             transport: carries the requests, if not over the network.
+
+        Raises:
+            RefusedError: there can be no such address.
         """
-        self._http = httpx.Client(base_url=address, timeout=60.0, transport=transport)
+        try:
+            self._http = httpx.Client(base_url=address, timeout=60.0, transport=transport)
+        except httpx.InvalidURL as error:
+            raise RefusedError(_silence(address, error)) from error
         self._warn = warn
         self._answered = False
 
@@ -125,10 +133,10 @@ class ServiceClient:
         body: dict[str, Any],
         tell: Callable[[Progress], object] | None,
     ) -> Job:
-        job = kind.model_validate(self._post(f"{collection}?wait=1", body))
+        job = _as(kind, self._post(f"{collection}?wait=1", body))
         while job.state in {"queued", "running"}:
             time.sleep(_LOOK_SECONDS)
-            job = kind.model_validate(self._answer("GET", f"{collection}/{job.id}"))
+            job = _as(kind, self._answer("GET", f"{collection}/{job.id}"))
             if tell is not None and job.progress is not None:
                 tell(job.progress)
         return job
@@ -136,7 +144,12 @@ class ServiceClient:
     def _post(self, path: str, body: object) -> dict[str, Any]:
         content = json.dumps(body).encode()
         headers = {"Content-Type": "application/json", "Idempotency-Key": uuid4().hex}
-        return self._answer("POST", path, content=content, headers=headers)
+        answer = self._answer("POST", path, content=content, headers=headers)
+        try:
+            _IDENTIFIER.validate_python(answer.get("id"))
+        except ValidationError as error:
+            raise RefusedError(_alien("without an id")) from error
+        return answer
 
     def _answer(self, verb: str, path: str, **parts: Any) -> dict[str, Any]:  # noqa: ANN401 - httpx's
         """Ask until there is an answer.
@@ -161,7 +174,7 @@ class ServiceClient:
         try:
             return self._http.build_request(verb, path, **parts)
         except httpx.InvalidURL as error:
-            raise RefusedError(self._silence(error)) from error
+            raise RefusedError(_silence(self._http.base_url, error)) from error
 
     def _try(self, request: httpx.Request) -> dict[str, Any] | Problem:
         """The answer; or, if it may be had later, why there is none now.
@@ -172,24 +185,61 @@ class ServiceClient:
         try:
             response = self._http.send(request)
         except httpx.TransportError as error:
-            return self._silence(error)
+            return _silence(self._http.base_url, error)
+        except httpx.DecodingError as error:
+            raise RefusedError(_alien("which cannot be decoded")) from error
         self._answered = True
         if response.status_code == _UNAVAILABLE:
             return _problem_of(response)
         if not response.is_success:
             raise RefusedError(_problem_of(response))
-        answer: dict[str, Any] = response.json()
-        return answer
+        return _read(response)
 
-    def _silence(self, error: Exception) -> Problem:
-        silence = f"no answer from {self._http.base_url}: {error}"
-        return http_problem(_UNAVAILABLE, silence, "start it: jointstiff serve")
+
+def _as(kind: type[Job], answer: dict[str, Any]) -> Job:
+    try:
+        return kind.model_validate(answer)
+    except ValidationError as error:
+        raise RefusedError(_alien(f"which is no {kind.__name__.lower()}")) from error
+
+
+def _read(response: httpx.Response) -> dict[str, Any]:
+    """The JSON of an answer, which may come from anyone; what would steer a terminal is taken out of it.
+
+    Raises:
+        RefusedError: it is none.
+    """
+    try:
+        answer = _printable(json.loads(response.content))
+    except (ValueError, RecursionError) as error:
+        raise RefusedError(_alien("which is not JSON")) from error
+    if not isinstance(answer, dict):
+        raise RefusedError(_alien("which is no resource"))
+    return answer
+
+
+def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else "\ufffd" for c in value)
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    if isinstance(value, dict):
+        return {_printable(name): _printable(item) for name, item in value.items()}
+    return value
+
+
+def _silence(address: object, error: Exception) -> Problem:
+    return http_problem(_UNAVAILABLE, f"no answer from {address}: {error}", "start it: jointstiff serve")
+
+
+def _alien(what: str) -> Problem:
+    return http_problem(
+        502, f"an answer that is not Jointstiff's, {what}", "check the address, and that versions agree"
+    )
 
 
 def _problem_of(response: httpx.Response) -> Problem:
     try:
-        return Problem.model_validate_json(response.content)
-    except ValidationError:
-        return http_problem(
-            502, f"an answer that is not Jointstiff's: {response.status_code}", "check the address"
-        )
+        return Problem.model_validate(_read(response))
+    except (RefusedError, ValidationError):
+        return _alien(f"status {response.status_code}")

@@ -109,9 +109,8 @@ def _joint_table(
 ) -> Table:
     table = _table(title)
     for j in joints:
-        table.add_column(
-            "\n".join(wrap(entries[0].joints[j].name, _LONGEST_NAME)), justify="right", no_wrap=True
-        )
+        name = Text("\n".join(wrap(entries[0].joints[j].name, _LONGEST_NAME)))  # a name is no markup
+        table.add_column(name, justify="right", no_wrap=True)
     for entry, following in zip_longest(entries, entries[1:]):
         another = following is not None and following.method != entry.method
         table.add_row(_label(entry), *(cells(entry, j) for j in joints), end_section=another)

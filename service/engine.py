@@ -9,7 +9,7 @@ Who goes on with what a dead worker left is `service.janitor`'s to see to.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from types import TracebackType
 from typing import Any, Final, ParamSpec, TypeVar
@@ -127,6 +127,19 @@ class _Steps:
         self.plan, self.compute, self.conclude, self.fail = plan, compute, conclude, fail
 
 
+def _until_ended(compute: Callable[[Span], str], spans: Sequence[Span]) -> list[str]:
+    """What the steps of a part compute; none is carried out after one that found the job ended.
+
+    Of a job that is cancelled at its first step, thousands would keep the worker from other jobs.
+    """
+    computed = []
+    for span in spans:
+        computed.append(compute(span))
+        if not computed[-1]:
+            break
+    return computed
+
+
 def _patient(step: Callable[P, R]) -> Callable[P, R]:
     """Wait for a database that does not answer, as the engine does: an outage is no result of a step."""
 
@@ -161,7 +174,7 @@ def _register(steps: _Steps, active: set[str]) -> None:
     @DBOS.workflow(name="part", max_recovery_attempts=_ATTEMPTS)
     @noted
     def carry_out_part(kind: str, job_id: str, spans: list[Span]) -> list[str]:
-        return [steps.compute(kind, job_id, span) for span in spans]
+        return _until_ended(lambda span: steps.compute(kind, job_id, span), spans)
 
     @DBOS.workflow(name="job", max_recovery_attempts=_ATTEMPTS)
     @noted
@@ -172,6 +185,8 @@ def _register(steps: _Steps, active: set[str]) -> None:
                 DBOS.enqueue_workflow(QUEUES["part"], carry_out_part, kind, job_id, spans) for spans in parts
             ]
             computed = [handle.get_result(polling_interval_sec=_POLL_SECONDS) for handle in handles]
+            if list(map(len, computed)) != list(map(len, parts)):
+                return  # the job was ended
             in_order = [computed[i % PARTS][i // PARTS] for i in range(sum(map(len, parts)))]
             steps.conclude(kind, job_id, in_order)
         except Exception as failure:  # noqa: BLE001 - the boundary of a job

@@ -37,9 +37,9 @@ class Heartbeats:
             now = self._now(connection)
             if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
                 connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
-            rows = connection.execute(
-                select(heartbeats.c.executor).where(heartbeats.c.beat_at >= now - silence)
-            ).all()
+            # Nor later than now: a clock that was set back would keep the dead alive until it caught up.
+            living = heartbeats.c.beat_at.between(now - silence, now + silence)
+            rows = connection.execute(select(heartbeats.c.executor).where(living)).all()
             connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * silence))
         return sorted(str(row.executor) for row in rows)
 

@@ -199,7 +199,8 @@ class Jobs(Generic[Request, Message, JobRecord]):
         steps = work.steps()
         progress = None
         if steps:
-            progress = Progress(done=0, total=steps[-1][1], unit=self.kind.unit, activity=self.kind.activity)
+            unit, activity = work.unit or self.kind.unit, work.activity or self.kind.activity
+            progress = Progress(done=0, total=steps[-1][1], unit=unit, activity=activity)
         provenance = Provenance(
             versions=dict(versions()),
             input_hash=work.input_hash(request),

@@ -37,6 +37,8 @@ QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
 APPLICATION: Final = "jointstiff"
 _JOBS: Final = ["job", "run"]
 """Workflows that carry out a job, of this version and of earlier ones."""
+_ASKED: Final = 10_000
+"""Jobs asked for in one query: neither database takes one with any number of parameters."""
 _ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
 
 # The engine says on each start that a cloud service could be had, and on each retry what it does.
@@ -106,8 +108,12 @@ class Ledger:
 
     def outcomes(self, job_ids: list[str]) -> dict[str, Outcome]:
         """What became of the workflows of some jobs; those that are not there are left out."""
-        found = self._client.list_workflows(workflow_ids=job_ids, load_input=False, load_output=False)
-        return {each.workflow_id: Outcome(str(each.status), int(each.app_version or 0)) for each in found}
+        found = {}
+        for first in range(0, len(job_ids), _ASKED):
+            some = job_ids[first : first + _ASKED]
+            for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
+                found[each.workflow_id] = Outcome(str(each.status), int(each.app_version or 0))
+        return found
 
     def renew(self, kind: str, job_id: str) -> None:
         """Announce a job anew, in this version's layout; what was computed in an earlier one is lost."""

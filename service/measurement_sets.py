@@ -8,7 +8,8 @@ from functools import lru_cache
 from uuid import uuid4
 
 from schemas import measurement_set as messages
-from service.conversion import ReadingArrays, content_hash, to_measurements, to_warnings
+from service.conversion import ReadingArrays, content_hash, in_base, to_measurements, to_warnings
+from service.frames import resolve_frame
 from service.prepared import PreparedSet
 from service.records import IdempotencyKey, MeasurementSetRecord
 from service.robots import Robots
@@ -39,21 +40,24 @@ class MeasurementSets:
 
         Raises:
             MeasurementError: the set cannot be used; with the place and the remedy.
+            RequestError: its frame names a geometry that is not there.
             IdempotencyConflictError: the key came before with another body.
         """
         if key is not None and (before := self._store.find(MeasurementSetRecord, key)) is not None:
             return before
         robot = self._robot(request.robot_id)
         readings = ReadingArrays.from_observations(request.observations)
-        measurements = to_measurements(request, readings, robot)
+        resolved, drift = resolve_frame(self._store, request)
+        measurements = to_measurements(*in_base(request, readings, resolved), robot)
         targets = tuple(readings.targets.tolist())
         findings = inspect(robot, measurements, targets, degrees=request.units.angle == "deg")
         findings += inspect_encoders(robot, measurements)
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations"}),
             id=uuid4().hex,
-            warnings=to_warnings(findings, readings),
-            content_hash=content_hash(request, readings),
+            resolved_frame=resolved,
+            warnings=drift + to_warnings(findings, readings),
+            content_hash=content_hash(request, readings, resolved),
             created_at=datetime.now(UTC),
         )
         return self._store.add(_record(stored, readings), key)
@@ -82,7 +86,7 @@ class MeasurementSets:
         content = hashlib.sha256(f"{robot_hash} {stored.content_hash}".encode())
         return PreparedSet(
             robot=robot,
-            measurements=to_measurements(stored, readings, robot),
+            measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
             readings=readings,
             warnings=stored.warnings,
             robot_id=stored.robot_id,

@@ -182,6 +182,12 @@ class PairKind(Kind[PairRequest, Pair, PairRecord]):
 
     def _side(self, name: str, request: PairRequest) -> _Side:
         set_id, options = self._set_and_options(name, request)
+        if options.elasticity != "joints":
+            raise RequestError(
+                f"a pair compares joints alone, and elasticity {options.elasticity} was asked for",
+                where="options.elasticity",
+                remedy="use elasticity joints",
+            )
         confidence = request.confidence or request.options.confidence
         try:
             prepared = self._sets.prepared(set_id)

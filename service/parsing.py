@@ -25,7 +25,7 @@ class MalformedError(Exception):
         self.faults = faults
 
 
-def parse(message: type[Parsed], content: bytes) -> Parsed:
+def parse(message: type[Parsed], content: bytes, section: str | None = None) -> Parsed:
     """Understand a JSON text.
 
     It is parsed before it is validated. In one go, pydantic would make a copy of the whole text for each
@@ -34,6 +34,7 @@ def parse(message: type[Parsed], content: bytes) -> Parsed:
     Args:
         message: what it should be.
         content: the text; its depth is limited to 200.
+        section: key of an object under which the message may stand, in place of at the top.
 
     Raises:
         MalformedError: it is not JSON, or not such a message.
@@ -42,6 +43,8 @@ def parse(message: type[Parsed], content: bytes) -> Parsed:
         document = from_json(content)
     except ValueError as error:
         raise MalformedError([{"type": "json_invalid", "loc": (), "msg": f"Invalid JSON: {error}"}]) from None
+    if section is not None and isinstance(document, dict) and section in document:
+        document = document[section]
     try:
         return message.model_validate(document)
     except ValidationError as error:

@@ -6,22 +6,25 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from schemas.comparison import Comparison, ComparisonRequest
+from schemas.geometry import Geometry, GeometryRequest
 from schemas.pair import Pair, PairRequest
 from schemas.run import Progress, Run, RunRequest
 from service.comparisons import ComparisonKind
+from service.geometries import GeometryKind
 from service.jobs import Announce, AnyJobs, Jobs
 from service.measurement_sets import MeasurementSets
 from service.pairs import PairKind
-from service.records import ComparisonRecord, PairRecord, RunRecord
+from service.records import ComparisonRecord, GeometryRecord, PairRecord, RunRecord
 from service.robots import Robots
 from service.runs import RunKind
 from service.store import Store
 
-__all__ = ["Comparisons", "Pairs", "Parts", "Runs"]
+__all__ = ["Comparisons", "Geometries", "Pairs", "Parts", "Runs"]
 
 Runs = Jobs[RunRequest, Run, RunRecord]
 Comparisons = Jobs[ComparisonRequest, Comparison, ComparisonRecord]
 Pairs = Jobs[PairRequest, Pair, PairRecord]
+Geometries = Jobs[GeometryRequest, Geometry, GeometryRecord]
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,7 @@ class Parts:
     runs: Runs
     comparisons: Comparisons
     pairs: Pairs
+    geometries: Geometries
 
     @classmethod
     def of(
@@ -52,9 +56,10 @@ class Parts:
             runs=Jobs(RunKind(sets), store, announce, tell),
             comparisons=Jobs(ComparisonKind(sets), store, announce, tell),
             pairs=Jobs(PairKind(store, sets), store, announce, tell),
+            geometries=Jobs(GeometryKind(robots), store, announce, tell),
         )
 
     @property
     def jobs(self) -> Mapping[str, AnyJobs]:
         """All jobs, by the name of their kind."""
-        return {jobs.kind.name: jobs for jobs in (self.runs, self.comparisons, self.pairs)}
+        return {jobs.kind.name: jobs for jobs in (self.runs, self.comparisons, self.pairs, self.geometries)}

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from schemas.problem import Problem, ProblemItem
+from service.imports import FilesError
 from service.store_errors import (
     CursorError,
     DeletedError,
@@ -39,6 +40,7 @@ _COMPARE: Final = "compare it with an example: `jointstiff simulate FILE` writes
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
     {
         UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
+        FilesError: (422, "invalid-file", "The files were not understood"),
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
         MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),
@@ -150,7 +152,7 @@ def _path(location: Sequence[int | str]) -> str:
     """observations[3].force[0]; the tag of a model's format is no field and is left out."""
     path = ""
     for i, part in enumerate(location):
-        if i and location[i - 1] == "model" and part in {"urdf", "dh"}:
+        if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry"}:
             continue
         if isinstance(part, int):
             path += f"[{part}]"

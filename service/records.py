@@ -16,6 +16,8 @@ __all__ = [
     "ComparisonEntry",
     "ComparisonRecord",
     "Entry",
+    "GeometryEntry",
+    "GeometryRecord",
     "IdempotencyKey",
     "JobRecord",
     "MeasurementSetEntry",
@@ -139,6 +141,27 @@ class PairRecord(PairEntry):
 
 
 @dataclass(frozen=True, slots=True)
+class GeometryEntry:
+    """A geometry in a listing."""
+
+    title: ClassVar[str] = "geometry"
+
+    id: str
+    robot_id: str | None
+    name: str
+    state: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class GeometryRecord(GeometryEntry):
+    """A geometry with its readings and its result."""
+
+    document: str
+    """JSON text of `schemas.geometry.Geometry`."""
+
+
+@dataclass(frozen=True, slots=True)
 class IdempotencyKey:
     """What a client sent to make a repeated post harmless."""
 
@@ -148,12 +171,16 @@ class IdempotencyKey:
     """Hash of the body that came with it."""
 
 
-AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord | ComparisonRecord | PairRecord
-AnyJobRecord = RunRecord | ComparisonRecord | PairRecord
+AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord | ComparisonRecord | PairRecord | GeometryRecord
+AnyJobRecord = RunRecord | ComparisonRecord | PairRecord | GeometryRecord
 
-Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord, PairRecord)
-JobRecord = TypeVar("JobRecord", RunRecord, ComparisonRecord, PairRecord)
-Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, RunEntry, ComparisonEntry, PairEntry)
+Record = TypeVar(
+    "Record", RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord, PairRecord, GeometryRecord
+)
+JobRecord = TypeVar("JobRecord", RunRecord, ComparisonRecord, PairRecord, GeometryRecord)
+Entry = TypeVar(
+    "Entry", RobotRecord, MeasurementSetEntry, RunEntry, ComparisonEntry, PairEntry, GeometryEntry
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from service.conversion import to_settings
 from service.prepared import PreparedSet
 from service.work import Span
 from solver.exceptions import RequestError
-from solver.gram_blocks import GramBlocks, gram_blocks
+from solver.gram_blocks import GramBlocks, gram_blocks, refuse_nonlinear
 from solver.problem import Bounds
 from solver.resampling import Resamples, ResamplingPlan, resample
 
@@ -34,10 +34,11 @@ class ResamplingWork:
         """Check what is asked for.
 
         Raises:
-            RequestError: a draw larger than the set.
+            RequestError: a draw larger than the set, or what cannot be resampled.
         """
         self._prepared = prepared
         self._settings = to_settings(options, prepared.robot)
+        refuse_nonlinear(self._settings)
         self.configurations = len(prepared.measurements)
         if resampling.size > self.configurations:
             raise RequestError(

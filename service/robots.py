@@ -12,6 +12,7 @@ from service.conversion import build_robot, describe_joints, describe_wrist, dh_
 from service.records import IdempotencyKey, RobotRecord
 from service.sandbox import vet_urdf
 from service.store import Store
+from service.stored_geometry import succeeded_geometry
 from solver.exceptions import RobotError
 from solver.robot import Robot
 from solver.urdf import read_urdf
@@ -28,15 +29,19 @@ class Robots:
         self._store = store
         self._stored = lru_cache(_CACHED)(self._load)
 
-    def create(self, document: messages.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
+    def create(
+        self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
+    ) -> RobotRecord:
         """Vet a robot and store it.
 
         Raises:
             RobotError: the description cannot be used.
+            RequestError: there is no such geometry.
             IdempotencyConflictError: the key came before with another body.
         """
         if key is not None and (before := self._store.find(RobotRecord, key)) is not None:
             return before
+        document, geometry_id = self._described(request)
         vetted, robot = _vetted(document)
         created_at = datetime.now(UTC)
         stored = messages.Robot(
@@ -45,6 +50,7 @@ class Robots:
             id=uuid4().hex,
             joints=describe_joints(robot),
             wrist=describe_wrist(robot),
+            geometry_id=geometry_id,
             content_hash=_content_hash(vetted),
             created_at=created_at,
         )
@@ -75,6 +81,18 @@ class Robots:
         if document is not None:
             return _vetted(document)[1]
         return self.load(robot_id or "")[0]
+
+    def _described(
+        self, request: messages.RobotDocument | messages.RobotRequest
+    ) -> tuple[messages.RobotDocument, str | None]:
+        """The robot that a request describes, and the geometry that found it."""
+        model = request.model
+        if isinstance(model, messages.GeometryModel):
+            where = "model.geometry_id"
+            _, result = succeeded_geometry(self._store, model.geometry_id, where)
+            return result.robot.model_copy(update={"name": request.name}), model.geometry_id
+        document = messages.RobotDocument(name=request.name, model=model, joint_map=request.joint_map)
+        return document, None
 
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.get(RobotRecord, robot_id)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from schemas.run import Run, RunRequest, RunResult
 from service.conversion import to_settings
+from service.elastic import ElasticWork, decode_fits, encode_fits
 from service.identify import run_identification
 from service.kinds import Kind, Opening, prepared_for
 from service.measurement_sets import MeasurementSets
@@ -13,14 +14,19 @@ from service.prepared import PreparedSet
 from service.records import RunRecord
 from service.resample import ResamplingWork, decode, encode
 from service.work import Span, Work
+from solver.cross_validation import FoldFit
 from solver.identification import refuse_unsupported
 from solver.resampling import Resamples
 
 __all__ = ["RunKind", "RunWork"]
 
 
-class RunWork(Work[Resamples]):
-    """What a run takes: its draws, of which a quick one has none."""
+Part = Resamples | list[FoldFit]
+"""Some draws, or what some weights of the links' penalty come to in a fold."""
+
+
+class RunWork(Work[Part]):
+    """What a run takes: its draws or its cross-validation, of which a quick one has none."""
 
     def __init__(self, prepared: PreparedSet, request: RunRequest) -> None:
         """Check what is asked for.
@@ -31,39 +37,48 @@ class RunWork(Work[Resamples]):
         self.robot_id, self.content = prepared.robot_id, prepared.content
         self._prepared, self._request = prepared, request
         self._draws: ResamplingWork | None = None
-        if request.resampling is not None:
+        self._elastic: ElasticWork | None = None
+        if request.elasticity != "joints":
+            self._elastic = ElasticWork(prepared, request)
+            self.unit, self.activity = "penalties", "cross-validating"
+        elif request.resampling is not None:
             refuse_unsupported(prepared.robot, prepared.measurements, to_settings(request, prepared.robot))
             self._draws = ResamplingWork(prepared, request, request.resampling)
 
     def steps(self) -> Sequence[Span]:
-        """The draws, cut into steps."""
-        return () if self._draws is None else self._draws.steps()
+        """The draws, or the cross-validation, cut into steps."""
+        work = self._elastic or self._draws
+        return () if work is None else work.steps()
 
-    def compute(self, span: Span) -> Resamples:
-        """Fit some of the draws.
+    def compute(self, span: Span) -> Part:
+        """Carry out a step.
 
         Raises:
             JointstiffError: as the identification of the whole set does.
         """
-        if self._draws is None:
+        work = self._elastic or self._draws
+        if work is None:
             raise ValueError("this run takes no steps")
-        return self._draws.compute(span)
+        return work.compute(span)
 
-    def encode(self, part: Resamples) -> str:
+    def encode(self, part: Part) -> str:
         """As text that an engine can keep."""
-        return encode(part)
+        return encode_fits(part) if isinstance(part, list) else encode(part)
 
-    def decode(self, text: str) -> Resamples:
+    def decode(self, text: str) -> Part:
         """What `encode` wrote."""
-        return decode(text)
+        return decode(text) if self._elastic is None else decode_fits(text)
 
-    def conclude(self, parts: Sequence[Resamples]) -> RunResult:
-        """The whole set's identification, with what the draws say.
+    def conclude(self, parts: Sequence[Part]) -> RunResult:
+        """The whole set's identification, with what the steps say.
 
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        return run_identification(self._prepared, self._request, parts)
+        if self._elastic is not None:
+            return self._elastic.conclude([part for part in parts if isinstance(part, list)])
+        draws = [part for part in parts if isinstance(part, Resamples)]
+        return run_identification(self._prepared, self._request, draws)
 
 
 class RunKind(Kind[RunRequest, Run, RunRecord]):

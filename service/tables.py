@@ -29,6 +29,8 @@ from service.records import (
     AnyRecord,
     ComparisonEntry,
     ComparisonRecord,
+    GeometryEntry,
+    GeometryRecord,
     MeasurementSetEntry,
     MeasurementSetRecord,
     PairEntry,
@@ -153,6 +155,16 @@ _pairs = _jobs(
     filters=("first_set_id", "second_set_id", "robot_id", "state"),
 )
 
+_geometries = _jobs(
+    "geometries",
+    Column("robot_id", String, ForeignKey("robots.id"), nullable=True),
+    Column("name", String, nullable=False),
+    Column("state", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("document", Text, nullable=False),
+    filters=("robot_id", "name", "state"),
+)
+
 idempotency_keys = Table(
     "idempotency_keys",
     metadata,
@@ -189,6 +201,8 @@ TABLES: Mapping[type, Table] = MappingProxyType(
         ComparisonRecord: _comparisons,
         PairEntry: _pairs,
         PairRecord: _pairs,
+        GeometryEntry: _geometries,
+        GeometryRecord: _geometries,
     }
 )
 """Where records and entries live."""
@@ -212,6 +226,7 @@ PARENTS: Mapping[type, Mapping[str, type[AnyRecord]]] = MappingProxyType(
             "second_set_id": MeasurementSetRecord,
             "robot_id": RobotRecord,
         },
+        GeometryRecord: {},  # its robot need not be stored
     }
 )
 """What must be there before a record can be added: column → kind."""

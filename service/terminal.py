@@ -16,6 +16,7 @@ from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import ResamplingResult
 from schemas.run import Identifiability, JointResult, Progress, Run, RunResult
+from service.links_table import links_report
 
 __all__ = [
     "METHOD_NAMES",
@@ -61,6 +62,8 @@ def run_report(run: Run) -> RenderableType:
     parts += [Text(f"  {line}", style="dim") for line in _complementary_stiffness(result)]
     parts += [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
     parts += [Text(f"  {line}", style="dim") for line in _identifiability(result.identifiability)]
+    if result.links is not None:
+        parts += [Text(), *links_report(result.links, result.selection)]
     if result.resampling is not None:
         parts += [Text(), _resampling_table(run, result.resampling)]
     return Group(*parts)
@@ -171,10 +174,12 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
     if not shown:
         yield lambda _: None
         return
-    columns = (TextColumn("resampling"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ProgressBar(*columns, console=console(stderr=True), transient=True) as bar:
-        task = bar.add_task("resampling", total=None)
-        yield lambda progress: bar.update(task, total=progress.total, completed=progress.done)
+        task = bar.add_task("starting", total=None)
+        yield lambda progress: bar.update(
+            task, description=progress.activity, total=progress.total, completed=progress.done
+        )
 
 
 def _stiffness_cells(joint: JointResult) -> tuple[str, str, str]:

@@ -26,10 +26,14 @@ class Work(ABC, Generic[Part]):
     Attributes:
         robot_id: of the robot that the job is about.
         content: hash of the data that go into it.
+        unit: of its progress; that of its kind if None.
+        activity: what it is doing while it makes progress; that of its kind if None.
     """
 
     robot_id: str
     content: str
+    unit: str | None = None
+    activity: str | None = None
 
     @abstractmethod
     def steps(self) -> Sequence[Span]:

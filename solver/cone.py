@@ -101,7 +101,7 @@ class LeastSquares:
     def compressed(self) -> tuple[FloatArray, FloatArray]:
         """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
         p = self.R.shape[1]
-        both = np.linalg.qr(np.column_stack([self.R, self.z]), mode="r")
+        both = np.asarray(np.linalg.qr(np.column_stack([self.R, self.z]), mode="r"), dtype=np.float64)
         return both[:p, :p], both[:p, p]
 
     def gradient_at(self, x: FloatArray) -> FloatArray:

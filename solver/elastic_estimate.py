@@ -87,6 +87,7 @@ class ElasticEstimate:
         compliance: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one.
         coupled: (n, n) full joint compliance [rad/(N·m)]; None where joints are not coupled. Its rows of
             joints that are not seen are zero.
+        entries: (P,) all compliances by their columns, which predict: rows @ entries.
         links: that bend.
         elements: what each explains.
         prediction: of all deflections.
@@ -102,6 +103,7 @@ class ElasticEstimate:
     weight: float
     compliance: FloatArray
     coupled: FloatArray | None
+    entries: FloatArray
     links: tuple[LinkCompliance, ...]
     elements: tuple[Element, ...]
     prediction: Prediction

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -106,6 +107,7 @@ def estimate_elastic(
         weight=weight,
         compliance=np.where(seen, _joint_compliances(compliances, model.columns), np.nan),
         coupled=_coupled(compliances, model),
+        entries=compliances,
         links=tuple(_links(compliances, model, freedom)),
         elements=elements,
         prediction=prediction,
@@ -115,7 +117,7 @@ def estimate_elastic(
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
-            least, solution.certificate.dual, gap, scale, solution.certificate.tolerance
+            least, solution.certificate.dual, gap, float(scale), solution.certificate.tolerance
         ),
     )
 
@@ -125,7 +127,7 @@ def _residual_scale(formulation: Formulation, rows: ElasticRows) -> float:
     joints = formulation.joints
     R, z = formulation.fit.R[:, joints], formulation.fit.z
     left = float(np.linalg.norm(R @ np.linalg.lstsq(R, z, rcond=None)[0] - z))
-    return max(left, _LEAST_SCALE) * formulation.size / np.sqrt(max(1, rows.readings - len(joints)))
+    return max(left, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - len(joints)))
 
 
 def _solved(formulation: Formulation, weight: float, scale: float) -> ConeSolution:

@@ -44,7 +44,7 @@ class _BlockFace:
     @property
     def rank(self) -> int:
         """Of the block."""
-        return self.U.shape[1]
+        return int(self.U.shape[1])
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -138,7 +138,7 @@ class Face:
         """The point after a step of Newton's method; None if that leaves the face or does not exist."""
         gradient = self.basis.T @ self.program.slack(self.x)
         try:
-            step = np.linalg.solve(self.hessian, -gradient)
+            step: FloatArray = np.asarray(np.linalg.solve(self.hessian, -gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         out = np.zeros(len(self.x))

@@ -32,7 +32,7 @@ from solver.regressor import RegressorBlock, regressor_blocks
 from solver.robot import Robot
 from solver.wrist import WRIST_JOINTS
 
-__all__ = ["GramBlocks", "StageBlocks", "gram_blocks"]
+__all__ = ["GramBlocks", "StageBlocks", "gram_blocks", "refuse_nonlinear"]
 
 FloatArray = npt.NDArray[np.float64]
 JointIndices = npt.NDArray[np.intp]
@@ -137,7 +137,7 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
         JointstiffError: as `solver.identification.identify` does on the full set.
         UnsupportedMethodError: a loss or a model that is not linear in the readings.
     """
-    _refuse_nonlinear(settings)
+    refuse_nonlinear(settings)
     unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
     length = identify(robot, measurements, unbounded).characteristic_length
     exposure = Exposure(robot.joint_names)
@@ -161,8 +161,12 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
     )
 
 
-def _refuse_nonlinear(settings: Settings) -> None:
-    """Sums over configurations serve every draw only where no draw changes the rows."""
+def refuse_nonlinear(settings: Settings) -> None:
+    """Sums over configurations serve every draw only where no draw changes the rows.
+
+    Raises:
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+    """
     if settings.loss != "squared":
         raise UnsupportedMethodError(
             f"resampling goes with the squared loss, and loss {settings.loss} was asked for",

@@ -86,7 +86,8 @@ def polish(problem: Inequality, active: BoolArray, near: FloatArray) -> FloatArr
         rank = int((singular > _NO_DIRECTION * singular[0]).sum())
         x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
         along = Vt[rank:].T
-    if along.shape[1]:
+    # Twice: rows that are nearly parallel may have taken x far away, and the first step leaves its rounding.
+    for _ in range(2 if along.shape[1] else 0):
         step = np.linalg.lstsq(problem.A @ along, problem.b - problem.A @ x, rcond=_NO_DIRECTION)[0]
         x = x + along @ step
     return np.asarray(x, dtype=np.float64)
@@ -104,9 +105,12 @@ def conditions(problem: Inequality, x: FloatArray) -> tuple[float, float]:
     size = max(1.0, float(np.abs(x).max()))
     violation = float((problem.d - problem.B @ x).max(initial=0.0))
     gradient = problem.A.T @ (problem.A @ x - problem.b)
-    left = gradient - problem.B.T @ multipliers_of(problem, x)
-    rounding = _ROUNDING * size
-    return max(0.0, violation - rounding), max(0.0, float(np.abs(left).max()) - rounding)
+    multipliers = multipliers_of(problem, x)
+    left = np.abs(gradient - problem.B.T @ multipliers)
+    # A balance is known to the rounding of its largest terms: rows that are nearly parallel, as where a joint
+    # hardly shows, pull against each other with multipliers far beyond the gradient.
+    largest = max(size, float((np.abs(problem.B.T) @ multipliers).max(initial=0.0)))
+    return max(0.0, violation - _ROUNDING * size), max(0.0, float(left.max()) - _ROUNDING * largest)
 
 
 def multipliers_of(problem: Inequality, x: FloatArray, slack: float = _TIGHT) -> FloatArray:

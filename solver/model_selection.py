@@ -13,6 +13,7 @@ from solver.elastic_model import MODELS, ModelName
 from solver.link_regressor import elastic_blocks
 from solver.measurements import Measurements
 from solver.robot import Robot
+from solver.symmetric import diagonal
 
 __all__ = ["HeldOut", "Selection", "select_model"]
 
@@ -29,7 +30,8 @@ class HeldOut:
         compensation: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``.
         standard_error: of that mean, from the spread of the folds.
         by_fold: (K,) compensation of each fold.
-        jackknife: (P,) standard uncertainty of each compliance by leaving out a fold at a time.
+        jackknife: (n,) standard uncertainty of each joint's compliance by leaving out a fold at a time
+            [rad/(N·m)].
     """
 
     model: ModelName
@@ -89,8 +91,11 @@ def select_model(
             for number, indices in enumerate(folds.held_out)
         ]
     ).T
+    columns = folds.columns
+    coupled = columns.coupling[diagonal(columns.n)]
+    joints = chosen[..., columns.joints] + chosen[..., coupled]
     models = tuple(
-        _held_out(name, plan.weights[place], chosen[number], compensation[number])
+        _held_out(name, plan.weights[place], joints[number], compensation[number])
         for number, (name, place) in enumerate(zip(names, places, strict=True))
     )
     best = max(models, key=lambda each: each.compensation)
@@ -100,7 +105,7 @@ def select_model(
 
 
 def _held_out(name: ModelName, weight: float, compliances: FloatArray, by_fold: FloatArray) -> HeldOut:
-    """Mean and spread; the compliances (K, P) of the folds give the jackknife's uncertainty."""
+    """Mean and spread; the joints' compliances (K, n) of the folds give the jackknife's uncertainty."""
     count = len(by_fold)
     spread = np.square(compliances - compliances.mean(axis=0)).sum(axis=0)
     return HeldOut(

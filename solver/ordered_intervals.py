@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from solver.constraints import Constraints
 from solver.estimate import Estimate
 from solver.likelihood import Likelihood
+from solver.ordered_pair import OrderedFit
 from solver.problem import Bounds
 from solver.profile import profile_ends
 from solver.settings import Settings
@@ -20,17 +21,22 @@ Order = tuple[tuple[int, int], ...]
 
 
 def ordered_intervals(
-    estimates: tuple[Estimate, Estimate], settings: tuple[Settings, Settings], quantile: float
+    estimates: tuple[Estimate, Estimate],
+    settings: tuple[Settings, Settings],
+    together: OrderedFit,
+    quantile: float,
 ) -> FloatArray:
     """Intervals under both campaigns' constraints and ``c_second ≤ c_first``.
 
     Both estimates are Gaussian and independent, so their likelihood is that of 2 n compliances with a
     covariance of two blocks. Joints of which a campaign says nothing are left out: they neither get an
-    interval nor bound another.
+    interval nor bound another. The intervals are widened to contain the estimate: that of a method that is
+    not maximum likelihood, such as the decoupled one, may lie outside its own interval under constraints.
 
     Args:
         estimates: of the first and the second, without constraints; their uncertainties are known.
         settings: their bounds and orders.
+        together: the estimate of both.
         quantile: t, so that an interval without active constraints is ĉ ± t u(ĉ).
 
     Returns:
@@ -62,6 +68,9 @@ def ordered_intervals(
     )
     constraints = Constraints(bounds, _orders(settings, n)).select(places)
     ends[places] = profile_ends(likelihood, constraints, np.arange(len(places)), np.array([quantile]))[0]
+    estimate = np.concatenate([together.first, together.second])[places]
+    ends[places, 0] = np.minimum(ends[places, 0], estimate)
+    ends[places, 1] = np.maximum(ends[places, 1], estimate)
     return ends.reshape(2, n, 2)
 
 

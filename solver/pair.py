@@ -124,7 +124,7 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
     if ordered:
         together = _together(first, second, free)
         quantile = two_sided_quantile(confidence, min(map(_freedom, free)))
-        intervals = ordered_intervals(free, (first.settings, second.settings), quantile)
+        intervals = ordered_intervals(free, (first.settings, second.settings), together, quantile)
     compliances = estimates[0].compliance, estimates[1].compliance
     if together is not None:
         compliances = np.nan_to_num(together.first), np.nan_to_num(together.second)

@@ -33,6 +33,8 @@ RADIUS_TOLERANCE = 1e-11
 """Greatest relative deviation of an end's squared distance from ρ² that is taken for rounding."""
 
 _ROUNDS = 100
+_POINT = 1e-9
+"""Radius beside the greatest of a ball that is a point, as that of one-sided bounds at 50 % is."""
 _NO_DIRECTION = 1e-13
 _AT_BOUND = 1e-9
 """Distance from its own bound, in units of the ball's radius, at which a joint counts as at it."""
@@ -62,25 +64,28 @@ def profile_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    nearest = _least_distance_squared(likelihood, constraints, float(radii.max()))
-    radius = np.sqrt(radii**2 + nearest)
+    move = _move_to_nearest(likelihood, constraints, float(radii.max()))
+    distance = likelihood.rows @ move
+    radius = np.sqrt(radii**2 + distance @ distance)
     ends = likelihood.interval(wanted, radius)
     covariance = likelihood.covariance[:, wanted]
     reach = (covariance / np.sqrt(covariance[wanted, np.arange(len(wanted))])).T[:, None, :]  # (w, 1, p)
     reach = radius[:, None, None, None] * np.array([-1.0, 1.0])[:, None] * reach  # (q, w, 2, p)
     bent = ~constraints.hold(likelihood.centre + reach)
+    point = radii <= _POINT * radii.max()
+    nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
+    ends[point], bent[point] = nearest[wanted, None], False
     if bent.any():
         ends[bent] = _bent_ends(likelihood, constraints, radius, wanted, bent)
     return ends
 
 
-def _least_distance_squared(likelihood: Likelihood, constraints: Constraints, scale: float) -> float:
-    """Of the constrained optimum from the unconstrained one, ``min ‖R (c − ĉ)‖²``."""
+def _move_to_nearest(likelihood: Likelihood, constraints: Constraints, scale: float) -> FloatArray:
+    """(p,) from the unconstrained optimum to the constrained one, ``argmin ‖R (c − ĉ)‖²`` [rad/(N·m)]."""
     if constraints.hold(likelihood.centre):
-        return 0.0
+        return np.zeros(len(likelihood.centre))
     ball = _Ball(likelihood, constraints, scale)
-    nearest = ball.optimum(np.zeros(len(ball.A)))[0]
-    return float(np.sum((ball.A @ nearest) ** 2)) * scale**2
+    return ball.optimum(np.zeros(len(ball.A)))[0] * ball.unit
 
 
 def _bent_ends(

@@ -122,7 +122,7 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) 
     gap = float(np.square(0.5 * shrink * dual - residual).sum() + max(0.0, slack @ x))
     return ConeCertificate(
         primal=cone.least(x),
-        dual=outside / program.weight,
+        dual=float(outside / program.weight),
         gap=float(np.sqrt(gap)) if feasible else float("inf"),
         tolerance=tolerance,
     )
@@ -146,7 +146,7 @@ def _clarabel(program: SemidefiniteProgram, tolerance: float) -> FloatArray | No
     regressor's, is never formed.
     """
     import clarabel
-    from scipy import sparse
+    from scipy.sparse import csc_array
 
     near, cone = program.fit.near, program.cone
     triangle, readings = program.fit.compressed
@@ -158,11 +158,11 @@ def _clarabel(program: SemidefiniteProgram, tolerance: float) -> FloatArray | No
     cones = [clarabel.ZeroConeT(k)]
     cones += [clarabel.NonnegativeConeT(cone.nonnegative)] if cone.nonnegative else []
     cones += [clarabel.PSDTriangleConeT(size) for size in cone.sizes]
-    rows = [[sparse.csc_array(triangle), -sparse.eye_array(k)], [-sparse.eye_array(p), None]]
+    rows = np.block([[triangle, -np.eye(k)], [-np.eye(p), np.zeros((p, k))]])
     solver = clarabel.DefaultSolver(
-        sparse.diags_array(np.repeat([0.0, 2.0], [p, k]), format="csc"),
+        csc_array(np.diag(np.repeat([0.0, 2.0], [p, k]))),
         np.concatenate([program.penalty, np.zeros(k)]),
-        sparse.block_array(rows, format="csc"),
+        csc_array(rows),
         np.concatenate([readings - triangle @ near, near]),
         cones,
         settings,

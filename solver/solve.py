@@ -134,14 +134,15 @@ def _solve_with_inequalities(
         found = find()
         if found is None:
             continue
-        x = polish(general, *found)
-        # Rows that the proposal left out but that hold up to rounding, and pull, are put on it exactly.
-        x = _snap(scaled, polish(general, multipliers_of(general, x) > 0, x))
-        primal, dual = conditions(general, x)
-        certificate = Certificate(primal, dual, 0.0, name)
-        if certificate.holds:
-            tight = general.tight(x)[-len(slack) :]
-            return replace(_unscaled(problem, scaled, x, certificate), tight=tight)
+        near = polish(general, *found)
+        # Rows that the proposal left out but that hold up to rounding, and pull, are put on it exactly;
+        # unless that asks too much, as where a tiny variable holds a large one to its own rounding.
+        for x in (polish(general, multipliers_of(general, near) > 0, near), near):
+            x = _snap(scaled, x)
+            certificate = Certificate(*conditions(general, x), 0.0, name)
+            if certificate.holds:
+                tight = general.tight(x)[-len(slack) :]
+                return replace(_unscaled(problem, scaled, x, certificate), tight=tight)
     raise _not_certified(certificate)
 
 

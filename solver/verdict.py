@@ -162,13 +162,15 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
 
 
 def _tied(evidence: Evidence, j: int) -> list[int]:
-    """Joints that the order ties to joint j: equal to the last digit, which noise never is."""
-    compliance, null = evidence.fit.compliance, evidence.visibility.null
+    """Joints that the order ties to joint j: equal to the last digit, which noise never is.
+
+    An order through a joint that the readings do not see ties those on both sides of it.
+    """
     if not (evidence.fit.tied[j] or evidence.fit.active[j]):
         return []
-    pairs = [pair for pair in evidence.constraints.order if j in pair]
-    others = [i + k - j for i, k in pairs]
-    return [k for k in others if not null[k] and compliance[k] == compliance[j]]
+    compliance, seen = evidence.fit.compliance, np.flatnonzero(~evidence.visibility.null)
+    pairs = [seen[[i, k]].tolist() for i, k in evidence.constraints.select(seen).order]
+    return [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
 
 
 def _rounded_down(stiffness: float) -> str:

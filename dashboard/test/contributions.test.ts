@@ -28,6 +28,16 @@ describe("what each joint contributes", () => {
     expect(parts.reduce((sum, part) => sum + part.share, 0)).toBeCloseTo(1, 12);
     expect(parts[1]?.share).toBeLessThan(0);
   });
+  it("takes readings and loads out of a tracker's frame", () => {
+    // a quarter turn about z and a metre along x
+    const resolved = { rotation: [[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation: [1, 0, 0], flange_targets: {} };
+    const readings = [{ target: "tcp", unloaded: [0, -1000, 0] }];
+    const observations = [{ label: "1", joints: [0, 0], force: [0, 0, -1], readings }];
+    const set = { ...SET, frame: { forces: "tracker" }, resolved_frame: resolved, observations } as unknown as MeasurementSet;
+    const [moved] = contributions(set, [POSTURE], [joint("a", 1e-6), joint("b", 4e-6)]);
+    expect(moved?.place).toEqual([2, 0, 0]);
+    expect(moved?.byJoint[1]?.[2]).toBeCloseTo(-0.004, 12);
+  });
   it("counts a joint without a number as rigid", () => {
     const [moved] = contributions(SET, [POSTURE], [joint("a", null), joint("b", 1e-6)]);
     expect(norm(moved!.byJoint[0]!)).toBe(0);

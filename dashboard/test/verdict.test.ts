@@ -14,6 +14,7 @@ describe("verdicts", () => {
     [joint({ stiffness_interval: [0.9e6, 1.1e6] }), "fair"],
     [joint({ stiffness_interval: [0.5e6, 5e6] }), "rough"],
     [joint({ stiffness_interval: [0.5e6, null] }), "lower_limit"],
+    [joint({ stiffness_interval: null }), "unrated"],
     [joint({ status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] }), "lower_limit"],
     [joint({ compliance: -1e-6, stiffness: -1e6, stiffness_interval: null }), "negative"],
     [joint({ status: "not_observable", compliance: null, stiffness: null, stiffness_interval: null }), "unobservable"],

@@ -25,6 +25,7 @@ __all__ = [
     "Body",
     "describe_body",
     "read_body",
+    "read_content",
 ]
 
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
@@ -71,7 +72,7 @@ def read_body(message: type[Parsed], limit: int) -> Callable[..., Awaitable[Body
         media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
         if media_type != "application/json":
             raise HTTPException(415, "send JSON, with the header Content-Type: application/json")
-        content = await _content(request, limit)
+        content = await read_content(request, limit)
         if len(content) <= SMALL_BYTES:
             parsed = _understood(content, message)
         else:
@@ -85,7 +86,12 @@ def read_body(message: type[Parsed], limit: int) -> Callable[..., Awaitable[Body
     return dependency
 
 
-async def _content(request: Request, limit: int) -> bytes:
+async def read_content(request: Request, limit: int) -> bytes:
+    """The body, cut off where it exceeds `limit` bytes, declared or not.
+
+    Raises:
+        HTTPException: it does (413), or the client left (400).
+    """
     content = bytearray()
     try:
         async for chunk in request.stream():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-__all__ = ["COMPARISONS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS"]
+__all__ = ["COMPARISONS", "GEOMETRIES", "IMPORTS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS"]
 
 _QUARTER: Final = 1.5707963267948966
 
@@ -34,6 +34,93 @@ ROBOTS: Final[dict[str, Any]] = {
             "base": "base_link",
             "flange": "flange",
         },
+    },
+    "identified": {
+        "name": "six-axis arm, cell 3, as measured",
+        "model": {"format": "geometry", "geometry_id": "ID_OF_A_STORED_GEOMETRY"},
+    },
+}
+
+GEOMETRIES: Final[dict[str, Any]] = {
+    "two joints": {
+        "name": "pan and tilt",
+        "units": {"length": "mm", "angle": "deg"},
+        "noise": {"sigma": 0.01},
+        "sweeps": [
+            {
+                "joint": "joint_1",
+                "observations": [
+                    {
+                        "joints": [-60.0, 0.0],
+                        "targets": {
+                            "P10": [3374.935, -1874.21, 100.004],
+                            "P11": [3238.992, -2020.908, 149.998],
+                        },
+                    },
+                    {
+                        "joints": [-20.0, 0.0],
+                        "targets": {
+                            "P10": [3603.561, -1154.073, 99.991],
+                            "P11": [3593.805, -1353.828, 149.996],
+                        },
+                    },
+                    {
+                        "joints": [20.0, 0.0],
+                        "targets": {
+                            "P10": [3315.867, -455.455, 99.989],
+                            "P11": [3436.754, -614.773, 149.998],
+                        },
+                    },
+                    {
+                        "joints": [60.0, 0.0],
+                        "targets": {
+                            "P10": [2646.413, -105.212, 100.0],
+                            "P11": [2841.44, -149.552, 149.995],
+                        },
+                    },
+                ],
+            },
+            {
+                "joint": "joint_2",
+                "observations": [
+                    {
+                        "joints": [0.0, -60.0],
+                        "targets": {
+                            "P10": [3139.182, -897.597, 792.84],
+                            "P11": [3156.918, -1101.468, 817.83],
+                        },
+                    },
+                    {
+                        "joints": [0.0, -20.0],
+                        "targets": {
+                            "P10": [3475.218, -793.655, 373.625],
+                            "P11": [3518.0, -989.772, 420.607],
+                        },
+                    },
+                    {
+                        "joints": [0.0, 20.0],
+                        "targets": {
+                            "P10": [3475.199, -793.642, -173.626],
+                            "P11": [3550.652, -979.663, -126.624],
+                        },
+                    },
+                    {
+                        "joints": [0.0, 60.0],
+                        "targets": {
+                            "P10": [3139.179, -897.613, -592.82],
+                            "P11": [3239.654, -1075.859, -567.813],
+                        },
+                    },
+                ],
+            },
+        ],
+    },
+    "poses of a stored robot": {
+        "units": {"length": "mm", "angle": "deg"},
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "poses": [
+            {"joints": [0.0, -30.0, 45.0, 0.0, 60.0, 0.0], "targets": {"P10": [1562.104, 151.336, 1120.48]}}
+        ],
     },
 }
 
@@ -108,4 +195,15 @@ PAIRS: Final[dict[str, Any]] = {
         "ordered": True,
     },
     "two runs": {"first": {"run_id": "ID_OF_A_RUN"}, "second": {"run_id": "ID_OF_ANOTHER"}},
+}
+
+IMPORTS: Final[dict[str, Any]] = {
+    "one table": {
+        "files": [
+            "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];P10 unloaded x [mm];P10 unloaded y [mm];"
+            "P10 unloaded z [mm];P10 loaded x [mm];P10 loaded y [mm];P10 loaded z [mm]\n"
+            "c01;10.5;-20.25;0;0;-1471.5;1245.7134;-310.1127;239.2014;1245.6021;-310.1098;237.9853\n"
+        ],
+        "options": {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]},
+    }
 }

@@ -32,4 +32,5 @@ def get_index() -> dict[str, str]:
         "runs": "/v1/runs",
         "comparisons": "/v1/comparisons",
         "pairs": "/v1/pairs",
+        "imports": "/v1/imports",
     }

@@ -13,6 +13,7 @@ from service.api.parts import created, json_response
 from service.api.progress import MAX_WAIT_SECONDS, wait_for_end
 from service.job_log import OPEN_STATES
 from service.jobs import AnyJobs
+from service.store_errors import NotFoundError, StoreUnavailableError
 
 __all__ = ["JobId", "Wait", "answer", "delete", "follow", "restore"]
 
@@ -38,8 +39,11 @@ async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -
     record = await run_in_threadpool(jobs.create, body.message, body.key)
     if record.state not in OPEN_STATES:
         return created(collection, record.id, record.document)
-    await wait_for_end(jobs, record.id, wait)
-    job = await run_in_threadpool(jobs.current, record.id)
+    try:
+        await wait_for_end(jobs, record.id, wait)
+        job = await run_in_threadpool(jobs.current, record.id)
+    except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
+        return created(collection, record.id, record.document, 202)
     return created(collection, job.id, job.model_dump_json(), 202 if job.state in OPEN_STATES else 201)
 
 

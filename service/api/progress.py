@@ -19,6 +19,9 @@ __all__ = ["MAX_WAIT_SECONDS", "Watches", "wait_for_end"]
 
 MAX_WAIT_SECONDS: Final = 60
 _LOOK_SECONDS: Final = 0.1
+_LOOK_SHARE: Final = 0.05
+"""Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who
+wait a minute would otherwise keep all threads busy."""
 _EVENT_SECONDS: Final = 0.5
 """Between two looks at a job that is followed."""
 _QUIET_LOOKS: Final = 30
@@ -30,9 +33,9 @@ _AT_A_TIME: Final = 8
 async def wait_for_end(jobs: AnyJobs, job_id: str, wait: float) -> None:
     """Return when a job has ended, or after `wait` seconds."""
     clock = asyncio.get_running_loop().time
-    deadline = clock() + wait
-    while (await run_in_threadpool(jobs.standing, job_id)).goes_on and clock() < deadline:
-        await asyncio.sleep(_LOOK_SECONDS)
+    began = clock()
+    while (await run_in_threadpool(jobs.standing, job_id)).goes_on and (waited := clock() - began) < wait:
+        await asyncio.sleep(min(max(_LOOK_SECONDS, _LOOK_SHARE * waited), wait - waited))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Robots: kinematics from URDF or DH tables."""
+"""Robots: kinematics from URDF or DH tables, or as a geometry found them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Path, Query, Response
 
 from schemas.base import Page
 from schemas.query import RobotQuery
-from schemas.robot import Robot, RobotDocument, RobotSummary
+from schemas.robot import Robot, RobotRequest, RobotSummary
 from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
 from service.api.examples import ROBOTS
 from service.api.parts import LOCATION, PartsOf, created, json_response, problems
@@ -24,16 +24,17 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
     status_code=201,
     response_model=Robot,
     responses=LOCATION | problems(400, 413, 415, 422),
-    openapi_extra=describe_body(RobotDocument, ROBOTS),
+    openapi_extra=describe_body(RobotRequest, ROBOTS),
 )
 def post_robot(
-    parts: PartsOf, body: Annotated[Body[RobotDocument], Depends(read_body(RobotDocument, MAX_ROBOT_BYTES))]
+    parts: PartsOf, body: Annotated[Body[RobotRequest], Depends(read_body(RobotRequest, MAX_ROBOT_BYTES))]
 ) -> Response:
     """Store a robot.
 
     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
     unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
-    revolute joints from `base` to `flange` is kept; meshes are never opened.
+    revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
+    the identified model, and the geometry's id.
     """
     record = parts.robots.create(body.message, body.key)
     return created("robots", record.id, record.document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from schemas import measurement_set as sets
 from service.conversion.encoders import EncoderArrays
 from service.conversion.noise import to_noise
 from service.conversion.readings import ReadingArrays
+from service.conversion.units import ANGLE, LENGTH
 from solver.encoders import EncoderReadings
 from solver.exceptions import MeasurementError
 from solver.finding import Finding
@@ -24,8 +26,6 @@ FloatArray = npt.NDArray[np.float64]
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""
 
-_LENGTH: Final[dict[str, float]] = {"m": 1.0, "mm": 1e-3}
-_ANGLE: Final[dict[str, float]] = {"rad": 1.0, "deg": np.pi / 180.0}
 _FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF}
 _MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
 
@@ -42,36 +42,23 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
             where="observations[0].joints",
             remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
         )
-    length = _LENGTH[header.units.length]
+    length = LENGTH[header.units.length]
     deflection = np.where(
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
-    joints = _ANGLE[header.units.angle] * readings.joints
-    position, deflection = length * _positions(header, readings), length * deflection
-    sigma, covariance = to_noise(
-        header,
-        readings.noise,
-        robot,
-        length=length,
-        joints=joints,
-        position=position,
-        deflection=deflection,
-        in_flange=readings.as_deflection,
-        present=readings.present,
-    )
-    return Measurements(
-        joints=joints,
+    plain = Measurements(
+        joints=ANGLE[header.units.angle] * readings.joints,
         force=_FORCE[header.units.force] * readings.force,
         moment=_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _load_points(header, readings),
-        position=position,
+        position=length * _positions(header, readings),
         in_flange=readings.as_deflection,
-        deflection=deflection,
+        deflection=length * deflection,
         present=readings.present,
-        sigma=sigma,
-        covariance=covariance,
-        encoders=_encoder_readings(header, readings.encoders, robot),
     )
+    sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
+    encoders = _encoder_readings(header, readings.encoders, robot)
+    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders)
 
 
 def _encoder_readings(
@@ -93,7 +80,7 @@ def _encoder_readings(
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="state both noise.sigma and noise.encoder_sigma: they weigh angles against lengths",
         )
-    angle, columns = _ANGLE[header.units.angle], encoders.columns(robot.joint_names)
+    angle, columns = ANGLE[header.units.angle], encoders.columns(robot.joint_names)
     deflection = np.zeros((len(encoders.present), robot.n))
     present = np.zeros(deflection.shape, dtype=np.bool_)
     deflection[:, columns] = angle * (encoders.loaded - encoders.unloaded)

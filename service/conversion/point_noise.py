@@ -61,7 +61,7 @@ class PointNoise:
                 unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
         return cls(sigma, unloaded, loaded)
 
-    def fields(self, i: int, t: int) -> dict[str, float | Matrix3]:
+    def fields(self, i: int, t: int) -> dict[str, Any]:
         """What a reading stated, by the names of its fields."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}

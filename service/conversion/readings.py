@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from schemas.frame import ResolvedFrame
 from schemas.measurement_set import MAX_TARGETS, MeasurementSetHeader, Observation, Reading
 from schemas.noise import Noise
 from service.conversion.encoders import EncoderArrays
@@ -153,13 +154,17 @@ class ReadingArrays:
         return digest.digest()
 
 
-def content_hash(header: MeasurementSetHeader, readings: ReadingArrays) -> str:
-    """SHA-256 of a set: its header and its readings, not its name."""
+def content_hash(
+    header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
+) -> str:
+    """SHA-256 of a set: its header, its readings and what its frame stands for, not its name."""
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         # Sets without it keep the hash that earlier versions gave them.
         exclude={"noise": _unstated(header.noise)} if header.noise else None,
     )
+    if header.frame is not None and resolved is not None:
+        text += f"{header.frame.forces} {resolved.model_dump_json()}"
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
 
 

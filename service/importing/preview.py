@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from schemas.importing import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, FilePreview, ImportPreview
 from service.importing.assembly import Assembly
 from service.importing.grid import Grid
 from service.importing.layout import Layout
 
-__all__ = ["preview_all", "preview_file"]
+__all__ = ["missing_from", "preview_all", "preview_file"]
 
 
 def preview_file(grid: Grid, layout: Layout, mark: DecimalMark, notes: Sequence[str]) -> FilePreview:
@@ -47,12 +47,20 @@ def preview_all(files: list[FilePreview], assembly: Assembly) -> ImportPreview:
         states=list(assembly.states),
         reading_count=0 if assembly.one_state else sum(len(one.points) for one in observations),
         assumptions=list(assembly.assumptions),
-        missing=_missing(assembly),
+        missing=missing_from(assembly),
     )
 
 
-def _missing(assembly: Assembly) -> list[str]:
-    """What a measurement set needs beyond what was read."""
+def missing_from(
+    assembly: Assembly, flange_targets: Collection[str] = (), *, load_point: bool = False
+) -> list[str]:
+    """What a measurement set needs beyond what was read, in words.
+
+    Args:
+        assembly: what was read.
+        flange_targets: names of targets whose place in the flange frame is known.
+        load_point: whether it is known.
+    """
     values = assembly.observations[0].values
     states = set(assembly.states)
     missing = []
@@ -64,8 +72,8 @@ def _missing(assembly: Assembly) -> list[str]:
         missing.append("readings: columns such as `P10 unloaded x [mm]`, or lists of points")
     elif assembly.one_state:
         missing.append(f"positions {'under load' if states == {'unloaded'} else 'without load'}")
-    if "deflection" in states:
+    if "deflection" in states and not set(assembly.targets) <= set(flange_targets):
         missing.append("places of the targets in the flange frame (`flange_targets`), for deflections")
-    if "load point" not in values:
+    if "load point" not in values and not load_point:
         missing.append("the load point (`load_point`), in the flange frame")
     return missing

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import helmert
 
+from solver.exceptions import MeasurementError
 from solver.geometry.axis import CHART_SIZE, Axis
 from solver.geometry.sweep import Sweep
 from solver.pose import skew
@@ -118,6 +119,9 @@ def start(sweep: Sweep, controller: FloatArray) -> SweepState:
 
     ``B_t × C_t`` points along the axis, by the square of the target's radius, so that targets count by
     what they know of it; the centres A_t lie on it.
+
+    Raises:
+        MeasurementError: no target was read often enough, or none shows a plane in which it turns.
     """
     columns = np.column_stack([np.ones(len(sweep)), np.cos(controller), np.sin(controller)])
     normal, centres, radii = np.zeros(3), [], []
@@ -127,6 +131,12 @@ def start(sweep: Sweep, controller: FloatArray) -> SweepState:
         normal += np.cross(B, C)
         centres.append(A)
         radii.append(float(np.linalg.norm(np.cross(B, C))))
+    if not np.linalg.norm(normal) > 0.0:
+        raise MeasurementError(
+            "no target shows a circle",
+            where=sweep.where,
+            remedy="read at least one target in three positions or more, at a distance from the axis",
+        )
     centre = np.average(centres, axis=0, weights=np.array(radii) + 1e-12)
     axis = Axis.through(centre, normal).slid_to(sweep.points[sweep.present].mean(axis=0))
     local = (np.where(sweep.present[..., None], sweep.points, 0.0) - axis.point) @ axis.frame

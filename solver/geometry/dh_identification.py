@@ -18,6 +18,7 @@ from solver.chain import KinematicChain
 from solver.dh import Convention, DhRow
 from solver.geometry.axis import Axis
 from solver.geometry.axis_frame import LEAST_SINE, chain_axes
+from solver.geometry.geometry_finding import GeometryFinding
 from solver.geometry.identified_axes import posed
 from solver.geometry.link_parameters import LinkGeometry, link_geometry, perpendicular_signs
 from solver.geometry.rigid_transform import RigidTransform
@@ -28,6 +29,9 @@ FloatArray = npt.NDArray[np.float64]
 
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
+
+RUNAWAY_BELOW = 1e-2
+"""Angle of neighbouring axes [rad] below which their common perpendicular is beyond any robot's size."""
 
 _POSTURES = 200
 
@@ -70,6 +74,22 @@ class DhTable:
     tool: RigidTransform
     parallel: tuple[ParallelPair, ...]
     deviation: float
+
+    def findings(self) -> tuple[GeometryFinding, ...]:
+        """Neighbours between which the numbers run away."""
+        return tuple(
+            GeometryFinding(
+                "axes_nearly_parallel",
+                f"dh.{self.convention}",
+                pair.angle,
+                "rad",
+                f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad off parallel: "
+                "too much to be left out, and so little that a, d and theta between them run away",
+                "use the URDF, which needs none of these numbers",
+            )
+            for pair in self.parallel
+            if not pair.made_parallel and pair.angle < RUNAWAY_BELOW
+        )
 
 
 def dh_table(

@@ -18,6 +18,7 @@ GeometryFindingCode = Literal[
     "axes_nearly_parallel",
     "base_drifted",
     "base_target_moved",
+    "sweeps_disagree",
     "wrist_centres_disagree",
     "parameters_not_identified",
 ]

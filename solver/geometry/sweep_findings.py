@@ -12,7 +12,7 @@ from solver.geometry.coupled_sweep import CoupledFit
 from solver.geometry.geometry_finding import GeometryFinding
 from solver.geometry.swept_axes import SweptAxes
 
-__all__ = ["SHORT_ARC", "angle_probability", "geometry_findings", "sweep_findings"]
+__all__ = ["SHORT_ARC", "agreement_findings", "angle_probability", "geometry_findings", "sweep_findings"]
 
 SHORT_ARC = np.radians(30.0)
 """Arc [rad] below which an axis is worth a warning: its centre is then ten times as uncertain along the
@@ -49,6 +49,27 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
         return 1.0
     gain = max(controller.rss - free.rss, 0.0) / more
     return float(stats.f.sf(gain / (free.rss / free.dof), more, free.dof))
+
+
+def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]:
+    """Whether all sweeps show the same robot, by the probability that noise makes one fit them so badly.
+
+    Args:
+        probability: of the F-test of the fit of all sweeps inside the fits one by one; None if there is none.
+    """
+    if probability is None or probability >= _CHI_SQUARE_ALARM:
+        return ()
+    return (
+        GeometryFinding(
+            "sweeps_disagree",
+            "sweeps",
+            probability,
+            "",
+            "one robot does not fit all sweeps as well as each is fitted by itself, which noise does with "
+            f"probability {probability:.1g}: uncertainties are too small",
+            "fit the sweeps one by one; joints at rest that do not repeat, and gears, do this, too",
+        ),
+    )
 
 
 def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]) -> GeometryFinding:

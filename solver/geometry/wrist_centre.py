@@ -26,6 +26,7 @@ from solver.exceptions import MeasurementError
 from solver.finding import length_text
 from solver.geometry.base_frame import BaseFrame
 from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.identified_axes import IdentifiedAxes
 from solver.geometry.rigid_transform import RigidTransform
 from solver.geometry.sphere_fit import SphereFit, fit_spheres
 from solver.geometry.sweep import STILL
@@ -98,7 +99,7 @@ class WristCentre:
     posture: FloatArray
 
     def in_base(
-        self, estimate: CentreEstimate, base: BaseFrame, identified: SweptAxes
+        self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes
     ) -> tuple[FloatArray, FloatArray]:
         """A centre (3,) in R0 [m] and its covariance (3, 3), relation of centre and base frame included."""
         T = base.transform_tracker_to_base

@@ -21,14 +21,17 @@ BoolArray = npt.NDArray[np.bool_]
 LEAST_ROWS: Final = 8
 SMALLEST_DRIFT: Final = 1e-4
 """Over the whole set [m]: less is of no consequence to deflections, which are differences of minutes."""
+LEAST_FREEDOM: Final = 3
 _RANK: Final = 1e-10
+_EXACT: Final = 1e-18
+"""Variance [m²] of readings that are exact: rounding is no drift."""
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     """Fit a steady motion of the barycentre of the targets, beside what may be wrong of the model.
 
-    Joint offsets and the barycentre's place on the flange are fitted together with it, so that postures that were
-    measured in some order do not pass for a drift as far as those explain them. F-test of its three components.
+    Joint offsets, the base's place and the barycentre's place on the flange are fitted together with it.
+    F-test of its three components. Nothing is said where the postures themselves were measured in order.
 
     Args:
         view: of the set.
@@ -37,44 +40,51 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     measured = view.measured & good[:, None]
     most = measured.sum(axis=1).max()
     rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
-    if most == 0 or len(rows) < LEAST_ROWS:
+    if most == 0 or len(rows) < LEAST_ROWS or view.in_order:
         return
-    at, which = view.configurations, measured[rows[0]]
-    mean = view.measurements.position[rows][:, which].mean(axis=1)
-    place = view.places[rows][:, which].mean(axis=1)
-    rotation = at.flange_rotation[rows]
-    off = np.einsum("nij,nj->ni", rotation, place - np.median(place, axis=0))
-    jacobian = at.jacobian_at(
-        np.broadcast_to(mean[:, None], (len(at), 1, 3))
-        if len(rows) == len(at)
-        else _scattered(mean, rows, len(at))
-    )[rows, 0]
-    time = (rows - rows.mean()) / max(1, np.ptp(rows))
-    nuisance = np.concatenate([jacobian, rotation], axis=2)
-    motion = time[:, None, None] * np.eye(3)
-    before = _least_squares(nuisance, off)
-    after = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
+    nuisance, off = _model_errors(view, rows, measured[rows[0]])
     freedom = 3 * len(rows) - nuisance.shape[2] - 3
-    drift = after[1][-3:]
-    ratio = (before[0] - after[0]) / 3.0 / (after[0] / freedom) / MODEL_ALLOWANCE**2
+    if freedom < LEAST_FREEDOM:
+        return
+    time = (rows - rows.mean()) / np.ptp(rows)
+    motion = time[:, None, None] * np.eye(3)
+    without, _ = _least_squares(nuisance, off)
+    left, found = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
+    ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
     chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
-    if chance < FALSE_ALARM and np.linalg.norm(drift) > SMALLEST_DRIFT:
+    drift, size = found[-3:], float(np.linalg.norm(found[-3:]))
+    if chance < FALSE_ALARM and size > SMALLEST_DRIFT:
         yield Finding(
             "drift_in_time",
             None,
-            f"in the course of the set the unloaded targets moved by {length_text(float(np.linalg.norm(drift)))} "
+            f"in the course of the set the unloaded targets moved by {length_text(size)} "
             f"beside the robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
             f"{length_text(drift[2])}; probability by chance {chance:.1g})",
-            "check the tracker's stand, warm-up and temperature; if the postures were measured in some order, "
-            "it may be the model; deflections hold the drift only between their two readings",
+            "check the tracker's stand, warm-up and temperature; deflections hold only what drifts between "
+            "their two readings",
         )
 
 
-def _scattered(mean: FloatArray, rows: npt.NDArray[np.intp], count: int) -> FloatArray:
-    """(N, 1, 3) the points of some rows in their places, zero in the others."""
-    out = np.zeros((count, 1, 3))
-    out[rows, 0] = mean
-    return out
+def _model_errors(view: View, rows: npt.NDArray[np.intp], which: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """What the model may have wrong, and how far the barycentre is from its median place on the flange.
+
+    Args:
+        view: of the set.
+        rows: (M,) of its observations, which measured the same targets.
+        which: (T,) those targets.
+
+    Returns:
+        (M, 3, n + 6) motion of the barycentre for offsets of the joints, of its place on the flange and of
+        the base; and (M, 3) the departures, axes of R0 [m].
+    """
+    at = view.configurations
+    points = np.zeros((len(at), 1, 3))
+    points[rows, 0] = view.measurements.position[rows][:, which].mean(axis=1)
+    place = view.places[rows][:, which].mean(axis=1)
+    rotation = at.flange_rotation[rows]
+    off = np.einsum("nij,nj->ni", rotation, place - np.median(place, axis=0))
+    base = np.broadcast_to(np.eye(3), rotation.shape)
+    return np.concatenate([at.jacobian_at(points)[rows, 0], rotation, base], axis=2), off
 
 
 def _least_squares(A: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:

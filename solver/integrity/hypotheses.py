@@ -1,4 +1,4 @@
-"""Mistakes of a whole set that leave every number plausible: what the angles and lengths may have been meant as."""
+"""Mistakes of a whole set that leave every number plausible: what angles and lengths may have been meant."""
 
 from __future__ import annotations
 
@@ -63,6 +63,22 @@ def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> 
         names: of the controller's joints.
     """
     asked, every = joints[rows], np.arange(len(rows))
+    yield from _signs(asked, every, names)
+    yield from _exchanges(asked, every, names)
+    for shift, neighbour in ((-1, "before"), (1, "after")):
+        inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
+        if len(inside):
+            yield Hypothesis(
+                "observations_out_of_order",
+                joints[rows[inside] + shift],
+                1.0,
+                f"the angles of the row {neighbour}",
+                f"move the readings by one row: they belong to the angles of the row {neighbour}",
+                inside,
+            )
+
+
+def _signs(asked: FloatArray, every: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
     for j, name in enumerate(names):
         sign = np.ones(len(names))
         sign[j] = -1.0
@@ -74,6 +90,9 @@ def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> 
             f"change the sign of {name} in every observation, or in the joint map",
             every,
         )
+
+
+def _exchanges(asked: FloatArray, every: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
     for j, k in combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[j, k]] = k, j
@@ -84,16 +103,4 @@ def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> 
             f"the angles of {names[j]} and {names[k]} exchanged",
             f"exchange the columns of {names[j]} and {names[k]} in every observation",
             every,
-        )
-    for shift, neighbour in ((-1, "before"), (1, "after")):
-        inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
-        if not len(inside):
-            continue
-        yield Hypothesis(
-            "observations_out_of_order",
-            joints[rows[inside] + shift],
-            1.0,
-            f"the angles of the row {neighbour}",
-            f"move the readings by one row: they belong to the angles of the row {neighbour}",
-            inside,
         )

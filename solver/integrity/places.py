@@ -76,11 +76,12 @@ def inspect_places(view: View) -> Places:
     if len(rows) < 2:
         return Places((), good, sound=True)
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
-    place = np.nanmedian(seen, axis=0) if np.isnan(seen).any() else np.median(seen, axis=0)
+    place = _median(seen)
     apart = _apart(seen, place)
-    if apart.max() <= LARGEST_MODEL_ERROR:
-        return Places(tuple(_outliers(view, rows, seen - place)), good, sound=True)
-    return _explained(view, rows, seen)
+    if apart.max() > LARGEST_MODEL_ERROR:
+        return _explained(view, rows, seen)
+    findings = [*_outliers(rows, seen - place), *_loaded_under_other_names(view, rows, place)]
+    return Places(tuple(findings), good, sound=True)
 
 
 def _explained(view: View, rows: Rows, seen: FloatArray) -> Places:
@@ -88,7 +89,7 @@ def _explained(view: View, rows: Rows, seen: FloatArray) -> Places:
     as_posted = _consensus(seen)
     sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
     hypotheses = [*unit_hypotheses(view.measurements.joints[sample])]
-    hypotheses += angle_hypotheses(view.measurements.joints, sample, _controller_joints(view))
+    hypotheses += angle_hypotheses(view.measurements.joints, sample, view.robot.joint_names)
     judged = [(h, _consensus(_places_under(view, sample, h))) for h in hypotheses]
     best, found = max(judged, key=lambda pair: (pair[1].count, -float(np.median(pair[1].apart))))
     posted_share = as_posted.count / len(rows)
@@ -105,8 +106,8 @@ def _of_the_set(best: Hypothesis, found: _Consensus, as_posted: _Consensus, coun
     return Finding(
         best.code,
         None,
-        f"as posted the targets keep to one place on the flange in {as_posted.count} of {count} observations; with "
-        f"{best.figure}, in {found.count} of {len(found.agree)}, within "
+        f"as posted the targets keep to one place on the flange in {as_posted.count} of {count} observations"
+        f"; with {best.figure}, in {found.count} of {len(found.agree)}, within "
         f"{length_text(float(found.apart[found.agree].max()))}",
         best.remedy,
         "error",
@@ -142,8 +143,8 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
         yield Finding(
             "observations_out_of_order",
             moved[0],
-            f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were taken "
-            f"at the angles of the row {neighbour}",
+            f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
+            f"taken at the angles of the row {neighbour}",
             f"move the readings of these rows by one: each belongs to the angles of the row {neighbour}",
             "error",
         )
@@ -184,7 +185,18 @@ def _off_model(view: View, i: int, seen: FloatArray, place: FloatArray) -> Findi
     )
 
 
-def _outliers(view: View, rows: Rows, apart: FloatArray) -> Iterator[Finding]:
+def _loaded_under_other_names(view: View, rows: Rows, place: FloatArray) -> Iterator[Finding]:
+    """Unloaded readings are right, and loaded ones sit where other targets do."""
+    length = np.linalg.norm(view.measurements.deflection[rows], axis=2)
+    far = rows[(length > LARGEST_MODEL_ERROR).any(axis=1)]
+    for i in far.tolist():
+        turned = view.measurements.deflection[i] @ view.configurations.flange_rotation[i]
+        order = _swapped(view.places[i] + turned, place)
+        if order is not None:
+            yield _exchanged(view, i, order)
+
+
+def _outliers(rows: Rows, apart: FloatArray) -> Iterator[Finding]:
     """A mistyped angle moves all targets at once, further than the model's errors do elsewhere."""
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(apart, axis=2), axis=1)
@@ -216,11 +228,19 @@ def _consensus(seen: FloatArray) -> _Consensus:
     anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
     support = [_apart(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
     inliers = seen[max(support, key=lambda near: int(near.sum()))]
-    with np.errstate(all="ignore"):
-        read = ~np.isnan(inliers).all(axis=(0, 2))
-        place = np.full(seen.shape[1:], np.nan)
-        place[read] = np.nanmedian(inliers[:, read], axis=0)
-    return _against(seen, place)
+    return _against(seen, _median(inliers))
+
+
+def _median(seen: FloatArray) -> FloatArray:
+    """(T, 3) median place of each target; nan where it was not measured."""
+    read = ~np.isnan(seen[..., 0])
+    if read.all():
+        whole: FloatArray = np.median(seen, axis=0)
+        return whole
+    place = np.full(seen.shape[1:], np.nan)
+    for t in np.flatnonzero(read.any(axis=0)):
+        place[t] = np.median(seen[read[:, t], t], axis=0)
+    return place
 
 
 def _places_under(view: View, rows: Rows, hypothesis: Hypothesis) -> FloatArray:
@@ -255,8 +275,3 @@ def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
     apart = np.linalg.norm(expected[:, known] - view.measurements.position[i, known], axis=2).max(axis=1)
     fitting = np.flatnonzero(apart <= LARGEST_MODEL_ERROR)
     return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
-
-
-def _controller_joints(view: View) -> tuple[str, ...]:
-    """Names of the controller's joints: where it couples or swaps them they are counted."""
-    return view.robot.joint_names

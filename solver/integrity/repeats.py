@@ -70,8 +70,8 @@ def _positions(view: View, group: Rows) -> Iterator[Finding]:
         "repeated_readings",
         None,
         f"in {count} repeated postures the unloaded targets came back within "
-        f"{length_text(float(np.sqrt(squares / freedom)))} a coordinate ({freedom} degrees of freedom): tracker "
-        "and robot together",
+        f"{length_text(float(np.sqrt(squares / freedom)))} a coordinate ({freedom} degrees of freedom): "
+        "tracker and robot together",
         "compare with the stated noise: what is more is how well the robot comes back",
         "note",
     )

@@ -1,7 +1,7 @@
 """Whether the deflections are what springs in the joints make of the loads.
 
-No stiffness is assumed: any springs will do. They give way to the load, so that its work is positive; and what
-no springs explain is a mistake in angles, order or load, or something else that bends.
+No stiffness is assumed: any springs will do. They give way to the load, so that its work is positive; and
+what no springs explain is a mistake in angles, order or load, or something else that bends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy.typing as npt
 from solver.configuration import Configurations
 from solver.finding import Finding, length_text
 from solver.integrity.hypotheses import Hypothesis, angle_hypotheses
-from solver.integrity.springs import Springs, fit_springs
+from solver.integrity.order import Shift, exchanged_pair, find_shift
+from solver.integrity.springs import SpringModel, Springs
 from solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
 from solver.integrity.view import View
 from solver.measurements import Measurements
@@ -36,6 +37,8 @@ BETTER: Final = 0.5
 FLIPPED: Final = 0.5
 """Ratio of the residuals with the load reversed and as posted: 2 for a perfect fit, 0 for a wrong sign."""
 BEYOND_NOISE: Final = 5.0
+SMALLEST_RESIDUAL: Final = 5e-6
+"""No tracker sees less [m]."""
 _ROWS_PER_JOINT: Final = 3
 
 
@@ -50,39 +53,45 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     m = view.measurements
     if 3 * int(m.present[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
         return
-    part = m if len(rows) == len(m) else m[rows]
-    at = (
-        view.configurations
-        if len(rows) == len(m)
-        else Configurations(view.robot, view.robot.joint_map.model_angles(part.joints))
-    )
-    springs = fit_springs(at, part)
+    part, at = m, view.configurations
+    if len(rows) < len(m):
+        part = m[rows]
+        at = Configurations(view.robot, view.robot.joint_map.model_angles(part.joints))
     noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
-    deflection = np.linalg.norm(part.deflection, axis=2)[part.present]
-    if np.median(deflection) <= noise:
+    if np.median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
         return
-    if not view.measured.any() and springs.unexplained > WORTH_A_SEARCH:
-        mistake = _mistake(view, part, springs)
-        if mistake is not None:
-            yield mistake
-            return
-    if springs.unexplained > UNEXPLAINED:
-        yield _unexplained(springs, deflection)
-        return
-    if springs.work < 0.0:
-        yield _force_sign(part, springs)
+    model = SpringModel.of(at, part)
+    springs = model.fit()
+    of_the_set = _of_the_set(view, rows, part, model, springs)
+    if of_the_set is not None:
+        yield of_the_set
         return
     against = _against_force(springs, noise)
     yield from (_turned(int(rows[k]), part, springs, int(k)) for k in np.flatnonzero(against))
     yield from _outliers(view, rows, part, springs, ~against)
 
 
-def _unexplained(springs: Springs, deflection: FloatArray) -> Finding:
+def _of_the_set(
+    view: View, rows: Rows, part: Measurements, model: SpringModel, springs: Springs
+) -> Finding | None:
+    """A mistake in all rows or many; where positions were read, they have told those in the angles."""
+    if not view.measured.any():
+        mistake = _mistake(view, part, springs) if springs.unexplained > WORTH_A_SEARCH else None
+        shifted = None if mistake else _shift(model, springs)
+        if mistake is not None or shifted is not None:
+            return mistake or (_shifted(rows, shifted) if shifted else None)
+    if springs.unexplained > UNEXPLAINED:
+        return _unexplained(part, springs)
+    return _force_sign(part, springs) if springs.work < 0.0 else None
+
+
+def _unexplained(part: Measurements, springs: Springs) -> Finding:
+    deflection = np.linalg.norm(part.deflection, axis=2)[part.present]
     return Finding(
         "deflections_unexplained",
         None,
-        f"no springs in the joints explain the deflections: of {length_text(float(np.median(deflection)))} in the "
-        f"median, {100.0 * springs.unexplained:.3g} % remain",
+        f"no springs in the joints explain the deflections: of {length_text(float(np.median(deflection)))} "
+        f"in the median, {100.0 * springs.unexplained:.3g} % remain",
         "check the frame and signs of the forces, the joint map, the order of angles and of rows",
     )
 
@@ -92,8 +101,8 @@ def _force_sign(part: Measurements, springs: Springs) -> Finding:
     return Finding(
         "force_sign_suspect",
         None,
-        f"the load's work on the joints comes out at {springs.work:.3g} J, and springs make it positive; the targets "
-        f"moved against the force in {int(moved.sum())} of {len(moved)} observations",
+        f"the load's work on the joints comes out at {springs.work:.3g} J, and springs make it positive; the "
+        f"targets moved against the force in {int(moved.sum())} of {len(moved)} observations",
         "change the sign of every force, which is the one on the robot; or exchange unloaded and loaded",
         "error",
     )
@@ -112,8 +121,8 @@ def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
     return Finding(
         "deflection_against_force",
         i,
-        f"under {force:.4g} N the targets moved against what the other observations say, by {length_text(size)}; with "
-        f"the load reversed only {length_text(other)} remain",
+        f"under {force:.4g} N the targets moved against what the others say, by {length_text(size)}"
+        f"; with the load reversed only {length_text(other)} remain",
         "change the sign of this force, or exchange unloaded and loaded",
         "error",
     )
@@ -132,16 +141,67 @@ def _outliers(
     scale = vector_scale(norm[judged]) * np.sqrt(3.0 * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom) * scale
     stated = vector_quantile(count, 1e6) * np.sqrt(2.0) * view.reading_sigma[rows]
-    beyond = judged & (norm > np.maximum(limit, stated))
+    beyond = (
+        judged
+        & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), stated))
+        & _beside_size(part, springs, norm, judged)
+    )
     for k in np.flatnonzero(beyond.any(axis=1)):
         t = int(np.where(judged[k], norm[k], 0.0).argmax())
+        pair = exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
+        if pair is not None:
+            yield _exchanged(int(rows[k]), view.targets[pair[0]], view.targets[pair[1]])
+            continue
         yield Finding(
             "residual_outlier",
             int(rows[k]),
-            f"target '{view.targets[t]}' moved by {length_text(norm[k, t])} other than springs fitted to all make it, "
-            f"and such residuals are {length_text(scale)} mostly",
+            f"target '{view.targets[t]}' moved by {length_text(norm[k, t])} other than springs fitted to all "
+            f"make it, and such residuals are {length_text(scale)} mostly",
             "check this reading and its load; repeat it, or identify with loss huber",
         )
+
+
+def _exchanged(i: int, one: str, other: str) -> Finding:
+    return Finding(
+        "targets_swapped",
+        i,
+        f"with the deflections of '{one}' and '{other}' exchanged, springs explain them twice as well",
+        "exchange their names in this observation",
+        "error",
+    )
+
+
+def _shift(model: SpringModel, springs: Springs) -> Shift | None:
+    """Rows shifted from some row on: with too many, the springs are those of what is surely alike."""
+    if springs.unexplained <= UNEXPLAINED:
+        return find_shift(model.deflection, springs)
+    half = len(model.A) // 2
+    fits = [model.fit(slice(None, half))]
+    fits += [model.fit(slice(half, None), shift) for shift in (-1, 1)]
+    found = [shift for fit in fits if (shift := find_shift(model.deflection, fit)) is not None]
+    return max(found, key=lambda shift: len(shift.rows), default=None)
+
+
+def _shifted(rows: Rows, shifted: Shift) -> Finding:
+    neighbour = "before" if shifted.by < 0 else "after"
+    first, last = int(rows[shifted.rows[0]]), int(rows[shifted.rows[-1]])
+    return Finding(
+        "observations_out_of_order",
+        first,
+        f"the deflections of {len(shifted.rows)} observations, observations[{first}] to [{last}], are those "
+        f"that springs make of the row {neighbour}, and not of their own",
+        f"move the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+        "error",
+    )
+
+
+def _beside_size(part: Measurements, springs: Springs, norm: FloatArray, judged: BoolArray) -> BoolArray:
+    """(M, T) residuals that are as unusual beside the deflection: what else bends does so with the load."""
+    moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
+    share = norm / np.maximum(moved, 1e-300)
+    count = int(judged.sum())
+    limit = MODEL_ALLOWANCE * vector_quantile(count, 3.0 * count) * vector_scale(share[judged])
+    return np.asarray(share > min(limit, UNEXPLAINED))
 
 
 def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None:
@@ -152,7 +212,7 @@ def _mistake(view: View, part: Measurements, springs: Springs) -> Finding | None
         kept = hypothesis.rows
         corrected = replace(part if len(kept) == len(part) else part[kept], joints=hypothesis.joints)
         at = Configurations(robot, robot.joint_map.model_angles(corrected.joints))
-        judged.append((fit_springs(at, corrected).unexplained, hypothesis))
+        judged.append((SpringModel.of(at, corrected).fit().unexplained, hypothesis))
     left, best = min(judged, key=lambda pair: pair[0])
     if left >= BETTER * springs.unexplained or left > UNEXPLAINED:
         return None
@@ -163,8 +223,8 @@ def _corrected(best: Hypothesis, left: float, springs: Springs) -> Finding:
     return Finding(
         best.code,
         None,
-        f"springs leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained; with {best.figure}, "
-        f"{100.0 * left:.3g} %",
+        f"springs leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained; with "
+        f"{best.figure}, {100.0 * left:.3g} %",
         best.remedy,
         "error",
     )

@@ -25,6 +25,8 @@ LEAST_SIGMA: Final = 1e-6
 OVERSTATED: Final = 2.0
 """Times the stated noise, of a scatter of distances that is worth a word."""
 _ENOUGH: Final = 30
+_ORDERED: Final = 2.0
+"""Factor on a step where postures were measured in order: the model's errors are then steps themselves."""
 _CLEARER: Final = 4.0
 """Times the sum of squares, of an explanation by another target that does not count beside the best."""
 
@@ -73,7 +75,9 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         good: (N,) rows whose angles and names are not in doubt.
     """
     measured = view.measured & good[:, None]
-    step = find_step(np.where(measured[..., None], view.places, np.nan))
+    step = find_step(
+        np.where(measured[..., None], view.places, np.nan), allowance=_ORDERED if view.in_order else 1.0
+    )
     if step is not None:
         yield _moved(view, step)
     edges = _edges(view, measured, step)
@@ -90,8 +94,8 @@ def _moved(view: View, step: Step) -> Finding:
     return Finding(
         "target_moved",
         step.row,
-        f"from here on '{view.targets[step.target]}' sits {length_text(step.size)} from where it sat on the flange "
-        f"before, beside the other targets; {step.ratio:.3g} times what chance allows",
+        f"from here on '{view.targets[step.target]}' sits {length_text(step.size)} from where it sat on the "
+        f"flange before, beside the other targets; {step.ratio:.3g} times what chance allows",
         "check that it sits tight; treat it as another target from here on (give it another name), or repeat",
         "error",
     )
@@ -150,9 +154,11 @@ def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding
     return Finding(
         "targets_not_rigid",
         i,
-        f"the distance between '{view.targets[edges.first[p]]}' and '{view.targets[edges.second[p]]}' ({state}) "
-        f"differs by {length_text(change[p])} from its median, more than {length_text(limits[p])}: {who} moved",
-        f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove that reading",
+        f"the distance between '{view.targets[edges.first[p]]}' and '{view.targets[edges.second[p]]}' "
+        f"({state}) differs by {length_text(change[p])} from its median, more than {length_text(limits[p])}: "
+        f"{who} moved",
+        f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove that "
+        "reading",
         "error",
     )
 

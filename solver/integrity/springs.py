@@ -12,17 +12,20 @@ from solver.configuration import Configurations
 from solver.measurements import Measurements
 from solver.regressor import joint_torque
 
-__all__ = ["Springs", "fit_springs"]
+__all__ = ["SpringModel", "Springs"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_ROUNDS: Final = 12
+_ROUNDS: Final = 8
 _NULL: Final = 1e-9
 """Norm of a column beside the greatest, of a joint that no load twists."""
-_RANK: Final = 1e-10
-"""Of the Gram matrix of unit columns: combinations below it stay at zero."""
+_RIDGE: Final = 1e-9
+"""Beside unit columns: combinations that no load shows stay near zero."""
 _SAMPLE: Final = 2000
 """Observations that fix a handful of compliances well enough to judge all by them."""
+
+
+_ALL: Final = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,29 +47,54 @@ class Springs:
     unexplained: float
 
 
-def fit_springs(configurations: Configurations, measurements: Measurements) -> Springs:
-    """Fit compliances of either sign, by sums of distances rather than of squares: few mistakes move it little.
+@dataclass(frozen=True, eq=False)
+class SpringModel:
+    """The deflections that compliances make of N observations, linear in them (METHOD.md §2).
 
-    Args:
-        configurations: of the N observations.
-        measurements: their loads and deflections.
+    Attributes:
+        A: (N, T, 3, n) [m / (rad/(N·m))]; zero where not read.
+        torque: (N, n) of the loads [N·m].
+        deflection: (N, T, 3) as measured [m].
     """
-    A, torque = _regressor(configurations, measurements)
-    d = measurements.deflection
-    step = max(1, -(-len(d) // _SAMPLE))
-    compliance = _least_distances(
-        A[::step].reshape(len(A[::step]), -1, A.shape[-1]), d[::step].reshape(len(d[::step]), -1)
-    )
-    predicted = A @ compliance
-    residual = d - predicted
-    sizes = [float(np.median(np.linalg.norm(x.reshape(len(x), -1), axis=1))) for x in (residual, d)]
-    return Springs(
-        predicted=predicted,
-        residual=residual,
-        work=float((torque**2).sum(axis=0) @ compliance),
-        parameters=int(np.count_nonzero(compliance)),
-        unexplained=sizes[0] / sizes[1] if sizes[1] else 0.0,
-    )
+
+    A: FloatArray
+    torque: FloatArray
+    deflection: FloatArray
+
+    @classmethod
+    def of(cls, configurations: Configurations, measurements: Measurements) -> SpringModel:
+        """Compute the regressor."""
+        return cls(*_regressor(configurations, measurements), measurements.deflection)
+
+    def fit(self, rows: slice = _ALL, shift: int = 0) -> Springs:
+        """Fit compliances of either sign, by sums of distances rather than of squares.
+
+        So some mistakes move them little.
+
+        Args:
+            rows: which deflections are fitted; all are predicted.
+            shift: by how many rows the loads and postures that they belong to lie after them.
+        """
+        chosen = np.arange(len(self.A))[rows]
+        chosen = chosen[(chosen + shift >= 0) & (chosen + shift < len(self.A))]
+        chosen = chosen[:: max(1, -(-len(chosen) // _SAMPLE))]
+        compliance = _least_distances(
+            self.A[chosen + shift].reshape(len(chosen), -1, self.A.shape[-1]),
+            self.deflection[chosen].reshape(len(chosen), -1),
+        )
+        predicted = self.A @ compliance
+        residual = self.deflection - predicted
+        left, moved = (
+            float(np.median(np.linalg.norm(x.reshape(len(x), -1), axis=1)))
+            for x in (residual, self.deflection)
+        )
+        return Springs(
+            predicted=predicted,
+            residual=residual,
+            work=float((self.torque**2).sum(axis=0) @ compliance),
+            parameters=int(np.count_nonzero(compliance)),
+            unexplained=left / moved if moved else 0.0,
+        )
 
 
 def _regressor(at: Configurations, m: Measurements) -> tuple[FloatArray, FloatArray]:
@@ -89,10 +117,10 @@ def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
         return compliance
     scaled = A[..., visible] / norms[visible]
     gram, moment = scaled.transpose(0, 2, 1) @ scaled, np.einsum("kij,ki->kj", scaled, d)
-    weight = np.ones(len(d))
+    weight, held = np.ones(len(d)), _RIDGE / len(d) * np.eye(len(visible))
     for _ in range(_ROUNDS):
         G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
-        x = np.linalg.pinv(G, rcond=_RANK, hermitian=True) @ (weight @ moment / weight.sum())
+        x = np.linalg.solve(G + held, weight @ moment / weight.sum())
         distance = np.linalg.norm(d - scaled @ x, axis=1)
         weight = 1.0 / np.maximum(distance, max(1e-3 * float(np.median(distance)), 1e-12))
     compliance[visible] = x / norms[visible]

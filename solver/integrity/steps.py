@@ -36,16 +36,17 @@ class Step:
     ratio: float
 
 
-def find_step(places: FloatArray) -> Step | None:
+def find_step(places: FloatArray, allowance: float = 1.0) -> Step | None:
     """The most significant lasting displacement of a target beside the barycentre of the others.
 
-    The others take away what the model has wrong of the flange's position; what it has wrong of its direction,
-    a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the scatter.
-    The scale is that of the changes from row to row, by their median, which a single step does not touch,
-    or that of the rows about the means of both sides, whichever is greater.
+    The others take away what the model has wrong of the flange's position; what it has wrong of its
+    direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
+    scatter. The scale is that of the changes from row to row, by their median, which a single step does not
+    touch, or that of the rows about the means of both sides, whichever is greater.
 
     Args:
         places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
+        allowance: factor on what chance allows.
 
     Returns:
         None if there is none beyond chance.
@@ -61,16 +62,18 @@ def find_step(places: FloatArray) -> Step | None:
         if len(rows) >= LEAST_ROWS:
             others = (filled[rows].sum(axis=1) - filled[rows, t]) / max(1, read[rows].sum(axis=1)[0] - 1)
             series.append((t, rows, filled[rows, t] - others))
-    return _most_significant(series)
+    return _most_significant(series, allowance)
 
 
-def _most_significant(series: list[tuple[int, npt.NDArray[np.intp], FloatArray]]) -> Step | None:
+def _most_significant(
+    series: list[tuple[int, npt.NDArray[np.intp], FloatArray]], allowance: float
+) -> Step | None:
     if not series:
         return None
     changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
     scale = vector_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
     freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
-    limit = MODEL_ALLOWANCE * vector_quantile(len(changes), freedom)
+    limit = allowance * MODEL_ALLOWANCE * vector_quantile(len(changes), freedom)
     best: Step | None = None
     for t, rows, y in series:
         k, shift = _split(y)

@@ -24,7 +24,7 @@ FLANGE_LENGTHS: Final = (2e-3, 10.0)
 """Load points and targets in the flange frame [m]: none is as near the flange as all of a set in metres
 taken for millimetres would be, none as far as in the other case."""
 FORCES: Final = (5.0, 5e4)
-"""Of loads for stiffness [N]: less bends nothing, twice the payload of the largest robots is less than more."""
+"""Of loads for stiffness [N]: less bends nothing, and more is twice the payload of the largest robots."""
 RARE_TARGET: Final = 0.1
 """A target read in a smaller share of many observations is likely another one's name misspelt."""
 _LIMIT_MARGIN: Final = 1e-3

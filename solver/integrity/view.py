@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ from solver.measurements import Measurements
 from solver.robot import Robot
 
 __all__ = ["View", "seen_from_flange"]
+
+IN_ORDER: Final = 0.8
+"""Correlation of a joint's angle with the row."""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -63,6 +67,18 @@ class View:
             return np.zeros(m.present.shape)
         worst = np.linalg.eigvalsh(m.covariance)[..., -1]
         return np.broadcast_to(m.sigma * np.sqrt(worst / 2.0), m.present.shape)
+
+    @cached_property
+    def in_order(self) -> bool:
+        """Whether the postures were measured in the order of a joint's angle.
+
+        What the model has wrong then changes with the rows as a drift does.
+        """
+        q = self.measurements.joints
+        time = np.arange(len(q)) - 0.5 * (len(q) - 1)
+        off = q - q.mean(axis=0)
+        size = np.linalg.norm(off, axis=0) * np.linalg.norm(time)
+        return bool((np.abs(time @ off) > IN_ORDER * size).any())
 
     @cached_property
     def loaded(self) -> BoolArray:

@@ -101,7 +101,7 @@ def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
             base_url=site.url,
             **options,
         )
-        context.set_default_timeout(15_000)
+        context.set_default_timeout(30_000)
         contexts.append(context)
         visited = Visit(context.new_page(), site.url)
         visits.append(visited)

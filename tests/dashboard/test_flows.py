@@ -63,8 +63,8 @@ def test_from_a_robot_to_a_trend(visit, size):
     expect(page.get_by_role("row")).to_have_count(9)  # four methods, free and constrained, and the head
 
     visited.go("#/compare/pairs")
-    page.get_by_label("First set").select_option(label=f"{size} motor ({name})")
-    page.get_by_label("Second set").select_option(label=f"{size} secondary ({name})")
+    page.get_by_label("First side", exact=True).select_option(label=f"{size} motor ({name})")
+    page.get_by_label("Second side", exact=True).select_option(label=f"{size} secondary ({name})")
     page.get_by_role("button", name="Compare").click()
     expect(page.get_by_role("img", name="Stiffness, second over first")).to_be_visible()
 
@@ -133,16 +133,31 @@ def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
     assert mean == pytest.approx(sum(lengths) / len(lengths), rel=2e-3)
 
 
-def test_a_long_run_shows_its_progress_and_is_cancelled(visit, stored):
+def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
+    document = campaign(configurations=60, load="dead_weight", seed=23)["measurement_set"]
+    large = post(api, "/v1/measurement-sets", {**document, "robot_id": stored.robot})["id"]
     visited = visit("phone")
-    visited.go(f"#/?set={stored.set}")
+    visited.go(f"#/?set={large}")
     page = visited.page
     page.get_by_text("More options").click()
     page.get_by_label("Repeat on random draws").check()
     page.get_by_label("Draws", exact=True).fill("100000")
     page.get_by_role("button", name="Identify").click()
+    expect(page.locator("progress")).to_be_visible()
     page.get_by_role("button", name="Cancel run").click()
     expect(page.get_by_text("This run was cancelled")).to_be_visible()
+
+
+def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
+    visited = visit("phone")
+    visited.go(f"#/runs/{stored.run}")
+    page = visited.page
+    page.get_by_role("button", name="Repeat").click()
+    page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
+    again = page.url.rsplit("/", 1)[1]
+    first, second = (api.get(f"/v1/runs/{run}").json() for run in (stored.run, again))
+    assert first["result"] == second["result"]
+    assert first["provenance"]["input_hash"] == second["provenance"]["input_hash"]
 
 
 def test_refusals_say_what_to_do(visit, stored):

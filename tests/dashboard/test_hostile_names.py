@@ -50,6 +50,11 @@ NAMES = [
     "🤖" * 100,
     "W" * 200,
 ]
+LEVER = {
+    "format": "dh",
+    "convention": "modified",
+    "rows": [{"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}],
+}
 PLANTED = "script:not([src]), iframe, object, embed, base, style, #page img, #page b[style], #page meta"
 
 
@@ -61,11 +66,12 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
         observation["label"] = name
         for reading, target in zip(observation["readings"], NAMES[:3], strict=True):
             reading["target"] = target
-    run = ""
     for name in NAMES:
-        robot = post(api, "/v1/robots", {**document["robot"], "name": name})
+        post(api, "/v1/robots", {"name": name, "model": LEVER})
+    robot = post(api, "/v1/robots", {**document["robot"], "name": NAMES[0]})
+    for name in NAMES:
         small = {**document["measurement_set"], "name": name, "observations": observations[:2]}
-        set_id = post(api, "/v1/measurement-sets", {**small, "robot_id": robot["id"]})["id"]
+        post(api, "/v1/measurement-sets", {**small, "robot_id": robot["id"]})
     whole = {**document["measurement_set"], "name": NAMES[1], "robot_id": robot["id"]}
     set_id = post(api, "/v1/measurement-sets", whole)["id"]
     run = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]

@@ -38,7 +38,7 @@ def campaign(run, tmp_path):
 
 def test_help_names_every_command_and_where_to_start(run):
     shown = run("--help").output
-    for command in ("identify", "compare", "serve", "worker", "simulate", "post", "demo"):
+    for command in ("identify", "compare", "import", "serve", "worker", "simulate", "post", "demo"):
         assert command in shown
         assert run(command, "--help").exit_code == 0
     assert "jointstiff simulate campaign.json" in shown

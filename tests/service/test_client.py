@@ -92,6 +92,55 @@ def test_patience_ends(monkeypatch):
     assert transport.requests > 20
 
 
+ESCAPE = "\x1b]0;owned\x07"
+ALIEN = {
+    "a page": httpx.Response(200, html="<html>"),
+    "a list": httpx.Response(200, json=[1]),
+    "no id": httpx.Response(201, json={}),
+    "an id that would steer a terminal": httpx.Response(201, json={"id": "\x1b[2J"}),
+    "not a text": httpx.Response(200, content=b"\xff\xfe\x00"),
+    "nested": httpx.Response(200, content=b"[" * 100_000),
+    "nothing": httpx.Response(204),
+    "a redirect": httpx.Response(301, headers={"location": "http://elsewhere"}),
+    "a status of its own": httpx.Response(599),
+    "no run": httpx.Response(201, json={"id": "r1"}),
+}
+
+
+@pytest.mark.parametrize("answer", ALIEN.values(), ids=ALIEN.keys())
+def test_an_answer_that_is_not_the_services_is_refused(answer):
+    transport = httpx.MockTransport(lambda _: answer)
+    with ServiceClient("http://nowhere", transport=transport) as client:
+        with pytest.raises(RefusedError, match="an answer that is not Jointstiff's") as refused:
+            client.run("x", {})
+        assert refused.value.problem.remedy
+
+
+def test_an_answer_that_cannot_be_decoded_is_refused():
+    def garbled(_request):
+        stream = httpx.ByteStream(b"not compressed")
+        return httpx.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
+
+    with ServiceClient("http://nowhere", transport=httpx.MockTransport(garbled)) as client:
+        with pytest.raises(RefusedError, match="cannot be decoded"):
+            client.ping()
+
+
+def test_what_a_service_says_does_not_steer_the_terminal():
+    problem = Problem(type="urn:x", title=ESCAPE, status=422, detail=ESCAPE, remedy=ESCAPE)
+    transport = httpx.MockTransport(lambda _: httpx.Response(422, content=problem.model_dump_json()))
+    with ServiceClient("http://nowhere", transport=transport) as client:
+        with pytest.raises(RefusedError, match="owned") as refused:
+            client.run("x", {})
+    said = refused.value.problem
+    assert all(text.isprintable() for text in (said.title, said.detail, said.remedy))
+
+
+def test_what_is_no_address_is_refused():
+    with pytest.raises(RefusedError, match="no answer from"):
+        ServiceClient("http://[::1")
+
+
 def test_nobody_at_the_address_is_told_at_once():
     began = time.monotonic()
     with ServiceClient("http://127.0.0.1:9") as client, pytest.raises(RefusedError, match="no answer"):

@@ -277,6 +277,13 @@ def test_the_table_has_a_row_a_method_and_a_column_a_joint(comparison):
     assert any("200 fits" in line for line in lines)
 
 
+def test_a_name_is_no_markup(comparison):
+    names = ["[/]", "[red]x", ":smile:", "[link=a]"]
+    text = shown(with_joints(comparison, names), 200)
+    (header,) = [line for line in text.splitlines() if "[/]" in line][:1]
+    assert header.split() == names
+
+
 def test_a_comparison_without_result_says_how_it_stands(comparison):
     ended = comparison.model_copy(update={"result": None, "state": "cancelled"})
     assert shown(ended).strip() == "the comparison is cancelled"

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
 import pytest
 from test_runs import request, runs_of, stored_set
 
-from service.engine import _patient
+from service.engine import _patient, _until_ended
 from service.janitor import Janitor
 from service.ledger import VERSION, Outcome
 from service.store import Store
 from service.store_errors import StoreUnavailableError
+
+SILENCE = timedelta(seconds=30)
 
 
 class LedgerEngine:
@@ -153,6 +157,27 @@ def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
     engine.taken = {"part-1": ("part", "alive"), "part-2": ("part", "other")}
     janitor.hand_over()
     assert engine.resumed == [("part-1", "part")]
+
+
+def test_a_clock_that_was_set_back_does_not_keep_the_dead_alive(store, monkeypatch):
+    now = datetime(2026, 11, 20, tzinfo=UTC)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now + timedelta(hours=1))
+    store.heartbeats.beat("dead", SILENCE)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now)
+    assert store.heartbeats.beat("alive", SILENCE) == ["alive"]
+
+
+def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():
+    asked = []
+
+    def compute(span):
+        asked.append(span)
+        return "" if span[0] == 2 else "computed"
+
+    spans = [(i, i + 1) for i in range(1000)]
+    assert _until_ended(compute, spans) == ["computed", "computed", ""]
+    assert asked == spans[:3]
+    assert _until_ended(compute, spans[3:]) == ["computed"] * 997
 
 
 def test_a_step_waits_for_the_database(monkeypatch):

@@ -13,12 +13,15 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from schemas.comparison import ComparisonRequest
+from schemas.imports import ImportRequest
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import PairRequest
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
-from service.api.examples import COMPARISONS, MEASUREMENT_SETS, PAIRS, ROBOTS, RUNS
+from service.api.examples import COMPARISONS, IMPORTS, MEASUREMENT_SETS, PAIRS, ROBOTS, RUNS
 from service.app import create_app
+from service.importing import SourceFile
+from service.imports import import_files
 from service.store import Store
 
 CHECKS = [
@@ -68,6 +71,24 @@ def test_examples_are_valid():
     ):
         for example in examples.values():
             model.model_validate(example)
+
+
+def test_imports_are_described_and_their_example_is_complete():
+    operation = DOCUMENT["paths"]["/v1/imports"]["post"]
+    content = operation["requestBody"]["content"]["multipart/form-data"]
+    assert content["schema"]["properties"]["options"]["$ref"].endswith("/ImportRequest")
+    assert "ImportRequest" in DOCUMENT["components"]["schemas"]
+    assert {"200", "413", "415", "422"} <= operation["responses"].keys()
+    for example in IMPORTS.values():
+        files = [SourceFile(f"{i}.csv", text.encode()) for i, text in enumerate(example["files"])]
+        assert import_files(files, ImportRequest.model_validate(example["options"])).measurement_set
+
+
+@pytest.mark.parametrize("kind", ["run", "comparison", "pair"])
+def test_deletion_is_described(kind):
+    address = f"/v1/{kind}s/{{{kind}_id}}"
+    assert {"204", "404", "409"} <= DOCUMENT["paths"][address]["delete"]["responses"].keys()
+    assert {"200", "404"} <= DOCUMENT["paths"][f"{address}/restore"]["post"]["responses"].keys()
 
 
 def test_numbers_carry_their_unit():

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import json
+from datetime import UTC, datetime
 
 import pytest
 
 from schemas.run import Progress, Provenance, Run, RunRequest
 from service.api import progress as module
+from service.api.bodies import Body
+from service.api.jobs import answer
 from service.api.progress import Watches, wait_for_end
 from service.job_log import Standing
-from service.store_errors import StoreUnavailableError
+from service.records import RunRecord
+from service.store_errors import DeletedError, StoreUnavailableError
 
 FOLLOWERS = 100
+NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
 class ScriptedJobs:
@@ -142,3 +147,30 @@ def test_waiting_ends_with_the_job_or_with_patience():
     jobs = ScriptedJobs([1] * 10_000)
     asyncio.run(wait_for_end(jobs, "r1", 0.05))
     assert len(jobs.script) > 1
+
+
+def test_those_who_wait_long_look_less_often(monkeypatch):
+    monkeypatch.setattr(module, "_LOOK_SECONDS", 0.0)
+    jobs = ScriptedJobs([1] * 100_000)
+    asyncio.run(wait_for_end(jobs, "r1", 0.5))
+    often = jobs.looks
+    jobs = ScriptedJobs([1] * 100_000)
+    asyncio.run(wait_for_end(jobs, "r1", 5.0))
+    assert jobs.looks < 3 * often
+
+
+@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RunRecord, "r1")])
+def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
+    """A job that was posted without a key would be posted again after a 503."""
+
+    class Lost(ScriptedJobs):
+        def create(self, _message, _key):
+            job = self.current("r1")
+            return RunRecord("r1", "s", "r", "m", "w", True, job.state, NOW, job.model_dump_json())
+
+        def standing(self, _job_id):
+            raise error
+
+    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5))
+    assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
+    assert json.loads(told.body)["state"] == "queued"

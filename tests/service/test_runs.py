@@ -115,6 +115,15 @@ def test_refused_before_anything_is_stored(store, runs, announced):
     with pytest.raises(RequestError, match="draws of 13 configurations from 12") as refused:
         runs.create(request(set_id, resampling={"size": 13}), None)
     assert refused.value.where == "resampling.size"
+    for option in (
+        {"loss": "huber"},
+        {"complementary_stiffness": "included"},
+        {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}},
+        {"stiffness_order": [["joint_2", "joint_5"]]},
+    ):
+        with pytest.raises(UnsupportedMethodError, match="resampling") as refused:
+            runs.create(request(set_id, **option), None)
+        assert refused.value.where == "resampling"
     assert announced == []
 
 

@@ -149,10 +149,24 @@ def test_the_order_is_never_crossed_in_noise(method, seed):
     low, high = pair.ordered_intervals[..., 0], pair.ordered_intervals[..., 1]
     inside = np.stack([pair.ordered.first, pair.ordered.second])
     assert (low >= 0).all()
-    if method != "decoupled_partial_pose":  # whose estimate under constraints is found stage by stage
-        assert ((low <= inside * (1 + 1e-9)) & (inside <= high * (1 + 1e-9))).all()
+    assert ((low <= inside * (1 + 1e-9)) & (inside <= high * (1 + 1e-9))).all()
     assert (low[1] <= low[0] * (1 + 1e-9) + 1e-30).all()
     assert (high[1] <= high[0] * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(
+    "options", [{"method": "decoupled_partial_pose"}, {"method": "complete_pose", "weighting": "uniform"}]
+)
+def test_ordered_intervals_contain_estimates_that_are_not_of_maximum_likelihood(options):
+    """A bound that the readings contradict draws the least squares of such a method elsewhere."""
+    stated = {"stiffness_bounds": {"joint_3": [1e5, 5e5]}, **options}
+    first, second = (
+        side(simulate_campaign(arm, configurations=4, load="pull"), **stated) for arm in (MOTOR, SECONDARY)
+    )
+    pair = pair_of(first, second, ordered=True)
+    inside = np.stack([pair.ordered.first, pair.ordered.second])
+    assert (pair.ordered_intervals[..., 0] <= inside).all()
+    assert (inside <= pair.ordered_intervals[..., 1]).all()
 
 
 def _whitened(arm, document, sigma):

@@ -79,6 +79,13 @@ class TestClosedForms:
         ends = ends_of(likelihood(np.eye(2), [0.5, 3.0]), Constraints(Bounds(np.zeros(2), np.ones(2))), 3.0)
         np.testing.assert_array_equal(ends[0, 0], [0.0, 1.0])
 
+    def test_of_a_point_both_ends_are_the_constrained_optimum(self):
+        """As one-sided bounds at 50 % are, also where the constraints cost nothing: c₁ + c₂ = 2 is exact."""
+        ends = ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2), [1.0, 0.0])
+        np.testing.assert_allclose(ends[1], [[1.0, 1.0], [0.0, 0.0]], atol=1e-12)
+        found = likelihood([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]], [1.0, -1.0, 3.0])
+        np.testing.assert_allclose(ends_of(found, positive(3), [1.0, 0.0], [0]), [[[0.0, 2.0]], [[1.0, 1.0]]])
+
     def test_equal_columns_are_one_joint_to_the_others(self):
         """Joints 2 and 3 show only together; to joints 0 and 1 they are one, whose compliance is the sum."""
         rng = np.random.default_rng(3)

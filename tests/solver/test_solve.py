@@ -13,7 +13,7 @@ from campaigns import METHODS, estimate, prepare
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize import lsq_linear
+from scipy.optimize import isotonic_regression, lsq_linear
 
 from benchmarks.exact_nnls import exact_nnls
 from examples.simulator import default_arm, simulate_campaign
@@ -214,6 +214,18 @@ class TestOrder:
             finders[found.certificate.solved_by] += 1
         assert finders["least_distance" if finder == "any" else "clarabel"] > 15, finders
 
+    def test_isotonic_regression_with_weights_over_decades(self):
+        """A joint that hardly shows, between two that do: the rows of the order are nearly parallel."""
+        rng = np.random.default_rng(4)
+        for k in range(300):
+            n = int(rng.integers(3, 8))
+            weight, value = 10.0 ** rng.uniform(-3, 3, n), rng.standard_normal(n) + rng.choice([0.0, 3.0])
+            bounds, least = (Bounds.positive(n), 0.0) if k % 2 else (Bounds.unconstrained(n), -np.inf)
+            order = Constraints(bounds, tuple(pairwise(range(n)))).inequalities
+            found = solve(IdentificationProblem(np.diag(weight), weight * value, bounds, order))
+            exact = np.maximum(isotonic_regression(value, weights=weight**2).x, least)
+            np.testing.assert_allclose(found.compliance, exact, atol=1e-7)
+
     def test_units_over_decades(self):
         """In other units the optimum is the same: the order then relates multiples of the parameters."""
         A, b = np.array([[1.0, 0.5], [0.0, 1.0], [0.3, 0.2]]), np.array([2.0, 0.1, 0.4])
@@ -305,3 +317,15 @@ def test_an_order_that_the_readings_contradict(method):
         merged = np.column_stack([block.A[..., :4].reshape(-1, 4), block.A[..., 4:].sum(axis=-1).ravel()])
         expected = np.linalg.lstsq(merged, measurements.deflection.ravel(), rcond=None)[0]
         np.testing.assert_allclose(held.compliance[:5], expected, rtol=1e-8)
+
+
+def test_an_order_through_a_joint_that_no_load_twists():
+    """It holds between the joints on both sides, and the result says so."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight"))
+    chain = ["joint_5", "joint_1", "joint_2"]  # in truth joint 2 is the stiffer one
+    joints = estimate(robot, measurements, stiffness_order=[chain]).joints
+    assert joints[0].status == "not_observable"
+    assert joints[1].compliance == joints[4].compliance
+    for j, other in ((1, "joint_5"), (4, "joint_2")):
+        assert joints[j].status == "at_bound"
+        assert f"holds it to the stiffness of {other}" in joints[j].reason

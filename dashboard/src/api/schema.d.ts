@@ -23,7 +23,8 @@ export interface paths {
          *
          *     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
          *     unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
-         *     revolute joints from `base` to `flange` is kept; meshes are never opened.
+         *     revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
+         *     the identified model, and the geometry's id.
          */
         post: operations["post_robot_v1_robots_post"];
         delete?: never;
@@ -68,6 +69,79 @@ export interface paths {
          *     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
          */
         post: operations["post_kinematics_v1_kinematics_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Geometries
+         * @description List geometries without their results, newest first.
+         */
+        get: operations["list_geometries_v1_geometries_get"];
+        put?: never;
+        /**
+         * Post Geometry
+         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
+         *
+         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
+         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. What
+         *     looks wrong (a bumped tracker, a short arc, a joint map that does not fit, …) is a finding with its
+         *     figure; what cannot be used is refused, and nothing is stored.
+         */
+        post: operations["post_geometry_v1_geometries_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Geometry
+         * @description One geometry with its readings, result and provenance. It never changes.
+         */
+        get: operations["get_geometry_v1_geometries__geometry_id__get"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Geometry
+         * @description Delete a geometry; what was made of it stays as it is. For 30 days it can be restored.
+         */
+        delete: operations["delete_geometry_v1_geometries__geometry_id__delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Geometry
+         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
+         */
+        post: operations["restore_geometry_v1_geometries__geometry_id__restore_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -439,6 +513,31 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/imports": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Post Import
+         * @description Understand files of readings, and show what was understood. Nothing is stored.
+         *
+         *     Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
+         *     `options`. The answer says what each column was taken for, what was assumed and what is missing, and has
+         *     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
+         *     be understood in two ways is refused, with its place as file:line:column and the remedy.
+         */
+        post: operations["post_import_v1_imports_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/health": {
         parameters: {
             query?: never;
@@ -526,6 +625,135 @@ export interface components {
             configurations: components["schemas"]["ConfigurationShare"][];
         };
         /**
+         * AxisPlace
+         * @description An axis in one frame, at model angle zero of all joints.
+         */
+        AxisPlace: {
+            /**
+             * Point
+             * @description A point on it.
+             */
+            point: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Direction
+             * @description Unit vector, positive rotation by the right hand.
+             */
+            direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Point Covariance
+             * @description Of where the axis passes at `point`, singular along it; null if it is not determined.
+             */
+            point_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Direction Covariance
+             * @description Of the unit vector; null if it is not determined.
+             */
+            direction_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+        };
+        /**
+         * BaseFrameResult
+         * @description R0 as the tracker sees it.
+         */
+        BaseFrameResult: {
+            /**
+             * By
+             * @enum {string}
+             */
+            by: "nominal" | "axes";
+            transform_tracker_to_base: components["schemas"]["Rigid"];
+            /**
+             * Covariance
+             * @description Of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: translation, then rotation; null if the readings do not determine it.
+             */
+            covariance: number[][] | null;
+        };
+        /**
+         * BaseRule
+         * @description How R0 stands to axes 1 and 2, which determine all but a convention.
+         */
+        BaseRule: {
+            /**
+             * By
+             * @description `nominal`: as in the nominal model. `axes`: z along axis 1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero.
+             * @enum {string}
+             */
+            by: "nominal" | "axes";
+            /**
+             * Height
+             * @description For `axes`: height of that perpendicular above R0, in units.length.
+             * @default 0
+             */
+            height: number;
+        };
+        /**
+         * BaseTargetReadings
+         * @description Targets fixed to the robot's base, read twice: they show whether tracker and robot moved.
+         */
+        BaseTargetReadings: {
+            /**
+             * Before
+             * @description Before the readings, tracker's frame, in units.length.
+             */
+            before: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * After
+             * @description After them. If absent, what is read later, such as by a measurement set in this geometry's frame, is compared with `before`.
+             */
+            after?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            } | null;
+        };
+        /**
          * Certificate
          * @description Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding.
          */
@@ -550,6 +778,35 @@ export interface components {
              * @description What found the joints at their bounds, for the robust loss if there is one, then for each stage of the method: least squares (none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the joints, the least-distance problem.
              */
             solved_by: ("least_squares" | "pivoting" | "clarabel" | "active_set" | "least_distance")[];
+        };
+        /**
+         * ColumnMeaning
+         * @description One column and what it was taken for.
+         */
+        ColumnMeaning: {
+            /**
+             * Column
+             * @description Counted from 1.
+             */
+            column: number;
+            /**
+             * Header
+             * @description As it stands in the file; empty if there is no header.
+             */
+            header: string;
+            /**
+             * Meaning
+             * @description In words.
+             * @example P10 unloaded x
+             * @example joint 1
+             * @example ignored
+             */
+            meaning: string;
+            /**
+             * Unit
+             * @description Unit of its numbers; null where there are none.
+             */
+            unit: string | null;
         };
         /**
          * ComparedFit
@@ -778,6 +1035,31 @@ export interface components {
             predicted: number | null;
         };
         /**
+         * CrossValidation
+         * @description How held-out configurations choose the penalty of the links, and compare the models.
+         */
+        CrossValidation: {
+            /**
+             * Folds
+             * @description Parts, each held out once; fewer where there are fewer postures.
+             * @default 5
+             */
+            folds: number;
+            /**
+             * Seed
+             * @description Of the draw that shares out the configurations.
+             * @default 0
+             */
+            seed: number;
+            /**
+             * Rule
+             * @description `best`: the penalty of least held-out residual. `one_standard_error`: the largest whose residual is within one standard error of that.
+             * @default best
+             * @enum {string}
+             */
+            rule: "best" | "one_standard_error";
+        };
+        /**
          * DeflectionShare
          * @description 1 - mean deflection on the second side / mean deflection on the first. Dimensionless.
          */
@@ -852,6 +1134,93 @@ export interface components {
             upper?: number | null;
         };
         /**
+         * Drift
+         * @description Motion of tracker and robot against each other between two readings of the base targets.
+         */
+        Drift: {
+            /** @description Removes the drift from later readings. */
+            transform_after_to_before: components["schemas"]["Rigid"];
+            /**
+             * Displacement
+             * @description Of the middle of the targets on the flange, tracker's frame.
+             */
+            displacement: [
+                number,
+                number,
+                number
+            ];
+            /** Displacement Covariance */
+            displacement_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Rotation
+             * @description Rotation vector, tracker's frame.
+             */
+            rotation: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Probability
+             * @description That noise alone does this.
+             */
+            probability: number;
+            /**
+             * Deformation Probability
+             * @description That noise alone leaves these residuals.
+             */
+            deformation_probability: number;
+            /** Significant */
+            significant: boolean;
+            /**
+             * Moved Targets
+             * @description Base targets that moved against the others.
+             */
+            moved_targets: string[];
+        };
+        /**
+         * ElementShare
+         * @description How much of the measured deflection an element explains.
+         */
+        ElementShare: {
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "joint" | "coupling" | "link";
+            /**
+             * Joint
+             * @description The joint, or the one that carries the link; null of coupling.
+             */
+            joint: string | null;
+            /**
+             * Share
+             * @description Over the set: projection of its predicted deflections on the measured ones, over those; all elements and what is left unexplained sum to 1.
+             */
+            share: number;
+            /**
+             * By Observation
+             * @description The same of each observation, in the order of the set.
+             */
+            by_observation: number[];
+        };
+        /**
          * EncoderReading
          * @description A joint's angle behind its gearbox, read by a secondary encoder before and under load.
          *
@@ -896,6 +1265,421 @@ export interface components {
              * @description Measured minus predicted.
              */
             residual: number;
+        };
+        /**
+         * FilePreview
+         * @description One file and how it was read.
+         */
+        FilePreview: {
+            /**
+             * File
+             * @description Its name, as it was sent.
+             */
+            file: string;
+            /**
+             * Format
+             * @enum {string}
+             */
+            format: "text" | "xlsx";
+            /**
+             * Sheet
+             * @description Sheet of an Excel file.
+             */
+            sheet: string | null;
+            /**
+             * Encoding
+             * @description Of a text file.
+             * @example utf-8
+             */
+            encoding: string | null;
+            /**
+             * Delimiter
+             * @description Between the cells of a text file.
+             */
+            delimiter: ("comma" | "semicolon" | "tab" | "whitespace") | null;
+            /**
+             * Decimal Mark
+             * @description Of a text file.
+             */
+            decimal_mark: ("point" | "comma") | null;
+            /**
+             * Columns
+             * @description From left to right.
+             */
+            columns: components["schemas"]["ColumnMeaning"][];
+            /**
+             * Row Count
+             * @description Rows of data.
+             */
+            row_count: number;
+            /**
+             * First Rows
+             * @description At most 5, as they stand in the file.
+             */
+            first_rows: string[][];
+            /**
+             * Assumptions
+             * @description All that was assumed in reading it, in words.
+             */
+            assumptions: string[];
+        };
+        /**
+         * FlangeRule
+         * @description Where the flange frame is on the last link, which no axis shows.
+         */
+        FlangeRule: {
+            /**
+             * By
+             * @description `nominal`: as in the nominal model. `axes`: z along the last axis, origin where the one before comes nearest to it: the centre of a spherical wrist. `targets`: origin at the first of three targets, x towards the second, y towards the third.
+             * @enum {string}
+             */
+            by: "nominal" | "axes" | "targets";
+            /**
+             * Targets
+             * @description For `targets`, the three.
+             */
+            targets?: [
+                string,
+                string,
+                string
+            ] | null;
+        };
+        /**
+         * FlangeTarget
+         * @description A target in the flange frame.
+         */
+        FlangeTarget: {
+            /** Name */
+            name: string;
+            /** Position */
+            position: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Covariance
+             * @description Null if the readings do not determine it.
+             */
+            covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+        };
+        /**
+         * Frame
+         * @description Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0.
+         */
+        Frame: {
+            /**
+             * Geometry Id
+             * @description A geometry by the same tracker at the same station, of the same robot.
+             */
+            geometry_id?: string | null;
+            /**
+             * Rotation
+             * @description Row by row, tracker to R0. Dimensionless.
+             */
+            rotation?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Translation
+             * @description The tracker's origin in R0, in units.length.
+             */
+            translation?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Base Targets
+             * @description With `geometry_id`: its base targets, read again with this set, in units.length. What tracker and robot moved against each other since then is removed, and warned of.
+             */
+            base_targets?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            } | null;
+            /**
+             * Forces
+             * @description Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight pulls along the vertical of a levelled tracker.
+             * @default base
+             * @enum {string}
+             */
+            forces: "base" | "tracker";
+        };
+        /**
+         * Geometry
+         * @description A stored geometry. It never changes.
+         */
+        Geometry: {
+            /** Id */
+            id: string;
+            /** Name */
+            name: string;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description A geometry is quick: null. */
+            progress?: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["GeometryRequest"];
+            /** @description Present if it succeeded. */
+            result: components["schemas"]["GeometryResult"] | null;
+            /** @description Present if it failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * GeometryFinding
+         * @description A suspicion: said with its figure, never mended silently.
+         */
+        GeometryFinding: {
+            /**
+             * Code
+             * @enum {string}
+             */
+            code: "short_arc" | "tracker_bumped" | "position_suspect" | "reading_suspect" | "residuals_exceed_sigma" | "residuals_below_sigma" | "angle_scale_suspect" | "axes_nearly_parallel" | "base_drifted" | "base_target_moved" | "sweeps_disagree" | "wrist_centres_disagree" | "parameters_not_identified";
+            /**
+             * Severity
+             * @enum {string}
+             */
+            severity: "error" | "warning" | "note";
+            /** Where */
+            where: string;
+            /**
+             * Figure
+             * @description The number that raised it, in `unit`.
+             */
+            figure: number;
+            /**
+             * Unit
+             * @description Of the figure; empty where it has none.
+             */
+            unit: string;
+            /** Message */
+            message: string;
+            /** Remedy */
+            remedy: string;
+        };
+        /**
+         * GeometryGoodness
+         * @description How well one robot fits all readings.
+         */
+        GeometryGoodness: {
+            /**
+             * Sigma
+             * @description Standard uncertainty of a coordinate, by which all others are stated; of an instrument the root mean square over the readings.
+             */
+            sigma: number;
+            /**
+             * Sigma Source
+             * @enum {string}
+             */
+            sigma_source: "stated" | "residuals";
+            /** Degrees Of Freedom */
+            degrees_of_freedom: number;
+            /**
+             * Variance Factor
+             * @description χ²/dof: 1 on average if the stated sigma is right; 1 if it comes from the residuals. Dimensionless.
+             */
+            variance_factor: number;
+            /**
+             * Agreement Probability
+             * @description That noise alone makes one robot fit all sweeps so badly. Small: fit them one by one.
+             */
+            agreement_probability: number | null;
+            /**
+             * Controller Probability
+             * @description That noise alone makes the controller's angles fit so badly. Not small: `angles` of `controller` is the better estimate.
+             */
+            controller_probability: number | null;
+        };
+        /**
+         * GeometryNoise
+         * @description What one reading is worth. Without it sigma comes from the residuals.
+         */
+        GeometryNoise: {
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of one reading, in units.length.
+             */
+            sigma?: number | null;
+            /** @description In place of `sigma`. */
+            instrument?: components["schemas"]["TrackerSheet"] | null;
+        };
+        /**
+         * GeometryRequest
+         * @description Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere.
+         */
+        GeometryRequest: {
+            /**
+             * Name
+             * @default geometry
+             * @example KR 240 cell 3, sweeps
+             */
+            name: string;
+            units: components["schemas"]["GeometryUnits"];
+            /**
+             * Robot Id
+             * @description The robot, whose stored model counts as nominal; or give `robot`.
+             */
+            robot_id?: string | null;
+            /** @description The nominal model, not stored. */
+            robot?: components["schemas"]["RobotDocument"] | null;
+            /** @description If no robot is given, which has its own; the identity if absent. */
+            joint_map?: components["schemas"]["JointMap"] | null;
+            /** @description If absent, sigma is estimated from the residuals. */
+            noise?: components["schemas"]["GeometryNoise"] | null;
+            /**
+             * Sweeps
+             * @description One of each joint, of 600 positions in all.
+             */
+            sweeps?: components["schemas"]["JointSweep"][] | null;
+            /**
+             * Poses
+             * @description In place of sweeps: unloaded poses, by which a nominal model is calibrated.
+             */
+            poses?: components["schemas"]["TrackedPosition"][] | null;
+            /**
+             * Fit
+             * @description Of sweeps: each by itself, which trusts the controller least, or all in one fit, which trusts that joints at rest are where the controller says.
+             * @default together
+             * @enum {string}
+             */
+            fit: "one_by_one" | "together";
+            /**
+             * Angles
+             * @description Of the joint that is turned: from the readings, or the controller's. The result says whether the controller's are good enough.
+             * @default free
+             * @enum {string}
+             */
+            angles: "free" | "controller";
+            /** @description By the nominal model if absent; by the axes if there is none. */
+            base?: components["schemas"]["BaseRule"] | null;
+            /** @description Likewise. */
+            flange?: components["schemas"]["FlangeRule"] | null;
+            base_targets?: components["schemas"]["BaseTargetReadings"] | null;
+        };
+        /**
+         * GeometryResult
+         * @description The robot as it was found.
+         */
+        GeometryResult: {
+            /** Axes */
+            axes: components["schemas"]["IdentifiedAxis"][];
+            /**
+             * Sweeps
+             * @description Empty for poses.
+             */
+            sweeps: components["schemas"]["SweepEvidence"][];
+            /** @description Null for sweeps. */
+            poses: components["schemas"]["PoseEvidence"] | null;
+            goodness: components["schemas"]["GeometryGoodness"];
+            base_frame: components["schemas"]["BaseFrameResult"];
+            /** @description Null where there is none: see `no_wrist`. */
+            wrist: components["schemas"]["WristResult"] | null;
+            /**
+             * No Wrist
+             * @description Why there is no wrist centre.
+             */
+            no_wrist: string | null;
+            /** Targets */
+            targets: components["schemas"]["FlangeTarget"][];
+            /**
+             * Flange
+             * @description What places the flange frame.
+             * @enum {string}
+             */
+            flange: "nominal" | "axes" | "targets";
+            /**
+             * Links
+             * @description Empty without a nominal model.
+             */
+            links: components["schemas"]["LinkComparison"][];
+            /** @description The identified model as a robot, ready to be posted. */
+            robot: components["schemas"]["RobotDocument"];
+            /** Dh */
+            dh: components["schemas"]["IdentifiedDh"][];
+            /** @description Null unless base targets were read before and after. */
+            drift: components["schemas"]["Drift"] | null;
+            /** Findings */
+            findings: components["schemas"]["GeometryFinding"][];
+        };
+        /**
+         * GeometrySummary
+         * @description A geometry in a listing.
+         */
+        GeometrySummary: {
+            /** Id */
+            id: string;
+            /** Name */
+            name: string;
+            /**
+             * Robot Id
+             * @description Of the nominal model, if that is stored.
+             */
+            robot_id: string | null;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
+        };
+        /**
+         * GeometryUnits
+         * @description Units of every number of the readings.
+         */
+        GeometryUnits: {
+            /**
+             * Length
+             * @description Of positions, sigma and heights.
+             * @enum {string}
+             */
+            length: "m" | "mm";
+            /**
+             * Angle
+             * @description Of joint angles.
+             * @enum {string}
+             */
+            angle: "rad" | "deg";
         };
         /**
          * Goodness
@@ -981,6 +1765,120 @@ export interface components {
              * @description One a stage of the method: two for the decoupled one, arm then wrist.
              */
             stages: components["schemas"]["StageIdentifiability"][];
+        };
+        /**
+         * IdentifiedAxis
+         * @description One axis of the model.
+         */
+        IdentifiedAxis: {
+            /**
+             * Name
+             * @description Of the model's joint.
+             */
+            name: string;
+            /** @description In the tracker's frame. */
+            tracker: components["schemas"]["AxisPlace"];
+            /** @description In R0, the uncertainty of R0 included. */
+            base: components["schemas"]["AxisPlace"];
+            /**
+             * Position Uncertainty
+             * @description Greatest standard uncertainty across the axis at `point`, tracker's frame.
+             */
+            position_uncertainty: number | null;
+            /**
+             * Direction Uncertainty
+             * @description Greatest standard uncertainty of the direction, tracker's frame.
+             */
+            direction_uncertainty: number | null;
+        };
+        /**
+         * IdentifiedDh
+         * @description The identified model as a table: ``flange to R0 = base · T1 … Tn · tool``.
+         */
+        IdentifiedDh: {
+            /**
+             * Convention
+             * @enum {string}
+             */
+            convention: "standard" | "modified";
+            /** Rows */
+            rows: components["schemas"]["DhRow"][];
+            /** @description From frame 0 to R0. */
+            base: components["schemas"]["Rigid"];
+            /** @description From the flange frame to frame n. */
+            tool: components["schemas"]["Rigid"];
+            /** Parallel */
+            parallel: components["schemas"]["NearlyParallel"][];
+            /**
+             * Deviation
+             * @description Greatest distance of the table's flange from the identified model's, over 200 random postures: what making axes parallel leaves out.
+             */
+            deviation: number;
+        };
+        /**
+         * ImportAnswer
+         * @description What was understood, and the measurement set that it makes.
+         */
+        ImportAnswer: {
+            preview: components["schemas"]["ImportPreview"];
+            /**
+             * Missing
+             * @description What a measurement set needs beyond files and options, in words; empty if nothing.
+             */
+            missing: string[];
+            /** @description With `robot_id` added it can be posted as it is; null while something is missing. */
+            measurement_set: components["schemas"]["MeasurementSetDocument"] | null;
+        };
+        /**
+         * ImportPreview
+         * @description What was understood of all files together, before anything is stored.
+         */
+        ImportPreview: {
+            /**
+             * Files
+             * @description In the order in which they were sent.
+             */
+            files: components["schemas"]["FilePreview"][];
+            /**
+             * Observation Count
+             * @description Different labels.
+             */
+            observation_count: number;
+            /**
+             * First Labels
+             * @description At most 5 labels.
+             */
+            first_labels: string[];
+            /**
+             * Joint Count
+             * @description Joint angles of an observation; null if there are none.
+             */
+            joint_count: number | null;
+            /**
+             * Targets
+             * @description Names of the targets, in order of appearance.
+             */
+            targets: string[];
+            /**
+             * States
+             * @description Which states were read.
+             */
+            states: ("unloaded" | "loaded" | "deflection")[];
+            /**
+             * Reading Count
+             * @description Complete readings, of all targets and observations.
+             */
+            reading_count: number;
+            /**
+             * Assumptions
+             * @description All that was assumed in putting them together, in words.
+             */
+            assumptions: string[];
+            /**
+             * Missing
+             * @description What else a measurement set needs, in words; empty if nothing.
+             */
+            missing: string[];
         };
         /**
          * Instrument
@@ -1092,6 +1990,23 @@ export interface components {
             reason: string | null;
         };
         /**
+         * JointSweep
+         * @description One joint of the controller turned alone.
+         */
+        JointSweep: {
+            /**
+             * Joint
+             * @description Its name: the robot's name of the joint that it turns, or joint_1, joint_2, … if no robot is given.
+             * @example joint_1
+             */
+            joint: string;
+            /**
+             * Observations
+             * @description Four positions at least; 10 to 20 over 90° or more are good practice.
+             */
+            observations: components["schemas"]["TrackedPosition"][];
+        };
+        /**
          * Kinematics
          * @description A robot in some configurations.
          */
@@ -1103,6 +2018,157 @@ export interface components {
             joints: string[];
             /** Postures */
             postures: components["schemas"]["Posture"][];
+        };
+        /**
+         * LinkCertificate
+         * @description Proof of optimality, recomputed from the data at the very numbers that are returned.
+         */
+        LinkCertificate: {
+            /**
+             * Least Eigenvalue
+             * @description Of all matrices in SI units, and the least joint compliance; never negative. In the unit of its matrix.
+             */
+            least_eigenvalue: number;
+            /**
+             * Dual
+             * @description How far the slack matrices are from positive semidefinite, over the penalty.
+             */
+            dual: number;
+            /**
+             * Gap
+             * @description The fitted readings, all together and weighted, differ from those of the optimum by no more than so many `scale`.
+             */
+            gap: number;
+            /**
+             * Scale
+             * @description Sigma where it is given, otherwise the residual scale of joints alone.
+             */
+            scale: number;
+        };
+        /**
+         * LinkComparison
+         * @description A length or an angle of the robot, nominal beside identified.
+         */
+        LinkComparison: {
+            /**
+             * Quantity
+             * @description As Denavit and Hartenberg name them; beta is the other angle of axes meant to be parallel.
+             * @enum {string}
+             */
+            quantity: "a" | "alpha" | "beta" | "d" | "theta";
+            /**
+             * Joint
+             * @description Of the axis, or of the first of two neighbours.
+             */
+            joint: string;
+            /**
+             * Unit
+             * @description Of the numbers.
+             * @enum {string}
+             */
+            unit: "m" | "rad";
+            /** Nominal */
+            nominal: number;
+            /** Identified */
+            identified: number;
+            /**
+             * Difference
+             * @description Identified less nominal.
+             */
+            difference: number;
+            /**
+             * Standard Uncertainty
+             * @description Of the identified one; null if the readings do not determine it.
+             */
+            standard_uncertainty: number | null;
+        };
+        /**
+         * LinkCompliance
+         * @description The compliance of the link behind a joint, about the origin and in the axes of the joint's frame.
+         */
+        LinkCompliance: {
+            /**
+             * Joint
+             * @description Whose frame moves with the near end of the link.
+             */
+            joint: string;
+            /**
+             * Matrix
+             * @description 6 x 6, symmetric and positive semidefinite: displacement and rotation by force and moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).
+             */
+            matrix: number[][];
+            /**
+             * Translation
+             * @description Of the block of force and displacement, largest first.
+             */
+            translation: components["schemas"]["PrincipalCompliance"][];
+            /**
+             * Rotation
+             * @description Of the block of moment and rotation, largest first.
+             */
+            rotation: components["schemas"]["PrincipalCompliance"][];
+            /**
+             * Effective Freedom
+             * @description How many of its numbers the readings determine; the penalty settles the others.
+             */
+            effective_freedom: number;
+            /**
+             * Parameters
+             * @description How many numbers it has.
+             */
+            parameters: number;
+        };
+        /**
+         * LinksResult
+         * @description What bends beside the joints.
+         */
+        LinksResult: {
+            /**
+             * Model
+             * @enum {string}
+             */
+            model: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Penalty
+             * @description Weight of the penalty.
+             */
+            penalty: number;
+            /**
+             * Penalty Source
+             * @enum {string}
+             */
+            penalty_source: "given" | "cross_validation";
+            /**
+             * Coupled Joints
+             * @description Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for joints that are not observable.
+             */
+            coupled_joints: number[][] | null;
+            /**
+             * Links
+             * @description Of the links that may bend.
+             */
+            links: components["schemas"]["LinkCompliance"][];
+            /**
+             * Elements
+             * @description What each joint and link explains.
+             */
+            elements: components["schemas"]["ElementShare"][];
+            /**
+             * Unexplained
+             * @description Share of the measured deflection that no element explains.
+             */
+            unexplained: number;
+            /**
+             * Effective Freedom
+             * @description How many numbers of the whole model the readings determine.
+             */
+            effective_freedom: number;
+            /**
+             * Parameters
+             * @description How many numbers the whole model has.
+             */
+            parameters: number;
+            certificate: components["schemas"]["LinkCertificate"];
         };
         /**
          * MeasurementSet
@@ -1123,6 +2189,8 @@ export interface components {
             encoders: "motor" | "secondary";
             /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
             noise?: components["schemas"]["Noise"] | null;
+            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            frame?: components["schemas"]["Frame"] | null;
             /**
              * Flange Targets
              * @description Targets in the flange frame, in units.length; needed for deflections.
@@ -1155,6 +2223,8 @@ export interface components {
             robot_id: string;
             /** Id */
             id: string;
+            /** @description What `frame` stands for. */
+            resolved_frame?: components["schemas"]["ResolvedFrame"] | null;
             /** Warnings */
             warnings: components["schemas"]["QualityWarning"][];
             /**
@@ -1168,6 +2238,53 @@ export interface components {
              * @description Time in UTC, ISO 8601.
              */
             created_at: string;
+        };
+        /**
+         * MeasurementSetDocument
+         * @description A measurement set as it stands in a campaign file.
+         */
+        MeasurementSetDocument: {
+            /**
+             * Name
+             * @example cell 3, dead weight, 2026-11-20
+             */
+            name: string;
+            units: components["schemas"]["Units"];
+            /**
+             * Encoders
+             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
+             * @enum {string}
+             */
+            encoders: "motor" | "secondary";
+            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
+            noise?: components["schemas"]["Noise"] | null;
+            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            frame?: components["schemas"]["Frame"] | null;
+            /**
+             * Flange Targets
+             * @description Targets in the flange frame, in units.length; needed for deflections.
+             */
+            flange_targets?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Observations
+             * @description One to 10000 observations.
+             */
+            observations: components["schemas"]["Observation"][];
         };
         /**
          * MeasurementSetSummary
@@ -1195,6 +2312,44 @@ export interface components {
              * @description Time in UTC, ISO 8601.
              */
             created_at: string;
+        };
+        /**
+         * ModelSelection
+         * @description The models side by side, from simple to rich.
+         */
+        ModelSelection: {
+            /** Models */
+            models: components["schemas"]["ScoredModel"][];
+            /**
+             * Best
+             * @description Of the greatest held-out compensation.
+             * @enum {string}
+             */
+            best: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Simplest
+             * @description The simplest within one standard error of the best: what the readings call for.
+             * @enum {string}
+             */
+            simplest: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+        };
+        /**
+         * NearlyParallel
+         * @description Neighbouring axes that are nearly parallel.
+         */
+        NearlyParallel: {
+            /**
+             * Joint
+             * @description Of the first.
+             */
+            joint: string;
+            /** Angle */
+            angle: number;
+            /**
+             * Made Parallel
+             * @description Whether the table takes them as parallel.
+             */
+            made_parallel: boolean;
         };
         /**
          * Noise
@@ -1390,6 +2545,19 @@ export interface components {
              * @description The resources on this page, newest first.
              */
             items: components["schemas"]["ComparisonSummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
+        /** Page[GeometrySummary] */
+        Page_GeometrySummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["GeometrySummary"][];
             /**
              * Next
              * @description Value of `cursor` for the following page; null on the last page.
@@ -1606,6 +2774,34 @@ export interface components {
             reason: string | null;
         };
         /**
+         * PoseEvidence
+         * @description What the poses determine.
+         */
+        PoseEvidence: {
+            /** Positions */
+            positions: number;
+            /**
+             * Unknowns
+             * @description Four of each axis and three of each target.
+             */
+            unknowns: number;
+            /**
+             * Determined
+             * @description Independent combinations of them that the poses determine.
+             */
+            determined: number;
+            /**
+             * Only Together
+             * @description The unknowns of each combination that is not determined; they keep their nominal values.
+             */
+            only_together: string[][];
+            /**
+             * Rms Residual
+             * @description Of a coordinate.
+             */
+            rms_residual: number;
+        };
+        /**
          * Posture
          * @description One configuration, axes of R0.
          */
@@ -1654,6 +2850,26 @@ export interface components {
                     number,
                     number
                 ]
+            ];
+        };
+        /**
+         * PrincipalCompliance
+         * @description Of the compliance to forces or to moments, in the axes of the joint's frame.
+         */
+        PrincipalCompliance: {
+            /**
+             * Value
+             * @description m/N of translation, rad/(N.m) of rotation.
+             */
+            value: number;
+            /**
+             * Direction
+             * @description Unit vector.
+             */
+            direction: [
+                number,
+                number,
+                number
             ];
         };
         /**
@@ -1780,7 +2996,7 @@ export interface components {
              * @description Kind of the suspicion.
              * @enum {string}
              */
-            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "stiffness_implausible" | "complementary_stiffness_matters";
+            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "base_drifted" | "base_target_moved" | "stiffness_implausible" | "complementary_stiffness_matters";
             /**
              * Severity
              * @description `error`: almost certainly a mistake, mend it before trusting any number; `warning`: look into it; `note`: good to know. Nothing is refused or changed for any of them.
@@ -2037,6 +3253,86 @@ export interface components {
             ];
         };
         /**
+         * ResolvedFrame
+         * @description What a frame meant when the set was stored; it holds though the geometry may be deleted.
+         */
+        ResolvedFrame: {
+            /**
+             * Rotation
+             * @description Row by row, tracker to R0. Dimensionless.
+             */
+            rotation: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Translation
+             * @description The tracker's origin in R0.
+             */
+            translation: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Flange Targets
+             * @description The geometry's targets in the flange frame, used for deflections of targets that the set does not place; empty if it is of another flange frame.
+             */
+            flange_targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+        };
+        /**
+         * Rigid
+         * @description Coordinates x in one frame become ``rotation x + translation`` in another.
+         */
+        Rigid: {
+            /**
+             * Rotation
+             * @description Row by row. Dimensionless.
+             */
+            rotation: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /** Translation */
+            translation: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * Robot
          * @description A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised.
          */
@@ -2057,6 +3353,11 @@ export interface components {
             joints: components["schemas"]["Joint"][];
             wrist: components["schemas"]["Wrist"];
             /**
+             * Geometry Id
+             * @description The geometry that the model comes from, if it was posted so.
+             */
+            geometry_id?: string | null;
+            /**
              * Content Hash
              * @description SHA-256 of the document as it was understood.
              */
@@ -2067,6 +3368,22 @@ export interface components {
              * @description Time in UTC, ISO 8601.
              */
             created_at: string;
+        };
+        /**
+         * RobotDocument
+         * @description A robot as it is posted, or as it stands in a campaign file.
+         */
+        RobotDocument: {
+            /**
+             * Name
+             * @description What people call this robot.
+             * @example KR 240 cell 3
+             */
+            name: string;
+            /** Model */
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"];
+            /** @description For coupled axes and flipped signs; the identity if absent. */
+            joint_map?: components["schemas"]["JointMap"] | null;
         };
         /**
          * RobotSummary
@@ -2217,11 +3534,34 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description What bends.
+             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
-             * @constant
+             * @enum {string}
              */
-            elasticity: "joints";
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Links
+             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @example [
+             *       "joint_2",
+             *       "joint_3"
+             *     ]
+             */
+            links?: string[];
+            /**
+             * Link Penalty
+             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             */
+            link_penalty?: number | null;
+            /**
+             * @description For all elasticities but `joints`.
+             * @default {
+             *       "folds": 5,
+             *       "seed": 0,
+             *       "rule": "best"
+             *     }
+             */
+            cross_validation: components["schemas"]["CrossValidation"];
             /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
             resampling?: components["schemas"]["Resampling"] | null;
             /**
@@ -2322,11 +3662,34 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description What bends.
+             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
-             * @constant
+             * @enum {string}
              */
-            elasticity: "joints";
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Links
+             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @example [
+             *       "joint_2",
+             *       "joint_3"
+             *     ]
+             */
+            links?: string[];
+            /**
+             * Link Penalty
+             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             */
+            link_penalty?: number | null;
+            /**
+             * @description For all elasticities but `joints`.
+             * @default {
+             *       "folds": 5,
+             *       "seed": 0,
+             *       "rule": "best"
+             *     }
+             */
+            cross_validation: components["schemas"]["CrossValidation"];
             /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
             resampling?: components["schemas"]["Resampling"] | null;
             /**
@@ -2375,6 +3738,10 @@ export interface components {
             robust?: components["schemas"]["RobustLoss"] | null;
             /** @description If the run asked for it. */
             resampling?: components["schemas"]["ResamplingResult"] | null;
+            /** @description If more than joints may bend. The joints' standard uncertainties are then those of a jackknife over the folds, and intervals are null. */
+            links?: components["schemas"]["LinksResult"] | null;
+            /** @description Held-out compensation of each model, if more than joints may bend. */
+            selection?: components["schemas"]["ModelSelection"] | null;
             /** Residuals */
             residuals: components["schemas"]["Residual"][];
             /**
@@ -2422,6 +3789,37 @@ export interface components {
              * @description Time in UTC, ISO 8601.
              */
             created_at: string;
+        };
+        /**
+         * ScoredModel
+         * @description How a model predicts configurations that it was not fitted to.
+         */
+        ScoredModel: {
+            /**
+             * Model
+             * @enum {string}
+             */
+            model: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Penalty
+             * @description Weight, chosen for this model or given; null of joints alone.
+             */
+            penalty: number | null;
+            /**
+             * Compensation
+             * @description Of held-out configurations, mean over the folds.
+             */
+            compensation: number;
+            /**
+             * Standard Error
+             * @description Of that mean, from the spread of the folds.
+             */
+            standard_error: number;
+            /**
+             * By Fold
+             * @description Compensation of each fold.
+             */
+            by_fold: number[];
         };
         /**
          * SigmaTest
@@ -2493,6 +3891,124 @@ export interface components {
              * @description Of the whitened residual: in units of sigma. Dimensionless.
              */
             residual_norm: number;
+        };
+        /**
+         * SweepEvidence
+         * @description One sweep, fitted by itself.
+         */
+        SweepEvidence: {
+            /**
+             * Joint
+             * @description As it was posted.
+             */
+            joint: string;
+            /**
+             * Turned
+             * @description Joints of the model that turn.
+             */
+            turned: string[];
+            /** Positions */
+            positions: number;
+            /**
+             * Arc
+             * @description Angle that the readings cover.
+             */
+            arc: number;
+            /** Targets */
+            targets: components["schemas"]["SweptTarget"][];
+            /**
+             * Angle Scale
+             * @description How far the joint turned over how far controller and joint map say. Dimensionless.
+             */
+            angle_scale: number;
+            /**
+             * Angle Deviation
+             * @description Root mean square of the angle from the readings less the controller's; null where the controller's are taken.
+             */
+            angle_deviation: number | null;
+            /**
+             * Variance Factor
+             * @description χ²/dof of this sweep: 1 on average if sigma is right. Dimensionless.
+             */
+            variance_factor: number;
+        };
+        /**
+         * SweptTarget
+         * @description One target of a sweep.
+         */
+        SweptTarget: {
+            /** Name */
+            name: string;
+            /** Readings */
+            readings: number;
+            /**
+             * Radius
+             * @description Distance from the axis; null in a sweep that turns two axes.
+             */
+            radius: number | null;
+            /**
+             * Radial Rms
+             * @description Root mean square of the residuals towards the axis; across the axis in a sweep that turns two. Null without a reading.
+             */
+            radial_rms: number | null;
+            /**
+             * Axial Rms
+             * @description The same along the axis.
+             */
+            axial_rms: number | null;
+        };
+        /**
+         * TrackedPosition
+         * @description One position of the robot, unloaded.
+         */
+        TrackedPosition: {
+            /**
+             * Joints
+             * @description Angles as the controller shows them, in units.angle.
+             */
+            joints: number[];
+            /**
+             * Targets
+             * @description Positions of the targets that were read, in the tracker's frame, in units.length.
+             * @example {
+             *       "P10": [
+             *         -1.7,
+             *         3.9,
+             *         1.4
+             *       ]
+             *     }
+             */
+            targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+        };
+        /**
+         * TrackerSheet
+         * @description What the tracker's sheet says: standard uncertainties along its line of sight and across it.
+         */
+        TrackerSheet: {
+            /**
+             * Station
+             * @description Where the tracker stands, in the frame of the positions, in units.length: its origin, as a rule.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            station: [
+                number,
+                number,
+                number
+            ];
+            /** @description Along the line of sight. */
+            range: components["schemas"]["Uncertainty"];
+            /** @description Across it, in each of two directions. */
+            transverse: components["schemas"]["Uncertainty"];
         };
         /**
          * Uncertainty
@@ -2582,6 +4098,311 @@ export interface components {
             miss_distance: number | null;
         };
         /**
+         * WristCentre
+         * @description The wrist centre by one way.
+         */
+        WristCentre: {
+            /** Tracker */
+            tracker: [
+                number,
+                number,
+                number
+            ];
+            /** Tracker Covariance */
+            tracker_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Base
+             * @description In R0.
+             */
+            base: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Base Covariance
+             * @description The uncertainty of R0 included.
+             */
+            base_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+        };
+        /**
+         * WristDistance
+         * @description Two ways beside each other.
+         */
+        WristDistance: {
+            /**
+             * First
+             * @enum {string}
+             */
+            first: "sphere" | "axes" | "trilateration";
+            /**
+             * Second
+             * @enum {string}
+             */
+            second: "sphere" | "axes" | "trilateration";
+            /** Distance */
+            distance: number;
+            /**
+             * Probability
+             * @description That noise alone does this.
+             */
+            probability: number;
+        };
+        /**
+         * WristEstimate
+         * @description One of the ways.
+         */
+        WristEstimate: {
+            /** Tracker */
+            tracker: [
+                number,
+                number,
+                number
+            ];
+            /** Tracker Covariance */
+            tracker_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Base
+             * @description In R0.
+             */
+            base: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Base Covariance
+             * @description The uncertainty of R0 included.
+             */
+            base_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Way
+             * @enum {string}
+             */
+            way: "sphere" | "axes" | "trilateration";
+            /**
+             * Weight
+             * @description Its share in the combined centre, over three directions. Dimensionless.
+             */
+            weight: number;
+        };
+        /**
+         * WristResult
+         * @description Where the last three axes meet, and whether they do.
+         */
+        WristResult: {
+            /** Estimates */
+            estimates: components["schemas"]["WristEstimate"][];
+            /** @description Mean of the ways, each weighted by its information. */
+            combined: components["schemas"]["WristCentre"];
+            /** Distances */
+            distances: components["schemas"]["WristDistance"][];
+            /**
+             * Posture
+             * @description Model angles in which the centre is where it is stated; those of the wrist do not matter.
+             */
+            posture: number[];
+            /**
+             * Miss Distance
+             * @description Greatest distance of one of the three axes from the point nearest to them.
+             */
+            miss_distance: number;
+            /** Miss Uncertainty */
+            miss_uncertainty: number;
+            /**
+             * Miss Probability
+             * @description That axes which do meet are found so far apart.
+             */
+            miss_probability: number;
+            /**
+             * Decoupled Method
+             * @description Whether the decoupled method applies: the axes miss by no more than 0.5 mm.
+             */
+            decoupled_method: boolean;
+        };
+        /**
+         * GeometryModel
+         * @description Kinematics as a stored geometry found them, with the joint map of its readings.
+         */
+        GeometryModel: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            format: "geometry";
+            /** Geometry Id */
+            geometry_id: string;
+        };
+        /**
+         * ImportRequest
+         * @description How the files are written, and what no file tells of a measurement set.
+         */
+        ImportRequest: {
+            /**
+             * @description Units of columns whose header names none; they are never guessed.
+             * @default null
+             */
+            units: components["schemas"]["Units"] | null;
+            /**
+             * Delimiter
+             * @description Between cells; found out if absent.
+             * @default null
+             */
+            delimiter: ("comma" | "semicolon" | "tab" | "whitespace") | null;
+            /**
+             * Decimal Mark
+             * @description Decimal mark of text files; found out if absent and the file decides it.
+             * @default null
+             */
+            decimal_mark: ("point" | "comma") | null;
+            /**
+             * Header
+             * @description The header of files that have none, one text a column.
+             * @default null
+             */
+            header: string[] | null;
+            /**
+             * Ignore
+             * @description Headers of columns to leave out, as they stand in the file.
+             */
+            ignore?: string[];
+            /**
+             * Sheet
+             * @description Sheet of an Excel file.
+             * @default null
+             */
+            sheet: string | null;
+            /**
+             * Point Name
+             * @description How names of points are made up, of `{label}`, `{target}`, `{state}` and `{any}`.
+             * @default null
+             * @example {label}_{target}_{state}
+             */
+            point_name: string | null;
+            /**
+             * File Name
+             * @description The same for names of files, without what follows the last full stop.
+             * @default null
+             * @example {target}_{state}
+             */
+            file_name: string | null;
+            /**
+             * State Words
+             * @description Further words for the states, in names, headers and columns.
+             */
+            state_words?: {
+                [key: string]: "unloaded" | "loaded" | "deflection";
+            };
+            /**
+             * Allow Missing
+             * @description Leave out readings that are not complete, and say so, instead of refusing the file.
+             * @default false
+             */
+            allow_missing: boolean;
+            /**
+             * Name
+             * @description Of the set; that of the first file if absent.
+             * @default null
+             */
+            name: string | null;
+            /**
+             * Encoders
+             * @description Which encoders close the position loop; never guessed.
+             * @default null
+             */
+            encoders: ("motor" | "secondary") | null;
+            /**
+             * @description Of the readings, as in a measurement set.
+             * @default null
+             */
+            noise: components["schemas"]["Noise"] | null;
+            /**
+             * Flange Targets
+             * @description Targets in the flange frame, in the files' unit of length; needed for deflections.
+             */
+            flange_targets?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in the files' unit of length, if no column says it.
+             * @default null
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+        };
+        /**
          * KinematicsRequest
          * @description A robot, stored or not, and configurations of it.
          */
@@ -2626,6 +4447,11 @@ export interface components {
              */
             noise: components["schemas"]["Noise"] | null;
             /**
+             * @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent.
+             * @default null
+             */
+            frame: components["schemas"]["Frame"] | null;
+            /**
              * Flange Targets
              * @description Targets in the flange frame, in units.length; needed for deflections.
              */
@@ -2658,10 +4484,10 @@ export interface components {
             robot_id: string;
         };
         /**
-         * RobotDocument
-         * @description A robot as it is posted, or as it stands in a campaign file.
+         * RobotRequest
+         * @description A robot as it is posted: described, or as a stored geometry found it.
          */
-        RobotDocument: {
+        RobotRequest: {
             /**
              * Name
              * @description What people call this robot.
@@ -2669,9 +4495,9 @@ export interface components {
              */
             name: string;
             /** Model */
-            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"];
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"] | components["schemas"]["GeometryModel"];
             /**
-             * @description For coupled axes and flipped signs; the identity if absent.
+             * @description For coupled axes and flipped signs; the identity if absent. A geometry has its own.
              * @default null
              */
             joint_map: components["schemas"]["JointMap"] | null;
@@ -2742,7 +4568,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["RobotDocument"];
+                "application/json": components["schemas"]["RobotRequest"];
             };
         };
         responses: {
@@ -2907,6 +4733,283 @@ export interface operations {
             };
             /** @description The body is not declared as what the route takes. */
             415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_geometries_v1_geometries_get: {
+        parameters: {
+            query?: {
+                /** @description Resources on a page. */
+                limit?: number;
+                /** @description `next` of the page before; none for the newest. */
+                cursor?: string | null;
+                /** @description Only those of exactly this name. */
+                name?: string | null;
+                /** @description Only those with this nominal model. */
+                robot_id?: string | null;
+                /** @description Only those in this state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_GeometrySummary_"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    post_geometry_v1_geometries_post: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GeometryRequest"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as what the route takes. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_geometry_v1_geometries__geometry_id__get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    delete_geometry_v1_geometries__geometry_id__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restore_geometry_v1_geometries__geometry_id__restore_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4198,6 +6301,79 @@ export interface operations {
             };
             /** @description There is no such resource. */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    post_import_v1_imports_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "multipart/form-data": {
+                    /** @description Tables and lists of points: text or Excel, each with its name. */
+                    files: string[];
+                    options?: components["schemas"]["ImportRequest"];
+                };
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportAnswer"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as what the route takes. */
+            415: {
                 headers: {
                     [name: string]: unknown;
                 };

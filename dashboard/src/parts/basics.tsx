@@ -49,19 +49,35 @@ export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () =
   );
 }
 
-/** Findings and warnings, each with its remedy. */
+/** Of one kind, this many are said before the rest is folded away. */
+const SAID = 2;
+
+/** Findings and warnings: those of one kind together, with their remedy once. */
 export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
+  const kinds = new Map<string, QualityWarning[]>();
+  for (const warning of warnings) {
+    const kind = `${warning.code}\n${warning.remedy}`;
+    kinds.set(kind, [...(kinds.get(kind) ?? []), warning]);
+  }
   return (
     <ul class="warnings">
-      {warnings.map((warning) => (
+      {[...kinds.values()].map((kind) => (
         <li class="note warn">
-          <p>{warning.where && <code>{warning.where}</code>} {warning.message}</p>
-          <p class="remedy"><b>{text.errors.remedy}:</b> {warning.remedy}</p>
+          {kind.slice(0, SAID).map((warning) => <Seen warning={warning} />)}
+          {kind.length > SAID && (
+            <details>
+              <summary>{text.files.moreOfKind(kind.length - SAID)}</summary>
+              {kind.slice(SAID).map((warning) => <Seen warning={warning} />)}
+            </details>
+          )}
+          <p class="remedy"><b>{text.errors.remedy}:</b> {kind[0]?.remedy}</p>
         </li>
       ))}
     </ul>
   );
 }
+
+const Seen = ({ warning }: { warning: QualityWarning }) => <p>{warning.where && <code>{warning.where}</code>} {warning.message}</p>;
 
 export function Empty({ title, hint, children }: { title: string; hint: string; children?: ComponentChildren }) {
   return <div class="empty"><h3>{title}</h3><p>{hint}</p>{children}</div>;

@@ -2,7 +2,7 @@
 
 const STYLED = [
   "fill", "fill-opacity", "stroke", "stroke-width", "stroke-dasharray", "stroke-opacity", "opacity", "font-size",
-  "font-weight", "font-family", "text-anchor", "dominant-baseline",
+  "font-weight", "font-family", "text-anchor", "dominant-baseline", "paint-order",
 ];
 
 export function save(content: string, type: string, name: string): void {

@@ -12,10 +12,16 @@ export function Preview({ facts }: { facts: FileFacts }) {
     { label: words.observations, value: String(facts.observations) },
     { label: words.targets, value: targets(facts) },
     { label: words.load, value: load(facts) },
-    { label: words.noise, value: facts.sigma === null ? text.files.noiseAbsent : `${significant(facts.sigma * 1e6, 2)} ${text.units.micrometre}` },
+    { label: words.noise, value: noise(facts) },
     { label: words.loadPoint, value: loadPoint(facts) },
+    ...(facts.framed ? [{ label: words.frame, value: text.files.trackerFrame }] : []),
   ];
   return <Facts facts={shown} />;
+}
+
+function noise({ sigma, noise: kind }: FileFacts): string {
+  if (sigma !== null) return `${significant(sigma * 1e6, 2)} ${text.units.micrometre}`;
+  return kind === null ? text.files.noiseAbsent : (text.files.noiseKinds[kind] ?? kind);
 }
 
 function units({ units: given }: FileFacts): string {

@@ -22,16 +22,19 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
     <Scroll label={caption}>
       <table>
         <caption class="hidden">{caption}</caption>
-        <thead><tr>{table.columns.map((column) => <th scope="col">{heading(column)}</th>)}</tr></thead>
+        <thead><tr>{table.columns.map((column, i) => <th scope="col" class={numeric(table, i) ? "number" : undefined}>{heading(column)}</th>)}</tr></thead>
         <tbody>
           {table.rows.map((row) => (
-            <tr>{row.map((cell, i) => <td class={typeof cell === "number" ? "number" : undefined}>{shown(cell, table.columns[i])}</td>)}</tr>
+            <tr>{row.map((cell, i) => <td class={numeric(table, i) ? "number" : undefined}>{shown(cell, table.columns[i])}</td>)}</tr>
           ))}
         </tbody>
       </table>
     </Scroll>
   );
 }
+
+/** Whether a column has numbers; what is missing among them stands where they do. */
+const numeric = (table: Table, column: number): boolean => table.rows.some((row) => typeof row[column] === "number");
 
 /** A box that scrolls sideways by itself, by keyboard too. */
 export function Scroll({ label, children }: { label: string; children: ComponentChildren }) {

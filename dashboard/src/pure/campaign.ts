@@ -25,6 +25,10 @@ export interface Facts {
   readings: number;
   forces: [number, number] | null;
   sigma: number | null;
+  /** Where the noise comes from if not from one sigma: the tracker's sheet, or each reading. */
+  noise: "instrument" | "readings" | null;
+  /** Whether positions are in a tracker's frame. */
+  framed: boolean;
   loadPoint: Vector | null;
   firstJoints: number[] | null;
 }
@@ -62,7 +66,8 @@ export function factsOf(set: Fields): Facts {
   const units = unitsOf(set["units"]);
   const readings = observations.flatMap((o) => (Array.isArray(o["readings"]) ? o["readings"].filter(isFields) : []));
   const joints = observations.map((o) => numbers(o["joints"])).find((angles) => angles !== null) ?? null;
-  const noise = isFields(set["noise"]) ? set["noise"]["sigma"] : null;
+  const given = isFields(set["noise"]) ? set["noise"] : {};
+  const noise = given["sigma"];
   const point = vector(set["load_point"]);
   const unit = units && factors(units);
   return {
@@ -75,10 +80,14 @@ export function factsOf(set: Fields): Facts {
     readings: readings.length,
     forces: unit && range(observations.map((o) => vector(o["force"])), unit.force),
     sigma: unit && typeof noise === "number" ? noise * unit.length : null,
+    noise: isFields(given["instrument"]) ? "instrument" : readings.some(statesNoise) ? "readings" : null,
+    framed: isFields(set["frame"]),
     loadPoint: unit && point && times(point, unit.length),
     firstJoints: unit && joints && joints.map((angle) => angle * unit.angle),
   };
 }
+
+const statesNoise = (reading: Fields): boolean => Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
 
 function unitsOf(value: unknown): Units | null {
   if (!isFields(value)) return null;

@@ -1,7 +1,7 @@
 /** What is said of a joint in words: kinds here, the words in src/text. */
 import type { JointResult } from "../api/types";
 
-export type Verdict = "firm" | "fair" | "rough" | "lower_limit" | "negative" | "unobservable";
+export type Verdict = "firm" | "fair" | "rough" | "unrated" | "lower_limit" | "negative" | "unobservable";
 
 /** Relative half width of the interval below which a stiffness is called firm, fair. */
 export const FIRM = 0.05;
@@ -11,7 +11,9 @@ export function verdictOf(joint: JointResult): Verdict {
   if (joint.status === "not_observable" || joint.compliance === null) return "unobservable";
   if (joint.compliance < 0) return "negative";
   const interval = joint.stiffness_interval;
-  if (joint.stiffness === null || !interval || interval[1] === null) return "lower_limit";
+  if (joint.stiffness === null) return "lower_limit";
+  if (!interval) return "unrated";
+  if (interval[1] === null) return "lower_limit";
   const halfWidth = (interval[1] - interval[0]) / 2 / joint.stiffness;
   return halfWidth <= FIRM ? "firm" : halfWidth <= FAIR ? "fair" : "rough";
 }

@@ -1,6 +1,6 @@
 /** Many arrows in two draw calls: shafts and heads as instances. */
 import {
-  ConeGeometry, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3,
+  type Color, ConeGeometry, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3,
 } from "three";
 import type { Vector } from "../pure/vector";
 
@@ -31,6 +31,13 @@ export class Arrows {
       mesh.count = arrows.length;
       mesh.instanceMatrix.needsUpdate = true;
     }
+  }
+
+  /** Half of it shines by itself, so that an arrow has the colour of the legend from all sides. */
+  paint(color: Color): void {
+    this.material.color = color;
+    this.material.emissive = color;
+    this.material.emissiveIntensity = 0.5;
   }
 
   #put(i: number, from: Vector, along: Vector, factor: number, radius: number): void {

@@ -77,7 +77,7 @@ export class Stage {
     const center: [number, number, number] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];
     this.#reach = Math.max(0.2, ...points.map(norm));
     this.#floor();
-    this.#orbit.frame(center, Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) * 0.42);
+    this.#orbit.frame(center, Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) * 0.37);
   }
 
   show(show: Show): void {
@@ -129,9 +129,9 @@ export class Stage {
     this.#arm.linkMaterial.color = color("--arm");
     this.#arm.jointMaterial.color = color("--arm-joint");
     this.#arm.axisMaterial.color = color("--axis");
-    this.#measured.material.color = color("--measured");
-    this.#predicted.material.color = color("--predicted");
-    this.#load.material.color = color("--load");
+    this.#measured.paint(color("--measured"));
+    this.#predicted.paint(color("--predicted"));
+    this.#load.paint(color("--load"));
     this.#floor();
     this.request();
   };

@@ -1,7 +1,7 @@
 /** Where comparisons start: methods on one set, two sets, one robot over time. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { ComparisonSummary, PairSummary } from "../api/types";
+import type { ComparisonSummary, PairSummary, RunSummary } from "../api/types";
 import { Empty, Name, ProblemNote, Select, Show, State, Tabs, Title, Toggle, When } from "../parts/basics";
 import { freshKey } from "../pure/hash";
 import { useAction } from "../state/action";
@@ -69,25 +69,43 @@ function Earlier({ names }: { names: Names }) {
   );
 }
 
+/** One side of a pair as the select box holds it: `set:…` or `run:…`. */
+function side(chosen: string): { measurement_set_id: string } | { run_id: string } {
+  const [kind, id = ""] = chosen.split(":", 2);
+  return kind === "run" ? { run_id: id } : { measurement_set_id: id };
+}
+
+function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
+  return [
+    ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
+    ...runs.map((run) => ({
+      value: `run:${run.id}`,
+      label: words.runSide(names.set(run.measurement_set_id), text.methodShort[run.method] ?? run.method, new Date(run.created_at).toLocaleString()),
+    })),
+  ];
+}
+
 function StartPair({ names }: { names: Names }) {
+  const runs = valueOf(useLoad((signal) => api.runs({ state: "succeeded", limit: 100 }, signal), []))?.items ?? [];
+  const options = sideOptions(names, runs);
   const newest = names.sets[0];
   const same = names.sets.find((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id) ?? names.sets[1];
   const query = parse(location.hash).query;
-  const [first, setFirst] = useState(query.get("first") ?? same?.id ?? "");
-  const [second, setSecond] = useState(query.get("second") ?? newest?.id ?? "");
+  const [first, setFirst] = useState(query.get("first") ?? `set:${same?.id ?? ""}`);
+  const [second, setSecond] = useState(query.get("second") ?? `set:${newest?.id ?? ""}`);
   const [ordered, setOrdered] = useState(false);
   const start = useAction(async () => {
-    const pair = await api.addPair({ first: { measurement_set_id: first }, second: { measurement_set_id: second }, ordered }, freshKey("pair"));
+    const pair = await api.addPair({ first: side(first), second: side(second), ordered }, freshKey("pair"));
     go(link(["compare", "pairs", pair.id]));
   });
-  const possible = first !== "" && second !== "" && first !== second;
+  const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
   return (
     <>
       <section class="card form">
         <p>{words.pairsIntro}</p>
         <div class="row">
-          <Select label={words.first} hint={words.firstHint} value={first} change={setFirst} options={setOptions(names)} />
-          <Select label={words.second} hint={words.secondHint} value={second} change={setSecond} options={setOptions(names)} />
+          <Select label={words.first} hint={words.firstHint} value={first} change={setFirst} options={options} />
+          <Select label={words.second} hint={words.secondHint} value={second} change={setSecond} options={options} />
         </div>
         <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
         {start.problem && <ProblemNote problem={start.problem} />}

@@ -1,6 +1,6 @@
 /** How to identify: the method in words, and the rest folded away. */
 import type { Method } from "../api/types";
-import { Choice, Toggle } from "../parts/basics";
+import { Choice, Select, Toggle } from "../parts/basics";
 import type { Facts } from "../pure/campaign";
 import { text } from "../text";
 
@@ -13,11 +13,12 @@ export interface Options {
   repetitions: number;
   size: number;
   confidence: string;
+  elasticity: string;
 }
 
 export const initialOptions: Options = {
   method: "partial_pose", positive: true, huber: false, complementary: false, resample: false, repetitions: 1000, size: 10,
-  confidence: "0.95",
+  confidence: "0.95", elasticity: "joints",
 };
 
 const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
@@ -31,6 +32,7 @@ export function requestOf(set: string, options: Options): Record<string, unknown
     loss: options.huber ? "huber" : "squared",
     complementary_stiffness: options.complementary ? "included" : "neglected",
     confidence: Number(options.confidence),
+    elasticity: options.elasticity,
     resampling: options.resample ? { size: options.size, repetitions: options.repetitions, seed: 1 } : null,
   };
 }
@@ -63,6 +65,10 @@ export function MethodForm({ options, change, facts }: { options: Options; chang
               <Count label={text.options.size} value={options.size} most={Math.max(1, facts?.observations ?? 10_000)} change={(size) => set({ size })} />
             </>
           )}
+          <Select
+            label={text.options.elasticity} hint={text.options.elasticityHint} value={options.elasticity}
+            change={(elasticity) => set({ elasticity })} options={Object.entries(text.elasticities).map(([value, label]) => ({ value, label }))}
+          />
           <Choice
             label={text.options.confidence} value={options.confidence} change={(confidence) => set({ confidence })}
             options={["0.9", "0.95", "0.99"].map((value) => ({ value, label: `${Math.round(Number(value) * 100)} %` }))}

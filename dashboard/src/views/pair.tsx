@@ -18,6 +18,8 @@ import { markOf } from "./run_stiffness";
 const words = text.pair;
 type Result = NonNullable<Pair["result"]>;
 
+const sideOf = (side: Pair["request"]["first"]): string => (side.run_id ? `run:${side.run_id}` : `set:${side.measurement_set_id ?? ""}`);
+
 export function PairView({ id }: { id: string }) {
   const loaded = useLoad(async (signal) => {
     const pair = await api.pair(id, signal);
@@ -34,7 +36,7 @@ export function PairView({ id }: { id: string }) {
               <State state={pair.state} /><a href={link(["sets", pair.first_set_id])}>{words.first}</a><a href={link(["sets", pair.second_set_id])}>{words.second}</a>
               <When time={pair.provenance.created_at} />
             </p>
-            <div class="actions"><a class="button" href={link(["compare", "pairs"], { first: pair.second_set_id, second: pair.first_set_id })}>{words.swap}</a></div>
+            <div class="actions"><a class="button" href={link(["compare", "pairs"], { first: sideOf(pair.request.second), second: sideOf(pair.request.first) })}>{words.swap}</a></div>
           </div>
           {pair.error && <ProblemNote problem={pair.error} />}
           {pair.result && <PairPage result={pair.result} level={percent(pair.request.confidence ?? pair.request.options?.confidence ?? 0.95)} />}
@@ -88,7 +90,7 @@ function Ratios({ result, level }: { result: Result; level: string }) {
               instead: joint.reason ?? "–", label: `${joint.name}: ${joint.ratio === null ? "–" : show(joint.ratio)}`,
             }],
           }))}
-          width={width} label={words.ratio} unit="×" format={(v) => String(Number(v.toPrecision(2)))} reference={1}
+          width={width} label={words.ratio} unit={words.ratioAxis} format={(v) => String(Number(v.toPrecision(2)))} reference={1}
         />
       )}
     </Figure>
@@ -133,11 +135,11 @@ function ByConfiguration({ result: { avoided } }: { result: Result }) {
     <Figure
       title={words.byConfiguration} note={words.byConfigurationNote} legend={series}
       table={{
-        columns: [{ title: text.deflection.configuration }, { title: words.measured, unit: "%" }, { title: "u", unit: "%" }, { title: words.predicted, unit: "%" }],
+        columns: [{ title: text.deflection.configuration }, { title: words.measured, unit: text.units.share }, { title: text.run.uncertainty, unit: text.units.share }, { title: words.predicted, unit: text.units.share }],
         rows: avoided.configurations.map((one, i) => [one.observation, series[0]?.values[i], one.measured?.standard_uncertainty == null ? null : one.measured.standard_uncertainty * 100, series[1]?.values[i]]),
       }}
     >
-      {(width) => <Bars names={names} series={series} width={width} label={words.byConfiguration} unit="%" />}
+      {(width) => <Bars names={names} series={series} width={width} label={words.byConfiguration} unit={text.units.share} />}
     </Figure>
   );
 }

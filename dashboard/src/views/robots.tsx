@@ -2,7 +2,7 @@
 import { api, every } from "../api/client";
 import { Empty, Name, Show, Tabs, Title, When } from "../parts/basics";
 import { type Names, useNames } from "../state/names";
-import { useLoad, valueOf } from "../state/load";
+import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../text";
 
@@ -70,5 +70,3 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
 export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
   return useLoad((signal) => every(api.runs, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
 }
-
-export { valueOf };

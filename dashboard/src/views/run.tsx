@@ -1,6 +1,6 @@
 /** One run: its state while it goes on, then its result in four parts. */
 import { useEffect, useState } from "preact/hooks";
-import { api } from "../api/client";
+import { api, problemOf } from "../api/client";
 import { follow, goesOn, type Standing } from "../api/events";
 import type { MeasurementSet, Robot, Run } from "../api/types";
 import { Busy, Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
@@ -55,7 +55,7 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
   const remove = useAction(async () => {
     await api.deleteRun(run.id);
     go("#/runs");
-    toast(text.runs.deleted(set.name), { label: text.runs.undo, run: () => void api.restoreRun(run.id).then(() => go(link(["runs", run.id]))) });
+    toast(text.runs.deleted(set.name), { label: text.runs.undo, run: () => restore(run.id) });
   });
   return (
     <>
@@ -78,6 +78,10 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
       {remove.problem && <ProblemNote problem={remove.problem} />}
     </>
   );
+}
+
+function restore(id: string): void {
+  api.restoreRun(id).then(() => go(link(["runs", id])), (error: unknown) => toast(problemOf(error).detail));
 }
 
 function Body({ context, part, ended }: { context: RunContext; part: string; ended: () => void }) {

@@ -33,7 +33,7 @@ export function DeflectionPart({ context, result }: { context: RunContext; resul
     <>
       <BeforeAfter result={result} run={context.run} others={others} />
       <Overlay run={context.run} shown={others} change={setOthers} />
-      <Parts context={context} result={result} />
+      {!result.links && <Parts context={context} result={result} />}
       <Residuals result={result} />
     </>
   );

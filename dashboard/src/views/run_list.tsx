@@ -7,16 +7,20 @@ import type { Names } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../text";
 
+/** A browser keeps six connections to a host; those that are followed must leave some for the rest of the page. */
+const FOLLOWED = 3;
+
 export function RunList({ runs, names, remove }: { runs: RunSummary[]; names: Names | null; remove?: (run: RunSummary) => void }) {
+  const followed = new Set(runs.filter((run) => goesOn(run.state)).slice(0, FOLLOWED).map((run) => run.id));
   return (
     <ul class="rows">
-      {runs.map((run) => <RunRow key={run.id} run={run} names={names} {...(remove ? { remove } : {})} />)}
+      {runs.map((run) => <RunRow key={run.id} run={run} names={names} live={followed.has(run.id)} {...(remove ? { remove } : {})} />)}
     </ul>
   );
 }
 
-function RunRow({ run, names, remove }: { run: RunSummary; names: Names | null; remove?: (run: RunSummary) => void }) {
-  const standing = useStanding(run);
+function RunRow({ run, names, live, remove }: { run: RunSummary; names: Names | null; live: boolean; remove?: (run: RunSummary) => void }) {
+  const standing = useStanding(run, live);
   const set = names?.set(run.measurement_set_id) ?? "…";
   return (
     <li class="item">
@@ -46,12 +50,12 @@ export function Bar({ standing }: { standing: Standing }) {
   return <span class="progress"><progress aria-label={text.run.progress} value={progress.done} max={progress.total} /><small>{label}</small></span>;
 }
 
-/** A run's state, live while it goes on. */
-function useStanding(run: RunSummary): Standing {
+/** A run's state, live while it goes on and is followed. */
+function useStanding(run: RunSummary, live: boolean): Standing {
   const [standing, set] = useState<Standing>({ id: run.id, state: run.state, progress: null });
   useEffect(() => {
     set({ id: run.id, state: run.state, progress: null });
-    return goesOn(run.state) ? follow("runs", run.id, set) : undefined;
-  }, [run.id, run.state]);
+    return live ? follow("runs", run.id, set) : undefined;
+  }, [run.id, run.state, live]);
   return standing;
 }

@@ -17,6 +17,7 @@ import { useAction } from "../state/action";
 import { useSettings } from "../state/settings";
 import { text } from "../text";
 import type { RunContext } from "./run";
+import { ElementShares, ModelChoice } from "./run_links";
 import { usePostures } from "./run_postures";
 
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
@@ -43,7 +44,8 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
       />
       {other.problem && <ProblemNote problem={other.problem} />}
       <Joints result={result} />
-      <Contributions context={context} result={result} />
+      {result.links ? <ElementShares links={result.links} /> : <Contributions context={context} result={result} />}
+      {result.selection && <ModelChoice selection={result.selection} />}
       {result.resampling && <Resampled result={result} />}
     </>
   );
@@ -108,7 +110,7 @@ export function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): I
   const words = verdictOf(joint);
   const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[words];
   return {
-    mark, value: negative ? null : joint.stiffness, low: interval?.[0] ?? null, high: interval ? interval[1] : (joint.stiffness ?? null),
+    mark, value: negative ? null : joint.stiffness, low: interval?.[0] ?? (negative ? null : joint.stiffness), high: interval ? interval[1] : joint.stiffness,
     instead: instead ?? null, label: `${joint.name}: ${shown.value ?? instead ?? ""} ${STIFFNESS_UNITS[unit].label}`,
   };
 }
@@ -165,7 +167,7 @@ function Contributions({ context: { set, robot }, result }: { context: RunContex
     () => postures && shares(contributions(set, postures, result.joints), result.joints.map((joint) => joint.name)),
     [postures, set, result],
   );
-  if (!parts) return null;
+  if (!parts || parts.every(({ mean }) => mean === 0)) return null;
   const unseen = new Set(result.joints.filter((joint) => joint.compliance === null).map((joint) => joint.name));
   const rows = parts.map(({ name, share, mean }) => ({ name, share, note: unseen.has(name) ? text.run.rigid : `${fixed(mean * 1e3, 3)} ${text.units.mm}` }));
   return (
@@ -195,7 +197,7 @@ function Resampled({ result }: { result: RunResult }) {
         caption={text.run.resampling}
         table={{
           columns: [
-            { title: text.run.joint }, { title: "mean", unit: column }, { title: "standard deviation", unit: column, show: (v) => significant(v, 2) },
+            { title: text.run.joint }, { title: text.run.mean, unit: column }, { title: text.run.deviation, unit: column, show: (v) => significant(v, 2) },
             { title: text.run.negativeDraws, show: (v) => percent(v) }, { title: text.run.infiniteDraws, show: (v) => percent(v) },
           ],
           rows: draws.joints.map((joint) => [joint.name, scaled(joint.stiffness_mean), scaled(joint.stiffness_deviation), joint.share_negative, joint.share_infinite]),

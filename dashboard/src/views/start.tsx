@@ -82,6 +82,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
           {stored.busy && <Busy label={text.files.checking} />}
           {stored.problem && <ProblemNote problem={stored.problem} />}
           {set && <Findings set={set} />}
+          {set && campaign && <p class="soft">{text.files.storedOnce}</p>}
         </section>
 
         <section class="card" aria-labelledby="step-robot">

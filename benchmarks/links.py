@@ -1,0 +1,400 @@
+"""Elastic links (METHOD.md §7): held-out compensation, noise floor, selection, certificates, time.
+
+The real readings are no part of this project; where they are not beside the checkout, a note says so.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import cvxpy as cp
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.campaigns import default_robot
+from benchmarks.fanuc import CAMPAIGN, prepared
+from benchmarks.report import Figure, Section, times_table
+from benchmarks.timing import interleaved
+from examples.arm import default_arm
+from examples.elastic_links import ElasticArm, beam_arm, elastic_positions
+from examples.experiment import TARGETS, plan_experiment
+from examples.simulator import simulate_positions
+from solver.cross_validation import FoldFit, Folds, Plan, chosen_weight, fit_fold, joints_only
+from solver.elastic_estimate import ElasticEstimate
+from solver.elastic_links import estimate_elastic
+from solver.elastic_model import MODELS, ElasticModel, ModelName, formulate
+from solver.exceptions import SolverError
+from solver.link_regressor import ElasticColumns, ElasticRows, elastic_blocks
+from solver.measurements import Measurements
+from solver.model_selection import select_model
+from solver.robot import Robot
+from solver.symmetric import entries, to_matrix, to_vector, weights
+
+__all__ = ["FixedLength", "held_out_compensation", "random_problem", "run", "simulated"]
+
+FloatArray = npt.NDArray[np.float64]
+
+COLUMNS = ElasticColumns(6, tuple(range(6)))
+VISIBLE = np.ones(6, dtype=np.bool_)
+SPLITS, FITTED = 20, 20
+TRACE_LENGTH = 0.3
+"""Of the penalty beside which ours is put: a trace with a length picked by hand [m]."""
+SIGMA = 2e-5
+TIMED = tuple(float(weight) for weight in np.logspace(-4.0, 0.0, 10))
+
+
+class FixedLength(Folds):
+    """Folds whose penalty is the trace with `TRACE_LENGTH`, whatever the levers are."""
+
+    @cached_property
+    def rows(self) -> tuple[ElasticRows, ...]:
+        """Of each fold."""
+        return tuple(
+            replace(part, lever=np.full(6, 1.5 * TRACE_LENGTH**2 * part.configurations))
+            for part in super().rows
+        )
+
+
+def run(*, quick: bool) -> list[Section]:
+    """All of it; some minutes."""
+    sections = [
+        _noise_floor(quick=quick),
+        _rigid(quick=quick),
+        _certificates(quick=quick),
+        _times(quick=quick),
+    ]
+    return [_fanuc(quick=quick), *sections] if CAMPAIGN.is_file() else sections
+
+
+def _fanuc(*, quick: bool) -> Section:
+    robot, measurements = prepared(CAMPAIGN)
+    candidates: dict[str, tuple[ModelName, type[Folds]]] = {
+        **{name: (name, Folds) for name in MODELS},
+        f"trace with {TRACE_LENGTH} m": ("joints_and_links", FixedLength),
+    }
+    found: dict[str, list[float]] = {name: [] for name in candidates}
+    for seed in range(2 if quick else SPLITS):
+        drawn = np.random.default_rng(seed).permutation(len(measurements))
+        parts = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
+        for name, (model, kind) in candidates.items():
+            found[name].append(held_out_compensation(robot, *parts, model, seed=seed, kind=kind))
+    joints = np.array(found["joints"])
+    rows = []
+    for name, values in found.items():
+        gain = 100 * (np.array(values) - joints)
+        rows.append((name, *_mean_and_spread(100 * np.array(values)), *_mean_and_spread(gain)))
+    gain = 100 * float(np.mean(found["joints_and_links"]) - joints.mean())
+    return Section(
+        title=f"FANUC R-2000iC, real readings: {SPLITS} splits, {FITTED} fitted and 10 held out",
+        columns=("model", "held out, %", "deviation", "gain, points", "deviation"),
+        rows=tuple(rows),
+        figures=(Figure("FANUC: held-out gain of joints_and_links", gain, "at least", 4, " points"),),
+        notes=("the weight of the penalty is chosen within the fitted part, by five folds",),
+        data=found,
+    )
+
+
+def _mean_and_spread(values: FloatArray) -> tuple[str, str]:
+    return f"{values.mean():.2f}", f"{values.std(ddof=1):.2f}"
+
+
+def held_out_compensation(
+    robot: Robot,
+    fitted: Measurements,
+    held_out: Measurements,
+    name: ModelName,
+    *,
+    seed: int,
+    kind: type[Folds] = Folds,
+) -> float:
+    """Compensation of readings that took part neither in the fit nor in the choice of the weight."""
+    plan, model = Plan(seed=seed), ElasticModel(name, COLUMNS)
+    folds = kind(robot, fitted, COLUMNS, VISIBLE, plan)
+    compliances = _chosen(robot, fitted, folds, model, plan)
+    residual, moved = [], []
+    for block in elastic_blocks(robot, held_out, COLUMNS):
+        part = block.base.measurements
+        left = np.linalg.norm(part.deflection - block.rows @ compliances, axis=-1)
+        residual.append(left[part.present])
+        moved.append(np.linalg.norm(part.deflection, axis=-1)[part.present])
+    return float(1.0 - np.concatenate(residual).mean() / np.concatenate(moved).mean())
+
+
+def _chosen(
+    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, plan: Plan
+) -> FloatArray:
+    """Compliances (P,) of a whole set at the weight that its folds choose."""
+    if model.name == "joints":
+        formulation = formulate(folds.all_rows, model, folds.visible)
+        return formulation.compliances(joints_only(formulation))
+    fits = _fold_fits(folds, model, plan.weights)
+    weight = plan.weights[chosen_weight(np.array([fit.error for fit in fits]), plan.rule)]
+    return estimate_elastic(robot, measurements, folds, model, weight).entries
+
+
+def _fold_fits(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> list[FoldFit]:
+    return [fit_fold(folds, model, number, weights) for number in range(len(folds))]
+
+
+def simulated(elastic: ElasticArm | None, count: int, seed: int) -> tuple[Robot, Measurements]:
+    """A campaign on an arm with elastic links, or with rigid ones if None."""
+    arm = default_arm() if elastic is None else elastic.arm
+    experiment = plan_experiment(arm, configurations=count, load="pull", seed=seed)
+    if elastic is None:
+        unloaded, loaded = simulate_positions(arm, experiment, TARGETS, sigma=SIGMA, seed=seed)
+    else:
+        unloaded, loaded = elastic_positions(elastic, experiment, TARGETS, sigma=SIGMA, seed=seed)
+    present = np.ones(unloaded.shape[:2], dtype=np.bool_)
+    return default_robot(arm), Measurements(
+        joints=experiment.joints,
+        force=experiment.forces,
+        moment=experiment.moments,
+        load_point=np.array(experiment.load_points),
+        position=unloaded,
+        in_flange=~present,
+        deflection=loaded - unloaded,
+        present=present,
+        sigma=SIGMA,
+    )
+
+
+def _noise_floor(*, quick: bool) -> Section:
+    """Fit 200 configurations of an arm whose links bend, predict 200 others."""
+    count = 40 if quick else 200
+    robot, measurements = simulated(beam_arm(default_arm()), 2 * count, seed=0)
+    fitted, held_out = measurements[:count], measurements[count:]
+    plan = Plan()
+    floors: dict[str, float] = {}
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
+    for name in MODELS:
+        compliances = _chosen(robot, fitted, folds, ElasticModel(name, COLUMNS), plan)
+        blocks = elastic_blocks(robot, held_out, COLUMNS)
+        residual = np.concatenate(
+            [block.base.measurements.deflection - block.rows @ compliances for block in blocks]
+        )
+        floors[name] = float(np.sqrt(np.square(residual).mean() / 2.0) / SIGMA)
+    return Section(
+        title=f"Simulated arm whose links bend: {count} configurations fitted, {count} held out",
+        columns=("model", "held-out residual / noise"),
+        rows=tuple((name, f"{floor:.3f}") for name, floor in floors.items()),
+        figures=(
+            Figure("links: held-out residual over noise", floors["joints_and_links"], "at most", 1.1),
+            Figure("joints alone: held-out residual over noise", floors["joints"], "at least", 3.0),
+        ),
+        data=floors,
+    )
+
+
+def _rigid(*, quick: bool) -> Section:
+    """Which model is named where the links are rigid?"""
+    campaigns = 3 if quick else 100
+    named: Counter[str] = Counter()
+    for seed in range(campaigns):
+        robot, measurements = simulated(None, 20, seed)
+        plan = Plan(seed=seed)
+        folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+        fits = {name: _fold_fits(folds, ElasticModel(name, COLUMNS), plan.weights) for name in MODELS}
+        named[select_model(robot, measurements, folds, fits, plan).simplest] += 1
+    share = 100 * named["joints"] / campaigns
+    return Section(
+        title=f"Rigid links simulated: the model that is named, {campaigns} campaigns of 20 configurations",
+        columns=("model", "named"),
+        rows=tuple((name, str(named[name])) for name in MODELS),
+        figures=(Figure("rigid links: selection names joints", share, "at least", 90, " %"),),
+        data=dict(named),
+    )
+
+
+def random_problem(seed: int) -> tuple[Robot, Measurements, ElasticModel, float]:
+    """Readings of the linear model with random compliances of random rank and noise of random size."""
+    rng = np.random.default_rng([seed, 40])
+    count, links = int(rng.integers(4, 60)), tuple(np.flatnonzero(rng.random(6) < 0.7).tolist() or [1])
+    robot, measurements = simulated(None, count, seed)
+    columns = ElasticColumns(6, links)
+    truth = np.zeros(columns.width)
+    truth[columns.joints] = 10.0 ** rng.uniform(-7.5, -5.5, 6) * (rng.random(6) < 0.9)
+    for joint in links:
+        half = rng.standard_normal((6, rng.integers(0, 7))) * np.repeat([1.0, 0.5], 3)[:, None]
+        truth[columns.link(joint)] = 10.0 ** rng.uniform(-10.0, -6.5) * to_vector(half @ half.T)
+    blocks = elastic_blocks(robot, measurements, columns)
+    exact = np.concatenate([block.rows @ truth for block in blocks])
+    sigma = 10.0 ** rng.uniform(-6.0, -3.5)
+    readings = replace(
+        measurements,
+        deflection=exact + np.sqrt(2.0) * sigma * rng.standard_normal(exact.shape),
+        sigma=sigma if rng.random() < 0.7 else None,
+    )
+    name = MODELS[1 + int(rng.integers(0, 3))]
+    return robot, readings, ElasticModel(name, columns), 10.0 ** rng.uniform(-6.0, 0.0)
+
+
+def _certificates(*, quick: bool) -> Section:
+    """Answer random problems, and let another solver look for anything better."""
+    count, plan = 10 if quick else 500, Plan(folds=2)
+    gaps, least, false, unanswered = [], [], 0, 0
+    for seed in range(count):
+        robot, measurements, model, weight = random_problem(seed)
+        folds = Folds(robot, measurements, model.columns, VISIBLE, plan)
+        try:
+            estimate = estimate_elastic(robot, measurements, folds, model, weight)
+        except SolverError:
+            unanswered += 1
+            continue
+        gaps.append(estimate.certificate.gap)
+        matrices = [link.matrix for link in estimate.links]
+        matrices += [] if estimate.coupled is None else [estimate.coupled]
+        least.append(min(float(np.linalg.eigvalsh(matrix).min()) for matrix in matrices))
+        false += _better_exists(Peer(folds.all_rows, model), weight, estimate)
+    return Section(
+        title=f"Certificates: {count} random problems, and Clarabel by cvxpy on the same rows",
+        columns=("answered", "unanswered", "greatest gap, sigma", "median", "least eigenvalue", "false"),
+        rows=(
+            (
+                str(len(gaps)),
+                str(unanswered),
+                f"{max(gaps):.1e}",
+                f"{np.median(gaps):.1e}",
+                f"{min(least):.1e}",
+                str(false),
+            ),
+        ),
+        figures=(
+            Figure("links: greatest gap of a certificate", max(gaps), "at most", 1e-2, " sigma"),
+            Figure("links: least eigenvalue", min(least), "at least", 0.0),
+            Figure("links: false certificates", false, "at most", 0),
+            Figure("links: problems without an answer", unanswered, "at most", 0),
+        ),
+    )
+
+
+class Peer:
+    """The same program, stated anew in cvxpy: its own matrices, its own penalty, no compression."""
+
+    def __init__(self, rows: ElasticRows, model: ElasticModel, stacked: FloatArray | None = None) -> None:
+        """Take the sums that scale the penalty, and the rows [A d], weighted; compressed ones if None."""
+        self.model = model
+        stacked = rows.triangle if stacked is None else stacked
+        self.size = float(np.linalg.norm(stacked[:, -1]))
+        self.A, self.d = stacked[:, :-1] / self.size, stacked[:, -1] / self.size
+        lever = np.sqrt(rows.lever / rows.configurations)
+        self.lever = np.maximum(lever, 1e-2 * lever.max())
+        force = np.sqrt((rows.force + rows.moment * np.mean(1.5 / self.lever**2)) / rows.configurations)
+        self.softness = float(np.sqrt(rows.deflection / rows.targets) / force)
+
+    def _metric(self, element: int | None) -> FloatArray:
+        """Of the coupled joints, or of the link behind a joint."""
+        squares = self.lever**2 * 2.0 / 3.0
+        return np.diag(squares) if element is None else np.diag([1.0] * 3 + [squares[element]] * 3)
+
+    @property
+    def _elements(self) -> list[tuple[int | None, npt.NDArray[np.intp]]]:
+        columns = self.model.columns
+        if self.model.name == "coupled_joints":
+            return [(None, columns.coupling)]
+        return [(joint, columns.link(joint)) for joint in columns.links]
+
+    def objective(self, compliances: FloatArray, weight: float) -> float:
+        """At compliances (P,), made feasible first."""
+        feasible, penalty = compliances.copy(), 0.0
+        feasible[:6] = np.maximum(compliances[:6], 0.0)
+        for element, own in self._elements:
+            root = np.sqrt(np.diag(self._metric(element)))
+            values, vectors = np.linalg.eigh(to_matrix(compliances[own], len(root)) * np.outer(root, root))
+            matrix = (vectors * np.maximum(values, 0.0)) @ vectors.T
+            penalty += float(np.trace(matrix)) / self.softness
+            feasible[own] = to_vector(matrix / np.outer(root, root))
+        return float(np.square(self.A @ feasible - self.d).sum() + weight * penalty)
+
+    def solve(self, weight: float) -> FloatArray:
+        """Compliances (P,) by a freshly stated program."""
+        unit = 1.0 / np.linalg.norm(self.A[:, :6], axis=0)
+        joints = cp.Variable(6, nonneg=True)
+        fitted, penalty = self.A[:, :6] @ cp.multiply(unit, joints), cp.Constant(0.0)
+        blocks = []
+        for element, own in self._elements:
+            root = np.sqrt(np.diag(self._metric(element)))
+            X, constraints = self._block(len(root))
+            C = cp.multiply(X, self.softness / np.outer(root, root))
+            i, j = entries(len(root))
+            fitted += self.A[:, own] @ cp.multiply(weights(len(root)), C[i, j])
+            penalty += cp.trace(X)
+            blocks.append((own, C, constraints))
+        objective = cp.Minimize(cp.sum_squares(fitted - self.d) + weight * penalty)
+        cp.Problem(objective, [each for _, _, own in blocks for each in own]).solve(solver=cp.CLARABEL)
+        out = np.zeros(self.A.shape[1])
+        out[:6] = unit * joints.value
+        for own, C, _ in blocks:
+            out[own] = to_vector(np.asarray(C.value))
+        return out
+
+    def _block(self, size: int) -> tuple[cp.Expression, list[cp.Constraint]]:
+        if self.model.name == "diagonal_links":
+            values = cp.Variable(size, nonneg=True)
+            return cp.diag(values), []
+        return cp.Variable((size, size), PSD=True), []
+
+
+def _better_exists(peer: Peer, weight: float, estimate: ElasticEstimate) -> bool:
+    """Whether what another solver finds is better than our certificate allows."""
+    gap = estimate.certificate.gap * estimate.certificate.scale / peer.size
+    try:
+        other = peer.objective(peer.solve(weight), weight)
+    except (cp.SolverError, TypeError):  # it has no answer
+        return False
+    return other < peer.objective(estimate.entries, weight) - gap**2 - 1e-13
+
+
+def _times(*, quick: bool) -> Section:
+    """A whole cross-validation: ten weights, five folds."""
+    robot, measurements = simulated(beam_arm(default_arm()), 20 if quick else 50, seed=1)
+    model, plan = ElasticModel("joints_and_links", COLUMNS), Plan(weights=TIMED)
+
+    def ours() -> FloatArray:
+        folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+        return np.array([fit.error for fit in _fold_fits(folds, model, plan.weights)])
+
+    def theirs() -> FloatArray:
+        folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+        return np.array([_stacked_errors(robot, measurements, folds, model, k) for k in range(len(folds))])
+
+    times = interleaved(
+        {"folds share triangles": ours, "fresh cvxpy": theirs}, rounds=1 if quick else 3, warm_up=0
+    )
+    columns, rows = times_table(times, "folds share triangles")
+    ours_found, theirs_found = times.results["folds share triangles"], times.results["fresh cvxpy"]
+    apart = float(np.abs(np.sqrt(ours_found / theirs_found) - 1.0).max())
+    ratio = times.ratio("fresh cvxpy", "folds share triangles")
+    return Section(
+        title="Cross-validation, 10 weights × 5 folds, 50 configurations, six joints and six links",
+        columns=columns,
+        rows=rows,
+        figures=(Figure("cross-validation: fresh cvxpy on stacked rows over ours", ratio, "at least", 5),),
+        notes=(f"held-out residuals of the two differ by at most {apart:.1e} of themselves",),
+    )
+
+
+def _stacked_errors(
+    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, fold: int
+) -> list[float]:
+    """Held-out errors of one fold, for all weights, by programs stated anew."""
+    stacked = [_stacked(robot, measurements[indices]) for indices in folds.held_out]
+    held_out = stacked.pop(fold)
+    rows, peer_rows = folds.training(fold), np.concatenate(stacked)
+    errors = []
+    for weight in TIMED:
+        found = Peer(rows, model, peer_rows).solve(weight)
+        errors.append(float(np.square(held_out[:, :-1] @ found - held_out[:, -1]).mean()))
+    return errors
+
+
+def _stacked(robot: Robot, measurements: Measurements) -> FloatArray:
+    """Rows [A d] / √2: equal, isotropic targets."""
+    blocks = [
+        np.concatenate([block.rows, block.base.measurements.deflection[..., None]], axis=-1)
+        for block in elastic_blocks(robot, measurements, COLUMNS)
+    ]
+    stacked: FloatArray = np.concatenate(blocks).reshape(-1, COLUMNS.width + 1) / np.sqrt(2.0)
+    return stacked

@@ -1,0 +1,123 @@
+"""The command `jointstiff geometry`: a robot's geometry from a file of readings, without a server."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from schemas.geometry import Geometry, GeometryRequest
+from schemas.robot import RobotDocument
+from service.campaigns import CampaignError, read_document
+from service.cli_options import AsJson
+from service.geometry_table import geometry_report
+from service.parts import Parts
+from service.problems import invalid_request, problem_of
+from service.store import Store
+from service.terminal import console, problem_text
+from solver.exceptions import JointstiffError
+
+__all__ = ["geometry_command"]
+
+
+class FitChoice(StrEnum):
+    """How sweeps are fitted."""
+
+    ONE_BY_ONE = "one_by_one"
+    TOGETHER = "together"
+
+
+class AnglesChoice(StrEnum):
+    """Whose angles of the joint that is turned."""
+
+    FREE = "free"
+    CONTROLLER = "controller"
+
+
+def geometry_command(
+    file: Annotated[
+        Path,
+        typer.Argument(exists=True, dir_okay=False, readable=True, metavar="FILE", help="Sweeps or poses."),
+    ],
+    *,
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            readable=True,
+            metavar="ROBOT.json",
+            help="Nominal model: a robot as it is posted, or a campaign with one.",
+        ),
+    ] = None,
+    fit: Annotated[FitChoice | None, typer.Option(help="Of sweeps; instead of the file's.")] = None,
+    angles: Annotated[AnglesChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(dir_okay=False, metavar="ROBOT.json", help="Where to write the identified robot."),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find axes, base frame, wrist centre, targets and the identified robot from a tracker's readings.
+
+    The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
+    """
+    if output is not None and output.exists() and not overwrite:
+        raise _failed(f"{output} exists\n  remedy: choose another name, or --overwrite")
+    try:
+        found = _identified(_request(file, robot, {"fit": fit, "angles": angles}))
+    except CampaignError as error:
+        console(stderr=True).print(problem_text(error.problem))
+        raise typer.Exit(2) from error
+    if output is not None and found.result is not None:
+        _write(output, found.result.robot)
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        console().print(geometry_report(found))
+    if found.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> GeometryRequest:
+    """The readings, with the nominal model and the options of the command.
+
+    Raises:
+        CampaignError: a file, or all of it together, is not such a document.
+    """
+    request = read_document(file, GeometryRequest)
+    changes = {name: value.value for name, value in chosen.items() if value is not None}
+    if robot is not None:
+        changes["robot"] = read_document(robot, RobotDocument, section="robot").model_dump()
+    try:
+        return GeometryRequest.model_validate(request.model_dump() | changes)
+    except ValidationError as error:
+        raise CampaignError(invalid_request(error.errors())) from None
+
+
+def _identified(request: GeometryRequest) -> Geometry:
+    """The same path as over HTTP, on a store in memory."""
+    with Store.open("sqlite://") as store:
+        parts = Parts.of(store)
+        try:
+            return parts.geometries.current(parts.geometries.create(request, None).id)
+        except JointstiffError as error:
+            raise CampaignError(problem_of(error)) from error
+
+
+def _write(path: Path, robot: RobotDocument) -> None:
+    text = json.dumps(robot.model_dump(mode="json", exclude_none=True), indent=1)
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise _failed(f"cannot write {path}: {error.strerror}\n  remedy: choose another place") from error
+
+
+def _failed(message: str) -> typer.Exit:
+    console(stderr=True).print(message, style="red", markup=False, soft_wrap=True)
+    return typer.Exit(2)

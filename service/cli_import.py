@@ -1,0 +1,245 @@
+"""`jointstiff import`: files of readings shown as they were understood, then written as a campaign."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from pydantic import ValidationError
+
+from schemas.campaign import Campaign
+from schemas.imports import ImportAnswer, ImportRequest
+from schemas.measurement_set import MeasurementSetDocument
+from schemas.problem import Problem
+from schemas.robot import RobotDocument
+from service.api.bodies import MAX_SET_BYTES
+from service.campaigns import CampaignError
+from service.cli_options import AsJson, EncoderChoice
+from service.import_table import import_report
+from service.importing import SourceFile
+from service.importing.limits import MAX_FILE_BYTES
+from service.imports import FilesError, import_files
+from service.parsing import MalformedError, parse
+from service.problems import http_problem, invalid_request, problem_of
+from service.terminal import console, problem_text
+
+__all__ = ["import_command"]
+
+_XYZ: Final = 3
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(exists=True, dir_okay=False, readable=True, metavar="FILES...", help="Text or Excel."),
+]
+UnitsText = Annotated[
+    str | None,
+    typer.Option(
+        metavar="length=mm,angle=deg,force=N",
+        help="Of columns whose header names none; with moment=N.m if there are moments.",
+    ),
+]
+StateWords = Annotated[
+    list[str] | None,
+    typer.Option("--state-word", metavar="WORD=STATE", help="Such as 150kg=loaded. May be repeated."),
+]
+FlangeTargets = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--flange-target", metavar="TARGET=X,Y,Z", help="In the flange frame, for deflections. Repeatable."
+    ),
+]
+Ignored = Annotated[
+    list[str] | None,
+    typer.Option("--ignore", metavar="HEADER", help="A column to leave out. May be repeated."),
+]
+
+
+def import_command(
+    files: Files,
+    *,
+    units: UnitsText = None,
+    point_name: Annotated[
+        str | None, typer.Option(metavar="TEMPLATE", help="Such as '{label}_{target}_{state}'.")
+    ] = None,
+    file_name: Annotated[
+        str | None, typer.Option(metavar="TEMPLATE", help="Such as '{target}_{state}', without .txt.")
+    ] = None,
+    state_words: StateWords = None,
+    delimiter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="comma, semicolon, tab or whitespace.")
+    ] = None,
+    decimal_mark: Annotated[str | None, typer.Option(metavar="NAME", help="point or comma.")] = None,
+    header: Annotated[
+        str | None, typer.Option(metavar="'A;B;C'", help="Of files without one; semicolons between.")
+    ] = None,
+    ignore: Ignored = None,
+    sheet: Annotated[str | None, typer.Option(help="Of an Excel file.")] = None,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Leave out incomplete readings, and say so.")
+    ] = False,
+    encoders: Annotated[
+        EncoderChoice | None, typer.Option(help="Which close the position loop; never guessed.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Of the set; that of the first file if absent.")] = None,
+    sigma: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of a coordinate, in the files' length.")
+    ] = None,
+    load_point: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="In the flange frame, in the files' length.")
+    ] = None,
+    flange_targets: FlangeTargets = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True, dir_okay=False, metavar="FILE", help="Robot, or a campaign to take it from."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            dir_okay=False, metavar="FILE", help="Write a campaign, or without --robot a measurement set."
+        ),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Read files of tracker software and tables; show what was understood, then write a campaign.
+
+    Nothing is written without --output, nor while something is missing.
+    """
+    chosen = {
+        "units": None if units is None else _pairs([part for part in units.split(",") if part], "--units"),
+        "point_name": point_name,
+        "file_name": file_name,
+        "state_words": _pairs(state_words, "--state-word"),
+        "delimiter": delimiter,
+        "decimal_mark": decimal_mark,
+        "header": None if header is None else [cell.strip() for cell in header.split(";")],
+        "ignore": ignore,
+        "sheet": sheet,
+        "allow_missing": allow_missing,
+        "encoders": encoders,
+        "name": name,
+        "noise": None if sigma is None else {"sigma": sigma},
+        "load_point": None if load_point is None else _vector(load_point, "--load-point"),
+        "flange_targets": {
+            target: _vector(text, "--flange-target")
+            for target, text in _pairs(flange_targets, "--flange-target").items()
+        },
+    }
+    try:
+        owner = None if robot is None else _robot(robot)
+        answer = _understood(files, {field: value for field, value in chosen.items() if value is not None})
+    except CampaignError as error:
+        raise _refused(error.problem) from error
+    if as_json:
+        typer.echo(answer.model_dump_json(indent=2))
+    else:
+        console().print(import_report(answer))
+    if output is not None:
+        _write(output, answer, owner, overwrite=overwrite)
+
+
+def _understood(files: Sequence[Path], chosen: dict[str, object]) -> ImportAnswer:
+    """What the files say.
+
+    Raises:
+        CampaignError: what was chosen contradicts itself, or a file was not understood.
+    """
+    try:
+        return import_files(_read(files), _request(chosen))
+    except FilesError as error:
+        raise CampaignError(problem_of(error)) from error
+
+
+def _request(chosen: dict[str, object]) -> ImportRequest:
+    try:
+        return ImportRequest.model_validate(chosen)
+    except ValidationError as error:
+        faults = error.errors(include_url=False, include_context=False, include_input=False)
+        raise CampaignError(invalid_request(faults)) from None
+
+
+def _read(files: Sequence[Path]) -> list[SourceFile]:
+    """The files, no more of them than an import takes."""
+    sources, left = [], MAX_FILE_BYTES
+    for path in files:
+        with path.open("rb") as file:
+            content = file.read(left + 1)
+        left = max(0, left - len(content))
+        sources.append(SourceFile(path.name, content))
+    return sources
+
+
+def _robot(path: Path) -> RobotDocument:
+    """The robot of a file that is one, or of a campaign.
+
+    Raises:
+        CampaignError: it is neither.
+    """
+    with path.open("rb") as file:
+        content = file.read(MAX_SET_BYTES + 1)
+    try:
+        return parse(Campaign, content).robot
+    except MalformedError as error:
+        if ("robot",) not in {tuple(fault["loc"]) for fault in error.faults}:
+            raise CampaignError(invalid_request(error.faults)) from None
+    try:
+        return parse(RobotDocument, content)  # it has no `robot`, so that it may be one
+    except MalformedError as error:
+        raise CampaignError(invalid_request(error.faults)) from None
+
+
+def _write(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
+    if answer.measurement_set is None:
+        missing = "; ".join(answer.missing)
+        raise _refused(http_problem(422, f"nothing is written, as this is missing: {missing}", "add it"))
+    if path.exists() and not overwrite:
+        raise _refused(http_problem(409, f"{path} exists", "choose another name, or --overwrite"))
+    try:
+        path.write_text(_document(answer.measurement_set, robot) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise _refused(
+            http_problem(422, f"cannot write {path}: {error.strerror}", "choose another place")
+        ) from error
+    what, command = (
+        ("a measurement set", "add a robot with --robot")
+        if robot is None
+        else ("a campaign", f"jointstiff identify {path}")
+    )
+    console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)
+
+
+def _document(readings: MeasurementSetDocument, robot: RobotDocument | None) -> str:
+    found = readings.model_dump(mode="json", exclude_none=True)
+    if robot is not None:
+        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
+    return json.dumps(found, indent=1, ensure_ascii=False)
+
+
+def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
+    found = {}
+    for text in texts or ():
+        key, equals, value = text.rpartition("=")
+        if not equals:
+            raise typer.BadParameter(f"'{text}' has no =", param_hint=option)
+        found[key.strip()] = value.strip()
+    return found
+
+
+def _vector(text: str, option: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != _XYZ:
+        raise typer.BadParameter(f"'{text}' is not like 0,0,120.5", param_hint=option)
+    return numbers
+
+
+def _refused(problem: Problem) -> typer.Exit:
+    console(stderr=True).print(problem_text(problem))
+    return typer.Exit(2)

@@ -1,0 +1,113 @@
+"""Measurement sets in a tracker's frame: brought to R0 when they are prepared, stored as they came."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from schemas.frame import Frame, ResolvedFrame
+from schemas.measurement_set import MeasurementSetHeader
+from schemas.noise import Noise
+from service.conversion.point_noise import PointNoise
+from service.conversion.readings import ReadingArrays
+from service.conversion.units import LENGTH
+from solver.exceptions import MeasurementError
+from solver.geometry.rigid_transform import RigidTransform
+
+__all__ = ["in_base", "stated_transform", "to_resolved"]
+
+FloatArray = npt.NDArray[np.float64]
+Header = TypeVar("Header", bound=MeasurementSetHeader)
+
+ROTATION_TOLERANCE = 1e-5
+"""Of a stated rotation's rows from unit vectors at right angles: 10 µm in a metre."""
+
+
+def stated_transform(frame: Frame, length: float) -> RigidTransform:
+    """An explicit transform from tracker to R0, its rotation made exact.
+
+    Args:
+        frame: with rotation and translation.
+        length: metres in the set's unit of length.
+
+    Raises:
+        MeasurementError: the rotation is none.
+    """
+    R = np.array(frame.rotation, dtype=np.float64)
+    gap = float(np.abs(R @ R.T - np.eye(3)).max())
+    if not gap <= ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+        what = "a mirror image" if gap <= ROTATION_TOLERANCE else f"off by {gap:.2g}"
+        raise MeasurementError(
+            f"the rows are not unit vectors at right angles: {what}",
+            where="frame.rotation",
+            remedy="give a rotation matrix row by row, from tracker to R0, to seven digits",
+        )
+    U, _, Vt = np.linalg.svd(R)
+    return RigidTransform(U @ Vt, length * np.array(frame.translation, dtype=np.float64))
+
+
+def to_resolved(
+    transform: RigidTransform, flange_targets: dict[str, tuple[float, float, float]] | None = None
+) -> ResolvedFrame:
+    """What a frame means, to be stored with its set."""
+    x, y, z = ((a, b, c) for a, b, c in transform.rotation.tolist())
+    a, b, c = transform.translation.tolist()
+    return ResolvedFrame(rotation=(x, y, z), translation=(a, b, c), flange_targets=flange_targets or {})
+
+
+def in_base(
+    header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
+) -> tuple[Header, ReadingArrays]:
+    """A set with all that stands in the tracker's frame brought to R0, in the set's units.
+
+    Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
+    transform's own uncertainty is left out: of 100 µrad it changes a deflection of 1 mm by 0.1 µm, and a
+    lever of 2 m by 0.2 mm.
+
+    Args:
+        header: of the set.
+        readings: as they were posted.
+        resolved: what the header's frame means; None if all is in R0.
+    """
+    if resolved is None or header.frame is None:
+        return header, readings
+    length = LENGTH[header.units.length]
+    R = np.array(resolved.rotation)
+    t = np.array(resolved.translation) / length
+    turned = readings.loaded @ R.T
+    as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
+    forces = R if header.frame.forces == "tracker" else np.eye(3)
+    moved = replace(
+        readings,
+        unloaded=np.where(present & ~as_deflection, readings.unloaded @ R.T + t, readings.unloaded),
+        loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
+        force=readings.force @ forces.T,
+        moment=readings.moment @ forces.T,
+        noise=_turned(readings.noise, R) if readings.noise is not None else None,
+    )
+    known = {name: _scaled(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
+    update = {"flange_targets": known | header.flange_targets, "noise": _moved(header.noise, R, t)}
+    return header.model_copy(update=update), moved
+
+
+def _turned(noise: PointNoise, R: FloatArray) -> PointNoise:
+    """Covariances symmetric to the last digit, as they came."""
+    parts = [R @ part @ R.T for part in (noise.unloaded, noise.loaded)]
+    even = [0.5 * (part + np.swapaxes(part, -1, -2)) for part in parts]
+    return replace(noise, unloaded=even[0], loaded=even[1])
+
+
+def _moved(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
+    """With the station in R0."""
+    if noise is None or noise.instrument is None:
+        return noise
+    station = _scaled(R @ np.array(noise.instrument.station) + t, 1.0)
+    return noise.model_copy(update={"instrument": noise.instrument.model_copy(update={"station": station})})
+
+
+def _scaled(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
+    x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
+    return x, y, z

@@ -1,0 +1,229 @@
+"""Sweeps, poses and base targets: from messages to SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition, TrackerSheet
+from service.conversion.units import ANGLE, LENGTH
+from solver.exceptions import MeasurementError
+from solver.geometry.poses import Poses
+from solver.geometry.survey import BaseTargets, Conventions
+from solver.geometry.sweep import Sweep, SweepSet
+from solver.robot import JointMap, Robot
+from solver.tracker_noise import Instrument
+
+__all__ = ["common_base_targets", "to_base_targets", "to_conventions", "to_poses", "to_sweeps"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+class _Readings:
+    """What holds for all readings of a request: targets, units, noise.
+
+    Attributes:
+        names: of the T targets, in order of first appearance.
+        sigma: of a coordinate, or the unit of the covariances [m]; None if it is not stated.
+    """
+
+    def __init__(self, request: GeometryRequest, robot: Robot | None) -> None:
+        positions = [
+            *(p for sweep in request.sweeps or () for p in sweep.observations),
+            *(request.poses or ()),
+        ]
+        self.names = tuple(dict.fromkeys(name for position in positions for name in position.targets))
+        if len(self.names) > MAX_GEOMETRY_TARGETS:
+            raise MeasurementError(
+                f"{len(self.names)} different targets, more than {MAX_GEOMETRY_TARGETS}",
+                where="sweeps" if request.sweeps else "poses",
+                remedy="give the same target the same name everywhere",
+            )
+        self.n = robot.n if robot is not None else len(positions[0].joints)
+        self._length, self._angle = LENGTH[request.units.length], ANGLE[request.units.angle]
+        self._instrument, self.sigma = None, None
+        if request.noise is not None and request.noise.sigma is not None:
+            self.sigma = self._length * request.noise.sigma
+        elif request.noise is not None and request.noise.instrument is not None:
+            self._instrument = _instrument(request.noise.instrument, self._length)
+            self.sigma = _typical_sigma(self._instrument, self.arrange(positions, "")[1:])
+
+    def arrange(
+        self, positions: Sequence[TrackedPosition], where: str
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Angles (K, n) [rad], points (K, T, 3) [m], zero where absent, and which are there (K, T)."""
+        for index, position in enumerate(positions):
+            if len(position.joints) != self.n:
+                raise MeasurementError(
+                    f"{len(position.joints)} joint angles for {self.n} joints",
+                    where=f"{where}[{index}].joints" if where else "observations",
+                    remedy="give the angles of all joints of the controller in every position",
+                )
+        angles = self._angle * np.array([position.joints for position in positions], dtype=np.float64)
+        present = np.array([[name in p.targets for name in self.names] for p in positions])
+        nowhere = (0.0, 0.0, 0.0)
+        points = np.array([[p.targets.get(name, nowhere) for name in self.names] for p in positions])
+        return angles, self._length * points, present
+
+    def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
+        """Of readings (..., 3) in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
+        if self._instrument is None or self.sigma is None:
+            return np.eye(3)
+        return self._instrument.covariance(_placed(points, present)) / self.sigma**2
+
+
+def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
+    """The sweeps of a request.
+
+    Args:
+        request: with sweeps.
+        robot: the nominal one, if there is one.
+
+    Raises:
+        MeasurementError: with the place and the remedy.
+        RobotError: the joint map does not fit.
+    """
+    readings = _Readings(request, robot)
+    parts = []
+    for index, sweep in enumerate(request.sweeps or ()):
+        angles, points, present = readings.arrange(sweep.observations, f"sweeps[{index}].observations")
+        parts.append(
+            Sweep(
+                name=sweep.joint,
+                joint=_joint(sweep.joint, index, readings.n, robot),
+                angles=angles,
+                points=points,
+                present=present,
+                covariance=readings.covariance(points, present),
+            )
+        )
+    return SweepSet(tuple(parts), readings.names, _joint_map(request, robot, readings.n), readings.sigma)
+
+
+def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
+    """The poses of a request.
+
+    Raises:
+        MeasurementError: with the place and the remedy.
+    """
+    readings = _Readings(request, robot)
+    angles, points, present = readings.arrange(request.poses or (), "poses")
+    return Poses(
+        angles=angles,
+        points=points,
+        present=present,
+        targets=readings.names,
+        joint_map=robot.joint_map,
+        sigma=readings.sigma,
+        covariance=readings.covariance(points, present),
+    )
+
+
+def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventions:
+    """Where R0 and the flange frame are to be.
+
+    Raises:
+        MeasurementError: a target that places the flange was not read.
+    """
+    usual: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
+    chosen = request.flange.targets if request.flange is not None else None
+    for index, name in enumerate(chosen or ()):
+        if name not in targets:
+            raise MeasurementError(
+                f"target '{name}' was not read",
+                where=f"flange.targets[{index}]",
+                remedy=f"name three of {', '.join(targets)}",
+            )
+    height = 0.0 if request.base is None else LENGTH[request.units.length] * request.base.height
+    indices = (0, 1, 2) if chosen is None else tuple(targets.index(name) for name in chosen)
+    return Conventions(
+        base=request.base.by if request.base is not None else usual,
+        flange=request.flange.by if request.flange is not None else usual,
+        height=height,
+        flange_targets=(indices[0], indices[1], indices[2]),
+    )
+
+
+def to_base_targets(
+    request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
+) -> BaseTargets | None:
+    """The base targets that were read both times; None if none were read a second time.
+
+    Args:
+        request: with the first readings.
+        sigma: unit of the covariances [m]; None if it is not stated.
+        after: the second ones, in units.length of the request; its own if None.
+
+    Raises:
+        MeasurementError: fewer than three were read both times.
+    """
+    stated = request.base_targets
+    later = after if after is not None else stated.after if stated is not None else None
+    if stated is None or later is None:
+        return None
+    common = [name for name in stated.before if name in later]
+    if len(common) < 3:
+        raise MeasurementError(
+            f"{len(common)} base targets were read both times, and three are needed",
+            where="base_targets",
+            remedy="give the same three or more targets the same names both times",
+        )
+    length = LENGTH[request.units.length]
+    first = length * np.array([stated.before[name] for name in common])
+    second = length * np.array([later[name] for name in common])
+    covariance = np.eye(3)
+    if sigma is not None and request.noise is not None and request.noise.instrument is not None:
+        covariance = _instrument(request.noise.instrument, length).covariance(first) / sigma**2
+    return BaseTargets(first, second, covariance)
+
+
+def common_base_targets(request: GeometryRequest, after: dict[str, tuple[float, float, float]]) -> list[str]:
+    """Names of the base targets that were read both times, in the order of `to_base_targets`."""
+    stated = request.base_targets
+    return [] if stated is None else [name for name in stated.before if name in after]
+
+
+def _joint(name: str, index: int, n: int, robot: Robot | None) -> int:
+    names = robot.joint_names if robot is not None else tuple(f"joint_{i + 1}" for i in range(n))
+    if name not in names:
+        raise MeasurementError(
+            f"there is no joint '{name}'",
+            where=f"sweeps[{index}].joint",
+            remedy=f"name one of {', '.join(names)}",
+        )
+    return names.index(name)
+
+
+def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
+    if robot is not None:
+        return robot.joint_map
+    if request.joint_map is None:
+        return JointMap.identity(n)
+    return JointMap.from_rows(request.joint_map.matrix, request.joint_map.offset)
+
+
+def _instrument(sheet: TrackerSheet, length: float) -> Instrument:
+    x, y, z = sheet.station
+    return Instrument(
+        station=(length * x, length * y, length * z),
+        range_constant=length * sheet.range.constant,
+        range_per_distance=sheet.range.per_distance,
+        transverse_constant=length * sheet.transverse.constant,
+        transverse_per_distance=sheet.transverse.per_distance,
+    )
+
+
+def _typical_sigma(instrument: Instrument, readings: tuple[FloatArray, BoolArray]) -> float:
+    """Root mean square of the standard uncertainties of all coordinates [m]."""
+    points, present = readings
+    covariance = instrument.covariance(points[present])
+    return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
+
+
+def _placed(points: FloatArray, present: BoolArray) -> FloatArray:
+    """Targets that were not read have no place; where one stands in for them does not matter."""
+    return np.where(present[..., None], points, points[present][0])

@@ -1,0 +1,311 @@
+"""All that sweeps, or unloaded poses, tell of a robot: one call from readings to an identified robot.
+
+Every number comes with its uncertainty and every suspicion with its figure; nothing is mended silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from solver.chain import KinematicChain
+from solver.exceptions import InputError, MeasurementError
+from solver.geometry.axis import Axis
+from solver.geometry.base_drift import BaseDrift, find_drift
+from solver.geometry.base_frame import BaseConvention, BaseFrame, find_base_frame
+from solver.geometry.circle_point import AngleUse
+from solver.geometry.dh_identification import DhTable, dh_table
+from solver.geometry.geometry_finding import GeometryFinding
+from solver.geometry.identified_axes import IdentifiedAxes
+from solver.geometry.identified_model import (
+    FlangeConvention,
+    IdentifiedModel,
+    LinkParameter,
+    identify_model,
+    link_table,
+)
+from solver.geometry.kinematic_calibration import calibrate
+from solver.geometry.poses import Poses
+from solver.geometry.sweep import SweepSet
+from solver.geometry.sweep_bundle import refine_axes
+from solver.geometry.sweep_findings import agreement_findings, angle_probability, geometry_findings
+from solver.geometry.swept_axes import SweptAxes, identify_axes
+from solver.geometry.wrist_axes import nearest_to_axes
+from solver.geometry.wrist_centre import CentreEstimate, WristCentre, find_wrist_centre
+from solver.wrist import WRIST_JOINTS
+
+__all__ = ["BaseTargets", "Conventions", "Evidence", "Survey", "survey_poses", "survey_sweeps"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_DEGENERATE = "the readings leave it too uncertain to be found"
+
+LEAST_SIGMA = 1e-12
+"""Of a coordinate [m]: a picometre. Less, and covariances are zeros."""
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """Where R0 and the flange frame stand, which no axis shows.
+
+    Attributes:
+        base: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`.
+        height: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
+        flange: `nominal`, `axes` or `targets`, as in `FlangeConvention`.
+        flange_targets: for `targets`, indices of the three.
+    """
+
+    base: Literal["nominal", "axes"]
+    flange: Literal["nominal", "axes", "targets"]
+    height: float = 0.0
+    flange_targets: tuple[int, int, int] = (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseTargets:
+    """Targets on the robot's base, read twice.
+
+    Attributes:
+        before: (B, 3) tracker's frame [m].
+        after: (B, 3) later.
+        covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma².
+    """
+
+    before: FloatArray
+    after: FloatArray
+    covariance: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def drift(self, identified: IdentifiedAxes) -> BaseDrift:
+        """What moved meanwhile, in the middle of the targets on the flange.
+
+        Raises:
+            MeasurementError: the base targets lie on a line.
+        """
+        middle = identified.targets.mean(axis=0)
+        return find_drift(
+            self.before, self.after, sigma=identified.sigma, at=middle, covariance=self.covariance
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What sweeps say of themselves.
+
+    Attributes:
+        one_by_one: the axes of each sweep by itself, with the fits.
+        controller_probability: that noise alone makes the controller's angles fit as badly as they do.
+        agreement_probability: that noise alone makes one robot fit all sweeps as badly as it does; None if
+            they were fitted one by one.
+    """
+
+    one_by_one: SweptAxes
+    controller_probability: float
+    agreement_probability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A robot as it was found.
+
+    Attributes:
+        identified: axes and targets.
+        sigma_stated: whether its sigma was stated; it comes from the residuals if not.
+        conventions: by which the frames are placed.
+        evidence: of sweeps; None for poses.
+        base: where R0 is.
+        model: the robot.
+        targets_determined: (T,) whether the readings determine the place of each target on the flange.
+        links: beside those of the nominal model; empty without one.
+        wrist: its centre, or why there is none.
+        tables: the model as a standard and as a modified DH table.
+        drift: of the base; None if its targets were not read twice.
+        findings: what a user should know.
+    """
+
+    identified: IdentifiedAxes
+    sigma_stated: bool
+    conventions: Conventions
+    evidence: Evidence | None
+    base: BaseFrame
+    model: IdentifiedModel
+    targets_determined: BoolArray
+    links: tuple[LinkParameter, ...]
+    wrist: WristCentre | str
+    tables: tuple[DhTable, ...]
+    drift: BaseDrift | None
+    findings: tuple[GeometryFinding, ...]
+
+
+def survey_sweeps(
+    sweeps: SweepSet,
+    conventions: Conventions,
+    *,
+    nominal: KinematicChain | None = None,
+    name: str = "identified",
+    fit: Literal["one_by_one", "together"] = "together",
+    angles: AngleUse = "free",
+    base_targets: BaseTargets | None = None,
+) -> Survey:
+    """Identify a robot from its sweeps.
+
+    Args:
+        sweeps: one of each joint.
+        conventions: where R0 and the flange frame are.
+        nominal: model of the robot; needed where a convention is by it.
+        name: of the identified robot.
+        fit: `one_by_one` asks least of the controller's repeatability; see `sweep_bundle`.
+        angles: see `circle_point`.
+        base_targets: read before and after.
+
+    Raises:
+        InputError: the sweeps do not determine the robot, or contradict the nominal model.
+    """
+    free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
+    alone = free if angles == "free" else trusted
+    identified = refine_axes(alone, angles=angles) if fit == "together" else alone
+    _refuse_exact(identified)
+    agreement = angle_probability(alone, identified) if fit == "together" else None
+    evidence = Evidence(alone, angle_probability(free, trusted), agreement)
+    wrist = _wrist_of_sweeps(identified)
+    found = geometry_findings(alone, identified.names) + agreement_findings(agreement)
+    frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
+    return _survey(identified, frame, wrist, found, base_targets, evidence)
+
+
+def survey_poses(
+    poses: Poses,
+    conventions: Conventions,
+    *,
+    nominal: KinematicChain,
+    name: str = "identified",
+    base_targets: BaseTargets | None = None,
+) -> Survey:
+    """Identify a robot from unloaded poses, starting from a nominal model; see `survey_sweeps`.
+
+    Raises:
+        InputError: the poses contradict the nominal model, or have too little in them.
+        NotObservableError: fewer readings than unknowns.
+    """
+    identified = calibrate(nominal, poses)
+    _refuse_exact(identified)
+    wrist = "the poses do not determine all axes" if identified.unseen.size else _wrist_of_axes(identified)
+    frame = _Frame(conventions, nominal, name, stated=poses.sigma is not None)
+    return _survey(identified, frame, wrist, identified.findings(), base_targets)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What is asked for of the result."""
+
+    conventions: Conventions
+    nominal: KinematicChain | None
+    name: str
+    stated: bool
+
+
+def _survey(
+    identified: IdentifiedAxes,
+    frame: _Frame,
+    wrist: WristCentre | str,
+    findings: Sequence[GeometryFinding],
+    base_targets: BaseTargets | None,
+    evidence: Evidence | None = None,
+) -> Survey:
+    conventions, nominal = frame.conventions, frame.nominal
+    base = find_base_frame(identified, _base(conventions, identified, nominal))
+    flange = _flange(conventions, nominal)
+    model = identify_model(identified, base, flange, nominal=nominal, name=frame.name)
+    drift = None if base_targets is None else base_targets.drift(identified)
+    found = [*findings]
+    found += wrist.findings() if isinstance(wrist, WristCentre) else ()
+    found += drift.findings() if drift else ()
+    tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
+    found += tables[0].findings()
+    return Survey(
+        identified=identified,
+        sigma_stated=frame.stated,
+        conventions=conventions,
+        evidence=evidence,
+        base=base,
+        model=model,
+        targets_determined=_placed_targets(identified, flange),
+        links=() if nominal is None else link_table(identified, base, flange, nominal),
+        wrist=wrist,
+        tables=tables,
+        drift=drift,
+        findings=tuple(found),
+    )
+
+
+def _base(
+    conventions: Conventions, identified: IdentifiedAxes, nominal: KinematicChain | None
+) -> BaseConvention:
+    if conventions.base == "axes":
+        return BaseConvention.of_axes(identified, conventions.height)
+    return BaseConvention.of_chain(_needed(nominal, "base.by"))
+
+
+def _flange(conventions: Conventions, nominal: KinematicChain | None) -> FlangeConvention:
+    if conventions.flange == "targets":
+        return FlangeConvention.of_targets(conventions.flange_targets)
+    if conventions.flange == "axes":
+        return FlangeConvention.of_axes()
+    return FlangeConvention.of_chain(_needed(nominal, "flange.by"))
+
+
+def _placed_targets(identified: IdentifiedAxes, flange: FlangeConvention) -> BoolArray:
+    def in_flange(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        return flange.place(axes, points).inverse().apply(points).ravel()
+
+    spread = identified.standard_uncertainties(identified.jacobian_of(in_flange))
+    return np.asarray(np.isfinite(spread).reshape(-1, 3).all(axis=1))
+
+
+def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:
+    if nominal is None:
+        raise MeasurementError(
+            "a frame as in the nominal model, and no nominal model is given",
+            where=where,
+            remedy="give the robot's nominal model, or place the frame by the axes",
+        )
+    return nominal
+
+
+def _refuse_exact(identified: IdentifiedAxes) -> None:
+    if not identified.sigma > LEAST_SIGMA:
+        raise MeasurementError(
+            f"the residuals speak for a sigma of {identified.sigma:.1g} m, which no instrument has",
+            where="noise.sigma",
+            remedy="state sigma if the readings are simulated without noise",
+        )
+
+
+def _wrist_of_sweeps(identified: SweptAxes) -> WristCentre | str:
+    try:
+        return find_wrist_centre(identified)
+    except InputError as error:
+        return error.reason
+    except np.linalg.LinAlgError:
+        return _DEGENERATE
+
+
+def _wrist_of_axes(identified: IdentifiedAxes) -> WristCentre | str:
+    """The nearest point to the last three axes with the arm at model angle zero: there are no spheres."""
+    if identified.n < WRIST_JOINTS:
+        return f"{identified.n} axes have no wrist"
+    posture = np.zeros(identified.n)
+    try:
+        (centre, influence), miss = nearest_to_axes(identified, posture)
+    except InputError as error:
+        return error.reason
+    except np.linalg.LinAlgError:
+        return _DEGENERATE
+    covariance = identified.sigma**2 * influence @ influence.T
+    by_axes = CentreEstimate("axes", centre, covariance, influence, np.eye(3))
+    combined = CentreEstimate("combined", centre, covariance, influence, np.eye(3))
+    return WristCentre((by_axes,), combined, (), miss, posture)
