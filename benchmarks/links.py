@@ -5,6 +5,7 @@ The real readings are no part of this project; where they are not beside the che
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -323,7 +324,9 @@ class Peer:
             penalty += cp.trace(X)
             blocks.append((own, C, constraints))
         objective = cp.Minimize(cp.sum_squares(fitted - self.d) + weight * penalty)
-        cp.Problem(objective, [each for _, _, own in blocks for each in own]).solve(solver=cp.CLARABEL)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # an inaccurate answer of the peer is one more candidate
+            cp.Problem(objective, [each for _, _, own in blocks for each in own]).solve(solver=cp.CLARABEL)
         out = np.zeros(self.A.shape[1])
         out[:6] = unit * joints.value
         for own, C, _ in blocks:

@@ -193,7 +193,7 @@ MISTAKES = (
     Mistake(
         "one bumped target",
         _bumped_target,
-        frozenset({"target_moved", "targets_not_rigid", "residual_outlier"}),
+        frozenset({"target_moved", "targets_not_rigid"}),
         by_deflections=False,
     ),
     Mistake("one duplicated row", _duplicated_row, frozenset({"duplicated_observation"})),

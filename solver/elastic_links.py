@@ -93,13 +93,9 @@ def estimate_elastic(
     solution = _solved(formulation, weight, scale / formulation.size)
     freedom = _by_column(formulation, effective_freedom(formulation.program(weight), solution.x))
     compliances, least = _returned(formulation.compliances(solution.x), model)
-    gap, sigma, chi_square = _judged(formulation, weight, compliances, scale), measurements.sigma, 0.0
-    squares = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
-    left = rows.readings - float(freedom.sum())
-    if sigma is None and left >= _LEAST_FREEDOM:
-        sigma = float(np.sqrt(squares / left))
-    if sigma:
-        chi_square = squares / sigma**2
+    gap = _judged(formulation, weight, compliances, scale)
+    left = max(0.0, rows.readings - float(freedom.sum()))
+    sigma, chi_square = _residuals(rows, compliances, left, measurements.sigma)
     elements, prediction = _explained(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
     return ElasticEstimate(
@@ -113,13 +109,23 @@ def estimate_elastic(
         prediction=prediction,
         sigma=sigma,
         chi_square=chi_square,
-        degrees_of_freedom=max(0.0, left),
+        degrees_of_freedom=left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
             least, solution.certificate.dual, gap, float(scale), solution.certificate.tolerance
         ),
     )
+
+
+def _residuals(
+    rows: ElasticRows, compliances: FloatArray, left: float, sigma: float | None
+) -> tuple[float | None, float]:
+    """Sigma [m], of the residuals if it is not given, and chi-square under it."""
+    squares = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    if sigma is None and left >= _LEAST_FREEDOM:
+        sigma = sqrt(squares / left)
+    return sigma, squares / sigma**2 if sigma else 0.0
 
 
 def _residual_scale(formulation: Formulation, rows: ElasticRows) -> float:

@@ -14,7 +14,7 @@ from solver.problem import Bounds
 from solver.profile import profile_ends
 from solver.settings import Settings
 
-__all__ = ["ordered_intervals"]
+__all__ = ["ordered_constraints", "ordered_intervals"]
 
 FloatArray = npt.NDArray[np.float64]
 Order = tuple[tuple[int, int], ...]
@@ -63,15 +63,23 @@ def ordered_intervals(
         centre=np.concatenate([estimate.compliance for estimate in estimates])[places],
         covariance=block_diag(*covariances)[np.ix_(places, places)],
     )
-    bounds = Bounds(
-        np.concatenate([s.bounds.lower for s in settings]), np.concatenate([s.bounds.upper for s in settings])
-    )
-    constraints = Constraints(bounds, _orders(settings, n)).select(places)
+    constraints = ordered_constraints(settings).select(places)
     ends[places] = profile_ends(likelihood, constraints, np.arange(len(places)), np.array([quantile]))[0]
     estimate = np.concatenate([together.first, together.second])[places]
     ends[places, 0] = np.minimum(ends[places, 0], estimate)
     ends[places, 1] = np.maximum(ends[places, 1], estimate)
     return ends.reshape(2, n, 2)
+
+
+def ordered_constraints(settings: tuple[Settings, Settings]) -> Constraints:
+    """On the 2 n compliances of the first campaign and the second.
+
+    Raises:
+        RequestError: they contradict each other.
+    """
+    lower = np.concatenate([side.bounds.lower for side in settings])
+    upper = np.concatenate([side.bounds.upper for side in settings])
+    return Constraints(Bounds(lower, upper), _orders(settings, len(settings[0].bounds.lower)))
 
 
 def _orders(settings: tuple[Settings, Settings], n: int) -> Order:

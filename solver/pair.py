@@ -19,7 +19,7 @@ from solver.estimate import Estimate
 from solver.exceptions import RequestError
 from solver.gram_blocks import gram_blocks
 from solver.identification import identify
-from solver.ordered_intervals import ordered_intervals
+from solver.ordered_intervals import ordered_constraints, ordered_intervals
 from solver.ordered_pair import OrderedFit, WhitenedCampaign, fit_ordered
 from solver.pair_sides import Matches, PairSide, match, refuse_other_joints
 from solver.problem import Bounds
@@ -30,6 +30,7 @@ from solver.ratio import (
     ratio_interval,
     two_sided_quantile,
 )
+from solver.wrist import WRIST_JOINTS
 
 __all__ = ["AvoidedDeflection", "JointRatio", "Pair", "compare_pair"]
 
@@ -158,6 +159,7 @@ def _free(side: PairSide) -> Estimate:
 
 def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:
     campaigns = []
+    ordered_constraints((first.settings, second.settings))  # refuses contradictions before any work is done
     for side, estimate in zip((first, second), free, strict=True):
         _refuse_unordered(side, estimate)
         blocks = gram_blocks(side.robot, side.measurements, replace(side.settings, order=()))
@@ -170,6 +172,7 @@ def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
     faults = {
         "loss `huber`": side.settings.loss == "huber",
         "complementary_stiffness `included`": side.settings.complementary_stiffness,
+        "a stiffness_order between arm and wrist, whose stages are solved apart": _order_across(side),
     }
     for fault in (name for name, found in faults.items() if found):
         raise RequestError(
@@ -183,6 +186,13 @@ def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
             where="noise",
             remedy="state noise.sigma, or measure more",
         )
+
+
+def _order_across(side: PairSide) -> bool:
+    """Whether the decoupled method has an order between joints of its two stages."""
+    arm = side.robot.n - WRIST_JOINTS
+    decoupled = side.settings.method == "decoupled_partial_pose"
+    return decoupled and any((i < arm) != (j < arm) for i, j in side.settings.order)
 
 
 def _ratio(j: int, name: str, free: _Both, confidence: float, *, positive: bool) -> JointRatio:

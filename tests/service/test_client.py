@@ -121,17 +121,21 @@ def test_an_answer_that_cannot_be_decoded_is_refused():
         stream = httpx.ByteStream(b"not compressed")
         return httpx.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
 
-    with ServiceClient("http://nowhere", transport=httpx.MockTransport(garbled)) as client:
-        with pytest.raises(RefusedError, match="cannot be decoded"):
-            client.ping()
+    with (
+        ServiceClient("http://nowhere", transport=httpx.MockTransport(garbled)) as client,
+        pytest.raises(RefusedError, match="cannot be decoded"),
+    ):
+        client.ping()
 
 
 def test_what_a_service_says_does_not_steer_the_terminal():
     problem = Problem(type="urn:x", title=ESCAPE, status=422, detail=ESCAPE, remedy=ESCAPE)
     transport = httpx.MockTransport(lambda _: httpx.Response(422, content=problem.model_dump_json()))
-    with ServiceClient("http://nowhere", transport=transport) as client:
-        with pytest.raises(RefusedError, match="owned") as refused:
-            client.run("x", {})
+    with (
+        ServiceClient("http://nowhere", transport=transport) as client,
+        pytest.raises(RefusedError, match="owned") as refused,
+    ):
+        client.run("x", {})
     said = refused.value.problem
     assert all(text.isprintable() for text in (said.title, said.detail, said.remedy))
 

@@ -13,12 +13,13 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from schemas.comparison import ComparisonRequest
+from schemas.geometry import GeometryRequest
 from schemas.imports import ImportRequest
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import PairRequest
-from schemas.robot import RobotDocument
+from schemas.robot import RobotRequest
 from schemas.run import RunRequest
-from service.api.examples import COMPARISONS, IMPORTS, MEASUREMENT_SETS, PAIRS, ROBOTS, RUNS
+from service.api.examples import COMPARISONS, GEOMETRIES, IMPORTS, MEASUREMENT_SETS, PAIRS, ROBOTS, RUNS
 from service.app import create_app
 from service.importing import SourceFile
 from service.imports import import_files
@@ -50,7 +51,8 @@ def test_the_service_keeps_its_contract(case, service):
 
 
 @pytest.mark.parametrize(
-    "name", ["/v1/robots", "/v1/measurement-sets", "/v1/runs", "/v1/comparisons", "/v1/pairs"]
+    "name",
+    ["/v1/robots", "/v1/geometries", "/v1/measurement-sets", "/v1/runs", "/v1/comparisons", "/v1/pairs"],
 )
 def test_bodies_and_errors_are_described(name):
     operation = DOCUMENT["paths"][name]["post"]
@@ -63,7 +65,8 @@ def test_bodies_and_errors_are_described(name):
 
 def test_examples_are_valid():
     for model, examples in (
-        (RobotDocument, ROBOTS),
+        (RobotRequest, ROBOTS),
+        (GeometryRequest, GEOMETRIES),
         (MeasurementSetRequest, MEASUREMENT_SETS),
         (RunRequest, RUNS),
         (PairRequest, PAIRS),

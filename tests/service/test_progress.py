@@ -152,10 +152,10 @@ def test_waiting_ends_with_the_job_or_with_patience():
 def test_those_who_wait_long_look_less_often(monkeypatch):
     monkeypatch.setattr(module, "_LOOK_SECONDS", 0.0)
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.5))
+    asyncio.run(wait_for_end(jobs, "r1", 0.2))
     often = jobs.looks
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 5.0))
+    asyncio.run(wait_for_end(jobs, "r1", 2.0))
     assert jobs.looks < 3 * often
 
 

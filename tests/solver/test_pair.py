@@ -31,6 +31,7 @@ from solver.prior import Prior
 
 MOTOR, SECONDARY = default_arm("motor"), default_arm("secondary")
 T95 = 1.959963984540054
+ACROSS = {"method": "decoupled_partial_pose", "stiffness_order": [["joint_6", "joint_2"]]}
 
 
 def side(document, **options):
@@ -167,6 +168,23 @@ def test_ordered_intervals_contain_estimates_that_are_not_of_maximum_likelihood(
     inside = np.stack([pair.ordered.first, pair.ordered.second])
     assert (pair.ordered_intervals[..., 0] <= inside).all()
     assert (inside <= pair.ordered_intervals[..., 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "reason"),
+    [
+        (
+            {"stiffness_bounds": {"joint_2": [4e6, None]}},
+            {"stiffness_bounds": {"joint_2": [None, 3e6]}},
+            "no room",
+        ),
+        (ACROSS, ACROSS, "arm and wrist"),
+    ],
+)
+def test_what_both_in_one_problem_cannot_hold_is_refused(first, second, reason):
+    document = simulate_campaign(MOTOR, load="pull", seed=1)
+    with pytest.raises(RequestError, match=reason):
+        pair_of(side(document, **first), side(document, **second), ordered=True)
 
 
 def _whitened(arm, document, sigma):
