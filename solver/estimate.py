@@ -79,6 +79,7 @@ def assemble(
     settings: Settings,
     characteristic_length: float | None,
     inflation: float = 1.0,
+    sigma_given: bool = True,
 ) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
 
@@ -91,6 +92,7 @@ def assemble(
         settings: constraints, prior and confidence.
         characteristic_length: [m], if one was used.
         inflation: of the variance of the estimate, where the loss is not squared.
+        sigma_given: false if a sigma is passed that comes from the readings themselves.
 
     Returns:
         The estimate.
@@ -98,6 +100,7 @@ def assemble(
     scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
     if fit.alone is not None:
         scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
+    scale = replace(scale, given=scale.given and sigma_given)
     fit = fit.inflated(inflation)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(scale, fit, covariance)
@@ -111,7 +114,7 @@ def assemble(
         compliance=fit.compliance,
         covariance=covariance,
         sigma=scale.sigma,
-        sigma_given=sigma is not None,
+        sigma_given=scale.given,
         chi_square=scale.chi_square,
         degrees_of_freedom=scale.degrees_of_freedom,
         characteristic_length=characteristic_length,

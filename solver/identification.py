@@ -85,12 +85,12 @@ def _assembled(
         settings=settings,
         characteristic_length=length,
         inflation=1.0 if robust is None else robust.inflation,
+        sigma_given=measurements.sigma is not None,
     )
     if robust is None or targets is None:
         return estimate
     return replace(
         estimate,
-        sigma_given=measurements.sigma is not None,
         chi_square=targets.chi_square(estimate.compliance, sigma=robust.sigma, threshold=robust.threshold),
         certificates=(robust.certificate, *estimate.certificates),
         robust=robust,
