@@ -58,7 +58,17 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "links": links.run,
 }
 STUDIES = frozenset(
-    {"coverage", "efficiency", "robustness", "fanuc", "replication", "invariance", "links", "integrity", "geometry"}
+    {
+        "coverage",
+        "efficiency",
+        "robustness",
+        "fanuc",
+        "replication",
+        "invariance",
+        "links",
+        "integrity",
+        "geometry",
+    }
 )
 """They prove numbers and compare no times."""
 BY_NAME = frozenset({"workers", "durability"}) | STUDIES

@@ -352,9 +352,7 @@ def _changed(options: Options, changes: Mapping[str, object]) -> Options:
 
 
 def _takes_long(options: RunOptions) -> bool:
-    return options.resampling is not None or (
-        options.elasticity != "joints" and options.link_penalty is None
-    )
+    return options.resampling is not None or (options.elasticity != "joints" and options.link_penalty is None)
 
 
 def _resampling(size: int | None, repetitions: int, seed: int) -> dict[str, int] | None:
