@@ -25,6 +25,8 @@ __all__ = [
 ]
 
 MAX_METHODS = 8
+MAX_FITS = 400_000
+"""Of one comparison: their numbers are kept until it ends, and put together in memory."""
 
 Constraint = Literal["unconstrained", "positive"]
 
@@ -76,6 +78,15 @@ class ComparisonOptions(Message):
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
         default=0.95, description="Level of the intervals."
     )
+
+    @field_validator("resampling", mode="after")
+    @classmethod
+    def _not_too_many_fits(cls, resampling: Resampling | None, info: ValidationInfo) -> Resampling | None:
+        entries = len(info.data.get("methods", ())) * len(info.data.get("constraints", ()))
+        if resampling is not None and entries * resampling.repetitions > MAX_FITS:
+            most = MAX_FITS // entries
+            raise ValueError(f"{entries} fits of each draw: at most {most:,} repetitions")
+        return resampling
 
     @field_validator("methods", "constraints", mode="after")
     @classmethod

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Any, Generic
+from typing import Any, Final, Generic
 from uuid import uuid4
 
 from pydantic import BaseModel
@@ -19,12 +19,15 @@ from service.kinds import Kind, Message, Opening, Request
 from service.problems import http_problem, problem_of
 from service.records import IdempotencyKey, JobRecord
 from service.store import Store
-from service.store_errors import NotFoundError
+from service.store_errors import NotFoundError, TooManyJobsError
 from service.versions import versions
 from service.work import Part, Work
 from solver.exceptions import JointstiffError, RequestError
 
 __all__ = ["Announce", "AnyJobs", "Jobs"]
+
+MAX_OPEN: Final = 1_000
+"""Jobs of a kind that wait or are carried out; as many look at the same time and a few more may get in."""
 
 _logger = logging.getLogger(__name__)
 
@@ -72,6 +75,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
             RequestError: what is asked for does not exist, or the readings cannot support it.
                 Nothing is stored then.
             IdempotencyConflictError: the key came before with another body.
+            TooManyJobsError: `MAX_OPEN` of them go on.
         """
         if key is not None and (before := self._store.find(self.kind.record, key)) is not None:
             return before
@@ -80,6 +84,8 @@ class Jobs(Generic[Request, Message, JobRecord]):
         if job.progress is None or self._announce is None:
             ended = self._carried_out(job, work)
             return self._store.add(self.kind.row(ended, work.robot_id), key)
+        if len(self.log.open_jobs()) >= MAX_OPEN:
+            raise TooManyJobsError(self.kind.record, MAX_OPEN)
         announce = self._announce
         return self._store.add(
             self.kind.row(job, work.robot_id),

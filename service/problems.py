@@ -17,6 +17,7 @@ from service.store_errors import (
     NotFoundError,
     StoreError,
     StoreUnavailableError,
+    TooManyJobsError,
 )
 from solver.exceptions import (
     JointstiffError,
@@ -49,6 +50,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         IdempotencyConflictError: (422, "idempotency-conflict", "The idempotency key was used before"),
         CursorError: (422, "invalid-cursor", "The cursor is not one of ours"),
         DeletedError: (404, "deleted", "The resource was deleted"),
+        TooManyJobsError: (429, "too-many-jobs", "Too many jobs wait"),
         NotEndedError: (409, "not-ended", "The job has not ended"),
         NotFoundError: (404, "not-found", "There is no such resource"),
         StoreUnavailableError: (503, "store-unavailable", "The database does not answer"),

@@ -5,6 +5,7 @@ StoreError                     a database that this software cannot work with: s
 ├── NotFoundError              no such record: check the id
 │   └── DeletedError           it was deleted: restore it
 ├── NotEndedError              a job that goes on cannot be deleted: cancel it first
+├── TooManyJobsError           as many jobs wait as may: post again later
 ├── IdempotencyConflictError   a key used again for another body: take a new key
 └── CursorError                not a cursor that a page gave: start from the first page
 """
@@ -21,6 +22,7 @@ __all__ = [
     "NotFoundError",
     "StoreError",
     "StoreUnavailableError",
+    "TooManyJobsError",
 ]
 
 _MAX_SHOWN = 80
@@ -101,6 +103,17 @@ class NotEndedError(StoreError):
         )
         self.kind = kind
         self.id = identifier
+
+
+class TooManyJobsError(StoreError):
+    """As many jobs of a kind go on as may."""
+
+    def __init__(self, kind: type[AnyRecord], most: int) -> None:
+        super().__init__(
+            f"{most:,} {kind.title}s have not ended", "post it again when some have, or cancel some"
+        )
+        self.kind = kind
+        self.most = most
 
 
 class IdempotencyConflictError(StoreError):

@@ -30,7 +30,7 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
     "",
     status_code=201,
     response_model=Comparison,
-    responses=LOCATION | accepted(Comparison) | problems(400, 413, 415, 422),
+    responses=LOCATION | accepted(Comparison) | problems(400, 413, 415, 422, 429),
     openapi_extra=describe_body(ComparisonRequest, COMPARISONS),
 )
 async def post_comparison(

@@ -88,5 +88,6 @@ _DESCRIPTIONS: Final = {
     413: "The body is too large.",
     415: "The body is not declared as what the route takes.",
     422: "The request cannot be carried out; `where` names the field and `remedy` how to mend it.",
+    429: "As many jobs wait as may; post it again later.",
     503: "The database does not answer.",
 }

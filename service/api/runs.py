@@ -25,7 +25,7 @@ router = APIRouter(prefix="/v1/runs", tags=["runs"])
     "",
     status_code=201,
     response_model=Run,
-    responses=LOCATION | accepted(Run) | problems(400, 413, 415, 422),
+    responses=LOCATION | accepted(Run) | problems(400, 413, 415, 422, 429),
     openapi_extra=describe_body(RunRequest, RUNS),
 )
 async def post_run(

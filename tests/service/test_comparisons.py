@@ -85,7 +85,7 @@ def test_steps_in_any_order_make_the_comparison_that_one_process_makes(store):
     set_id = stored_set(store)
     announced = []
     comparisons = comparisons_of(store, lambda _, kind, job_id: announced.append((kind, job_id)))
-    body = request(set_id, resampling=RESAMPLING | {"repetitions": 100_000})
+    body = request(set_id, resampling=RESAMPLING | {"repetitions": 50_000})
     job = comparisons.create(body, None)
     assert announced == [("comparison", job.id)]
     assert comparisons.current(job.id).state == "queued"
@@ -93,8 +93,8 @@ def test_steps_in_any_order_make_the_comparison_that_one_process_makes(store):
     work = comparisons.work(job.id)
     spans = work.steps()
     assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
-    assert (spans[0][0], spans[-1][1]) == (0, 8 * 100_000)
-    assert all(start // 100_000 == (stop - 1) // 100_000 for start, stop in spans)
+    assert (spans[0][0], spans[-1][1]) == (0, 8 * 50_000)
+    assert all(start // 50_000 == (stop - 1) // 50_000 for start, stop in spans)
 
     body = request(set_id, resampling=RESAMPLING)
     job = comparisons.create(body, None)
@@ -158,6 +158,7 @@ def test_refused_before_anything_is_stored(store):
         {"methods": [{"method": "partial_pose", "characteristic_length": 0.5}]},
         {"constraints": ["positive", "positive"]},
         {"constraints": []},
+        {"resampling": {"size": 5, "repetitions": 50_001}},
     ],
 )
 def test_requests_that_make_no_sense(options):

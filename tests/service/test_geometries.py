@@ -249,8 +249,8 @@ class TestRobots:
         """Axes 2 and 3 are 1.1 mrad off parallel: d between them is a kilometre."""
         result = made(memory, sweeps(TrackedArm(imperfect_arm(2)), count=8)).result
         assert max(abs(row.d) for table in result.dh for row in table.rows) > 100.0
-        (finding,) = result.findings
-        assert (finding.code, finding.severity) == ("axes_nearly_parallel", "note")
+        finding = next(one for one in result.findings if one.code == "axes_nearly_parallel")
+        assert finding.severity == "note"
         assert finding.figure == pytest.approx(1.08e-3, abs=1e-5)
 
     def test_without_a_nominal_model(self, memory):
@@ -716,10 +716,9 @@ def test_targets_that_say_nothing_new_are_no_fault(memory):
     assert "trilateration" not in {estimate.way for estimate in result.wrist.estimates}
 
 
-@pytest.mark.parametrize("count", [600 // 6 + 1])
-def test_limits_are_stated(count):
+def test_limits_are_stated():
     with pytest.raises(ValueError, match="at most 600 positions"):
-        GeometryRequest.model_validate(sweeps(TrackedArm(), count=count))
+        GeometryRequest.model_validate(sweeps(TrackedArm(), count=600 // 6 + 1))
     many = poses(TrackedArm(), count=MAX_GEOMETRY_READINGS // 3 + 1) | {"robot_id": "a"}
     with pytest.raises(ValueError, match="at most 2000 readings"):
         GeometryRequest.model_validate(many)

@@ -10,13 +10,14 @@ from examples.simulator import default_arm, simulate_campaign
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
+from service import jobs as module
 from service.jobs import Jobs
 from service.parts import Parts
 from service.records import IdempotencyKey
 from service.resample import ResamplingWork
 from service.runs import RunKind
 from service.store import Store
-from service.store_errors import NotFoundError
+from service.store_errors import NotFoundError, TooManyJobsError
 from solver.exceptions import RequestError, UnsupportedMethodError
 
 
@@ -140,3 +141,14 @@ def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
     assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
     assert (spans[0][0], spans[-1][1]) == (0, 100_000)
     assert len(spans) > 2
+
+
+def test_as_many_as_may_wait_and_no_more(store, runs, announced, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OPEN", 2)
+    set_id = stored_set(store)
+    first, _ = (runs.create(request(set_id), None) for _ in range(2))
+    with pytest.raises(TooManyJobsError, match="have not ended"):
+        runs.create(request(set_id), None)
+    runs.cancel(first.id)
+    runs.create(request(set_id), None)
+    assert len(announced) == 3
