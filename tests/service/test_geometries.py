@@ -178,7 +178,7 @@ class TestSharedSweeps:
         assert [joint.status for joint in found] == [joint.status for joint in expected]
         for one, other in zip(found, expected, strict=True):
             if other.compliance is not None:
-                assert abs(one.compliance - other.compliance) < 0.5 * other.standard_uncertainty
+                assert abs(one.compliance - other.compliance) < 0.02 * other.standard_uncertainty
                 assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=0.01)
 
 
