@@ -123,19 +123,34 @@ class Service:
             self._log.close()
 
 
-@pytest.fixture(scope="session", params=["sqlite", "postgresql"])
-def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """The running service, once on each database; no test may expect it to be empty."""
-    if request.param == "sqlite":
-        url = f"sqlite:///{tmp_path_factory.mktemp('service') / 'jointstiff.db'}"
-    else:
-        url = request.getfixturevalue("new_postgresql_database")()
-    running = Service(url)
+@pytest.fixture(scope="session")
+def services(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[str], Service]]:
+    """Starts the service on a kind of database, once for all tests, whatever order they run in."""
+    running: dict[str, Service] = {}
+
+    def start(kind: str) -> Service:
+        if kind not in running:
+            url = f"sqlite:///{tmp_path_factory.mktemp('service') / 'jointstiff.db'}"
+            if kind == "postgresql":
+                url = request.getfixturevalue("new_postgresql_database")()
+            running[kind] = Service(url)
+        return running[kind]
+
     try:
-        yield running
-        assert running.process.poll() is None, running.log()
+        yield start
+        for service in running.values():
+            assert service.process.poll() is None, service.log()
     finally:
-        running.stop()
+        for service in running.values():
+            service.stop()
+
+
+@pytest.fixture(scope="session", params=["sqlite", "postgresql"])
+def service(request: pytest.FixtureRequest, services: Callable[[str], Service]) -> Service:
+    """The running service, once on each database; no test may expect it to be empty."""
+    return services(request.param)
 
 
 @pytest.fixture

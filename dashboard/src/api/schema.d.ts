@@ -5339,6 +5339,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description As many jobs wait as may; post it again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The database does not answer. */
             503: {
                 headers: {
@@ -5721,6 +5730,15 @@ export interface operations {
             };
             /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description As many jobs wait as may; post it again later. */
+            429: {
                 headers: {
                     [name: string]: unknown;
                 };
