@@ -302,7 +302,7 @@ class Advice(Message):
 
 
 class Identifiability(Message):
-    """What the readings can determine."""
+    """What the readings can determine, by a model of joints alone."""
 
     parameters: int = Field(description="Number of joints of the robot.")
     rank: int = Field(description="How many compliances, or combinations, are determined.")

@@ -6,7 +6,7 @@ from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from pydantic import BaseModel
 
@@ -17,7 +17,7 @@ from schemas.pair import Pair, PairOptions, PairRequest, PairSide
 from schemas.problem import Problem
 from schemas.run import Progress, Run, RunOptions, RunRequest
 from service.api.bodies import MAX_SET_BYTES
-from service.parsing import MalformedError, parse
+from service.parsing import NOT_JSON, MalformedError, parse
 from service.parts import Parts
 from service.problems import http_problem, invalid_request, problem_of
 from service.store import Store
@@ -64,7 +64,29 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     try:
         return parse(message, content.removeprefix(BOM_UTF8), section)
     except MalformedError as error:
-        raise CampaignError(invalid_request(error.faults)) from None
+        raise CampaignError(_other_file(message, error) or invalid_request(error.faults)) from None
+
+
+def _other_file(message: type[BaseModel], error: MalformedError) -> Problem | None:
+    """What the file is instead, if it is of a kind that we know; None if it is not."""
+    if error.keys is NOT_JSON:
+        remedy = "mend it there; tables and point lists become a campaign by `jointstiff import FILE`"
+        return http_problem(422, str(error.faults[0]["msg"]), remedy)
+    for others, what, remedy in _KINDS:
+        if others <= error.keys and not others <= set(message.model_fields):
+            return http_problem(422, f"the file is {what}", remedy)
+    return None
+
+
+_KINDS: Final = (
+    (
+        {"observations"},
+        "a measurement set without a robot",
+        'make a campaign of it: {"robot": …, "measurement_set": …}, or use `jointstiff import --robot`',
+    ),
+    ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
+    ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
+)
 
 
 def identify(

@@ -229,7 +229,10 @@ def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
 
 
 def _silence(address: object, error: Exception) -> Problem:
-    return http_problem(_UNAVAILABLE, f"no answer from {address}: {error}", "start it: jointstiff serve")
+    remedy = "start it: jointstiff serve"
+    if not str(address).startswith(("http://", "https://")):
+        remedy = "write the address with http:// before it"
+    return http_problem(_UNAVAILABLE, f"no answer from {address}: {error}", remedy)
 
 
 def _alien(what: str) -> Problem:

@@ -21,7 +21,6 @@ from service.conversion.links import (
 )
 from service.prepared import PreparedSet
 from service.work import Span
-from solver.advice import advise
 from solver.cross_validation import FoldFit, Folds, fit_fold
 from solver.elastic_links import estimate_elastic, refuse_unsupported_elastic
 from solver.elastic_model import MODELS, ElasticModel
@@ -141,9 +140,9 @@ class ElasticWork:
         )
         estimate = with_links(self._joints, elastic, scored.jackknife)
         warnings = prepared.warnings + to_warnings(judge(estimate, elastic.prediction), prepared.readings)
-        advice = advise(prepared.robot, prepared.measurements, self._joints)
+        # No advice: what a further reading would bring is known for a model of joints alone.
         result = to_result(
-            estimate, elastic.prediction, prepared.measurements, prepared.readings, warnings, advice
+            estimate, elastic.prediction, prepared.measurements, prepared.readings, warnings, ()
         )
         links = to_links_result(elastic, prepared.robot.joint_names, given=options.link_penalty is not None)
         return result.model_copy(update={"links": links, "selection": to_selection(selection)})

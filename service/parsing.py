@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence, Set
+from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
-__all__ = ["MalformedError", "parse"]
+__all__ = ["NOT_JSON", "MalformedError", "parse"]
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
+
+NOT_JSON: Final[Set[str]] = frozenset({"not JSON"})
+"""In the place of a document's keys."""
 
 
 class MalformedError(Exception):
@@ -18,11 +21,13 @@ class MalformedError(Exception):
 
     Attributes:
         faults: as pydantic tells them, without what was sent.
+        keys: of the document, if it is an object; `NOT_JSON` if it is none of JSON.
     """
 
-    def __init__(self, faults: Sequence[Mapping[str, Any]]) -> None:
+    def __init__(self, faults: Sequence[Mapping[str, Any]], keys: Set[str] = NOT_JSON) -> None:
         super().__init__(f"{len(faults)} faults")
         self.faults = faults
+        self.keys = keys
 
 
 def parse(message: type[Parsed], content: bytes, section: str | None = None) -> Parsed:
@@ -49,4 +54,4 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
         return message.model_validate(document)
     except ValidationError as error:
         faults = error.errors(include_url=False, include_context=False, include_input=False)
-        raise MalformedError(faults) from None
+        raise MalformedError(faults, set(document) if isinstance(document, dict) else set()) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,9 @@ from solver.robot import Robot
 __all__ = ["to_elastic_columns", "to_links_result", "to_plan", "to_selection", "with_links"]
 
 FloatArray = npt.NDArray[np.float64]
+
+LARGEST_SPREAD: Final = 0.5
+"""Of a joint's compliance over the folds, relative to it, above which it is hardly known."""
 
 
 def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
@@ -136,6 +140,7 @@ def _joint(joint: JointCompliance, compliance: float, uncertainty: float) -> Joi
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
     rigid = compliance == 0.0
+    reason = "links explain the readings without it" if rigid else _spread(compliance, uncertainty)
     return JointCompliance(
         name=joint.name,
         status="at_bound" if rigid else "identified",
@@ -143,7 +148,18 @@ def _joint(joint: JointCompliance, compliance: float, uncertainty: float) -> Joi
         standard_uncertainty=uncertainty,
         interval=None,
         one_sided=None,
-        reason="links explain the readings without it" if rigid else None,
+        reason=reason,
+    )
+
+
+def _spread(compliance: float, uncertainty: float) -> str | None:
+    """What to think of a joint that the folds tell differently."""
+    share = uncertainty / abs(compliance)
+    if not share > LARGEST_SPREAD:
+        return None
+    return (
+        f"hardly known: over the folds of the cross-validation its compliance varies by {100 * share:.0f} % "
+        "(standard uncertainty), as links can bend in its place"
     )
 
 
