@@ -96,7 +96,8 @@ def _suspicious(result: RunResult) -> list[str]:
     if robust is None:
         return []
     lines = [
-        f"Huber loss, threshold {robust.threshold:g} sigma: {robust.suspicious_count} suspicious readings"
+        f"Huber loss, threshold {robust.threshold:g} sigma: {robust.suspicious_count} suspicious "
+        f"reading{'' if robust.suspicious_count == 1 else 's'}"
     ]
     lines += [
         f"{reading.observation}, {reading.target}: residual of {reading.residual_norm:.3g} sigma, "

@@ -54,7 +54,7 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             "sigma_overstated",
             None,
-            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, p = {test.p_value:.1g}), so "
+            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, {_p_value(test.p_value)}), so "
             "the uncertainties are too large",
             "check sigma and the units of length; leave noise out, and sigma comes from the residuals",
         )
@@ -63,10 +63,15 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
             "residuals_exceed_sigma",
             None,
             f"the residuals are {ratio:.3g} times what sigma allows (chi-square test, "
-            f"p = {test.p_value:.1g}), so the uncertainties are too small by as much",
+            f"{_p_value(test.p_value)}), so the uncertainties are too small by as much",
             "check frames, joint map, units and sigma; if all are right something else than joints bends: "
             "leave noise out, and sigma comes from the residuals",
         )
+
+
+def _p_value(p: float) -> str:
+    """A p value as people read it; one that underflows is not zero."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.1g}"
 
 
 def _priors(estimate: Estimate) -> Iterator[Finding]:

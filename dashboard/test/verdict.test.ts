@@ -15,6 +15,7 @@ describe("verdicts", () => {
     [joint({ stiffness_interval: [0.5e6, 5e6] }), "rough"],
     [joint({ stiffness_interval: [0.5e6, null] }), "lower_limit"],
     [joint({ stiffness_interval: null }), "unrated"],
+    [joint({ stiffness_interval: null, standard_uncertainty: 6e-7 }), "vague"],
     [joint({ status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] }), "lower_limit"],
     [joint({ compliance: -1e-6, stiffness: -1e6, stiffness_interval: null }), "negative"],
     [joint({ status: "not_observable", compliance: null, stiffness: null, stiffness_interval: null }), "unobservable"],

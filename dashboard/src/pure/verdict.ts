@@ -1,18 +1,21 @@
 /** What is said of a joint in words: kinds here, the words in src/text. */
 import type { JointResult } from "../api/types";
 
-export type Verdict = "firm" | "fair" | "rough" | "unrated" | "lower_limit" | "negative" | "unobservable";
+export type Verdict = "firm" | "fair" | "rough" | "unrated" | "vague" | "lower_limit" | "negative" | "unobservable";
 
 /** Relative half width of the interval below which a stiffness is called firm, fair. */
 export const FIRM = 0.05;
 export const FAIR = 0.2;
+
+/** Standard uncertainty over compliance above which a value without interval says hardly anything. */
+export const VAGUE = 0.5;
 
 export function verdictOf(joint: JointResult): Verdict {
   if (joint.status === "not_observable" || joint.compliance === null) return "unobservable";
   if (joint.compliance < 0) return "negative";
   const interval = joint.stiffness_interval;
   if (joint.stiffness === null) return "lower_limit";
-  if (!interval) return "unrated";
+  if (!interval) return (joint.standard_uncertainty ?? 0) > VAGUE * joint.compliance ? "vague" : "unrated";
   if (interval[1] === null) return "lower_limit";
   const halfWidth = (interval[1] - interval[0]) / 2 / joint.stiffness;
   return halfWidth <= FIRM ? "firm" : halfWidth <= FAIR ? "fair" : "rough";

@@ -75,12 +75,18 @@ function side(chosen: string): { measurement_set_id: string } | { run_id: string
   return kind === "run" ? { run_id: id } : { measurement_set_id: id };
 }
 
+/** Method, constraint and weights of a run, short. */
+function howRun(run: RunSummary): string {
+  const method = `${text.methodShort[run.method] ?? run.method} ${run.positive ? text.options.constrained : text.options.unconstrained}`;
+  return run.weighting === "covariance" ? method : `${method}, ${text.weightings[run.weighting] ?? run.weighting}`;
+}
+
 function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
   return [
     ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
     ...runs.map((run) => ({
       value: `run:${run.id}`,
-      label: words.runSide(names.set(run.measurement_set_id), text.methodShort[run.method] ?? run.method, new Date(run.created_at).toLocaleString()),
+      label: words.runSide(names.set(run.measurement_set_id), howRun(run), new Date(run.created_at).toLocaleString()),
     })),
   ];
 }

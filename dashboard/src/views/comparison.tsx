@@ -111,7 +111,7 @@ function Cell({ fit, name, unit }: { fit: ComparedFit; name: string; unit: Stiff
     const decimals = decimalsFor(draws.stiffness_deviation * factor);
     return (
       <span class={draws.stiffness_mean < 0 ? "bad" : undefined}>
-        {fixed(draws.stiffness_mean * factor, decimals)} <span class="soft">& {fixed(draws.stiffness_deviation * factor, decimals)}</span>
+        {fixed(draws.stiffness_mean * factor, decimals)} <span class="soft spread">& {fixed(draws.stiffness_deviation * factor, decimals)}</span>
         {draws.share_negative > 0 && <small class="bad"> {percent(draws.share_negative)} {words.anyNegative}</small>}
       </span>
     );
@@ -124,7 +124,7 @@ function Value({ joint, unit }: { joint: JointResult; unit: StiffnessUnit }) {
   const shown = shownStiffness(joint, unit);
   if (shown.value === null) return <span class="soft">{shown.limit === null ? "–" : `> ${shown.limit}`}</span>;
   const negative = joint.stiffness !== null && joint.stiffness < 0;
-  return <span class={negative ? "bad" : undefined}>{shown.value}{shown.uncertainty !== null && <span class="soft"> & {shown.uncertainty}</span>}</span>;
+  return <span class={negative ? "bad" : undefined}>{shown.value}{shown.uncertainty !== null && <span class="soft spread"> ({shown.uncertainty})</span>}</span>;
 }
 
 function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) {

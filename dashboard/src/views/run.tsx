@@ -2,7 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import { follow, goesOn, type Standing } from "../api/events";
-import type { MeasurementSet, Robot, Run } from "../api/types";
+import type { Run } from "../api/types";
 import { Busy, Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
 import { save } from "../parts/download";
 import { fileName } from "../pure/csv";
@@ -12,18 +12,12 @@ import { useLoad } from "../state/load";
 import { go, link } from "../state/router";
 import { toast } from "../state/toasts";
 import { text } from "../text";
+import { isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { Bar } from "./run_list";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
-
-/** A run with what it is about. */
-export interface RunContext {
-  run: Run;
-  set: MeasurementSet;
-  robot: Robot;
-}
 
 export function RunView({ id, part }: { id: string; part: string }) {
   const loaded = useLoad(async (signal): Promise<RunContext> => {
@@ -63,7 +57,7 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
         <Title kind={text.run.kind} plain={set.name}><Name>{set.name}</Name></Title>
         <p class="meta">
           <State state={run.state} />
-          <span>{text.methods[run.request.method ?? ""]}, {run.request.positive === false ? text.options.unconstrained : text.options.constrained}</span>
+          <span>{text.methods[run.request.method ?? ""]}, {run.request.positive === false ? text.options.unconstrained : text.options.constrained}{isElastic(run) && `, ${text.elasticities[run.request.elasticity ?? ""] ?? ""}`}</span>
           <a href={link(["robots", robot.id])}><Name>{robot.name}</Name></a>
           <When time={run.provenance.created_at} />
         </p>

@@ -11,7 +11,7 @@ import { significant } from "../pure/format";
 import { norm } from "../pure/vector";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../text";
-import type { RunContext } from "./run";
+import type { RunContext } from "./run_context";
 import { usePostures } from "./run_postures";
 
 const MARKS = ["other-1", "other-2", "other-3"];

@@ -9,16 +9,17 @@ import { degrees } from "../pure/units";
 import { norm } from "../pure/vector";
 import { link } from "../state/router";
 import { text } from "../text";
-import type { RunContext } from "./run";
+import { isElastic, type RunContext } from "./run_context";
 
 const words = text.evidence;
 
 export function EvidencePart({ context, result }: { context: RunContext; result: RunResult }) {
+  const elastic = isElastic(context.run); // what is said of identifiability is then of the joints alone
   return (
     <div class="evidence">
-      <Identifiable result={result} />
-      <AdviceList advice={result.identifiability.advice ?? []} weakest={result.identifiability.weakest ?? []} />
-      <SingularValues result={result} />
+      <Identifiable result={result} elastic={elastic} />
+      {!elastic && <AdviceList advice={result.identifiability.advice ?? []} weakest={result.identifiability.weakest ?? []} />}
+      <SingularValues result={result} elastic={elastic} />
       <Goodness result={result} />
       <Certificate result={result} />
       {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
@@ -27,11 +28,12 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
   );
 }
 
-function Identifiable({ result: { identifiability: found } }: { result: RunResult }) {
-  const indices = Object.entries(found.observability ?? {});
+function Identifiable({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
+  const indices = elastic ? [] : Object.entries(found.observability ?? {});
   return (
     <section class="card">
       <h2>{words.identifiability}</h2>
+      {elastic && <p class="soft">{words.jointsAlone}</p>}
       <Facts facts={[
         { label: words.rank, value: <b class="figure-value">{words.rankOf(found.rank, found.parameters)}</b> },
         { label: words.condition, value: <b class="figure-value">{found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3)}</b> },
@@ -71,7 +73,7 @@ function AdviceList({ advice, weakest }: { advice: Advice[]; weakest: string[] }
   );
 }
 
-function SingularValues({ result: { identifiability: found } }: { result: RunResult }) {
+function SingularValues({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
   const several = found.stages.length > 1;
   const names = [words.stages.arm, words.stages.wrist];
   const values = found.stages.flatMap((stage, s) => stage.singular_values.map((value, i) => ({
@@ -80,7 +82,7 @@ function SingularValues({ result: { identifiability: found } }: { result: RunRes
   if (values.length === 0) return null;
   return (
     <Figure
-      title={words.singular} note={words.singularNote}
+      title={words.singular} note={elastic ? `${words.singularNote} ${words.jointsAlone}` : words.singularNote}
       table={{ columns: [{ title: words.singular }, { title: text.run.value }], rows: values.map(({ name, value }) => [name, value]) }}
     >
       {(width) => (

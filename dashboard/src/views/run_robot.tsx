@@ -11,7 +11,7 @@ import type { Arrow } from "../scene/arrows";
 import type { Show } from "../scene/stage";
 import { ArmView, roomOf } from "../scene/view";
 import { text } from "../text";
-import type { RunContext } from "./run";
+import type { RunContext } from "./run_context";
 import { usePostures } from "./run_postures";
 
 interface Arrows {

@@ -16,7 +16,7 @@ import { verdictOf } from "../pure/verdict";
 import { useAction } from "../state/action";
 import { useSettings } from "../state/settings";
 import { text } from "../text";
-import type { RunContext } from "./run";
+import { isElastic, type RunContext } from "./run_context";
 import { ElementShares, ModelChoice } from "./run_links";
 import { usePostures } from "./run_postures";
 
@@ -36,11 +36,11 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
       <Summary result={result} />
       <StiffnessFigure
         run={run} result={result} beside={beside}
-        tools={
+        tools={isElastic(run) ? null : (
           <button type="button" class="button" disabled={other.busy} onClick={other.run}>
             {other.busy ? text.run.besideWorking : beside ? text.run.besideOff : text.run.beside(!positive)}
           </button>
-        }
+        )}
       />
       {other.problem && <ProblemNote problem={other.problem} />}
       <Joints result={result} />
@@ -65,16 +65,16 @@ async function otherConstraint(run: Run): Promise<Run> {
 
 function Summary({ result }: { result: RunResult }) {
   const words = text.run.summary;
-  const found = result.joints.filter((joint) => joint.status !== "not_observable").length;
+  const found = result.joints.filter((joint) => joint.stiffness !== null).length;
   const { goodness } = result;
   const noise = goodness.sigma_source === "residuals" || !goodness.test ? words.noiseEstimated
     : goodness.test.verdict === "consistent" ? words.noiseFits
     : goodness.test.verdict === "residuals_too_large" ? words.noiseLarge : words.noiseSmall;
   return (
     <ul class="summary">
-      <li><b>{found}<small> / {result.joints.length}</small></b>{words.determined(found, result.joints.length)}</li>
-      {result.compensation !== null && <li><b>{percent(result.compensation)}</b>{words.compensation(percent(result.compensation))}</li>}
-      <li><b>{significant(result.rms_residual * 1e3, 2)}<small> {text.units.mm}</small></b>{words.rms(`${significant(result.rms_residual * 1e3, 2)} ${text.units.mm}`)}</li>
+      <li><b>{found}<small> {words.of(result.joints.length)}</small></b> {words.numbered}</li>
+      {result.compensation !== null && <li><b>{percent(result.compensation)}</b> {words.compensation}</li>}
+      <li><b>{significant(result.rms_residual * 1e3, 2)}<small> {text.units.mm}</small></b> {words.rms}</li>
       <li><b>{result.sigma === null ? "–" : significant(result.sigma * 1e6, 2)}<small> {text.units.micrometre} σ</small></b>{noise}</li>
     </ul>
   );
@@ -154,6 +154,7 @@ function JointCard({ joint, unit }: { joint: JointResult; unit: StiffnessUnit })
         {verdict === "unobservable" ? <b>–</b> : only ? <><small>≥</small> <b>{shown.limit}</b></> : <b>{shown.value ?? "∞"}</b>}
         {!only && shown.uncertainty !== null && <span class="soft"> ± {shown.uncertainty}</span>}
         {verdict !== "unobservable" && <small class="unit">{label}</small>}
+        {!only && shown.uncertainty !== null && <small class="unit">{text.run.standardUncertainty}</small>}
       </p>
       <p class="verdict"><span class="lamp" aria-hidden="true" />{text.verdicts[verdict]}</p>
       <p class="soft">{joint.reason ?? text.verdictHints[verdict]}</p>

@@ -18,6 +18,7 @@ import { RunList } from "./run_list";
 
 const MAX_BYTES = 64 * 1024 * 1024;
 const FROM_FILE = "file";
+const TABLE = /\.(csv|tsv|txt|xls[bmx]?|ods)$/i;
 
 type Opened = { name: string; campaign: Campaign } | { name: string; fault: string };
 
@@ -32,7 +33,8 @@ export function StartView({ query }: { query: URLSearchParams }) {
 
   const take = async (file: File) => {
     const fault = file.size > MAX_BYTES ? "too_large" : null;
-    const read = fault ?? understand(await file.text());
+    const understood = fault ?? understand(await file.text());
+    const read = understood === "not_json" && TABLE.test(file.name) ? "table" : understood;
     setStoredId("");
     setOpened(typeof read === "string" ? { name: file.name, fault: read } : { name: file.name, campaign: read });
     if (typeof read === "string") return;
@@ -114,7 +116,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
             <button type="button" class="button primary big" disabled={!set || identify.busy} onClick={identify.run}>
               {identify.busy ? text.start.going : text.start.go}
             </button>
-            {!set && !stored.busy && <span class="soft">{text.start.notReady}</span>}
+            {!set && !stored.busy && <span class="soft">{campaign && !chosenRobot ? text.start.robotFirst : text.start.notReady}</span>}
           </div>
         </div>
       </div>
