@@ -1725,7 +1725,7 @@ export interface components {
         };
         /**
          * Identifiability
-         * @description What the readings can determine.
+         * @description What the readings can determine, by a model of joints alone.
          */
         Identifiability: {
             /**
