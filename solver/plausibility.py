@@ -54,8 +54,8 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             "sigma_overstated",
             None,
-            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, {_p_value(test.p_value)}), so "
-            "the uncertainties are too large",
+            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, {_p_value(test.p_value)}), "
+            "so the uncertainties are too large",
             "check sigma and the units of length; leave noise out, and sigma comes from the residuals",
         )
     else:
