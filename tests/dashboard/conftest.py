@@ -70,9 +70,12 @@ def api(site: Any) -> Iterator[httpx.Client]:
         yield session
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Chromium, or a skip that says why there is none."""
+    """Chromium, or a skip that says why there is none.
+
+    It ends with its file: while it is there, an event loop runs in this thread, which other tests would meet.
+    """
     found = shutil.which("chromium")
     if found is None:
         reason = "no Chromium here: scripts/chromium"
