@@ -15,7 +15,7 @@ from schemas.problem import Problem
 from schemas.run import RunOptions, RunResult
 from service.conversion import to_settings
 from service.identify import run_identification
-from service.kinds import Kind, Opening, prepared_for
+from service.kinds import Kind, prepared_for
 from service.measurement_sets import MeasurementSets
 from service.prepared import PreparedSet
 from service.problems import problem_of
@@ -174,6 +174,7 @@ class ComparisonKind(Kind[ComparisonRequest, Comparison, ComparisonRecord]):
     name = "comparison"
     unit = "resamples"
     activity = "resampling"
+    message = Comparison
     record = ComparisonRecord
 
     def __init__(self, sets: MeasurementSets) -> None:
@@ -187,18 +188,6 @@ class ComparisonKind(Kind[ComparisonRequest, Comparison, ComparisonRecord]):
         """
         return ComparisonWork(prepared_for(self._sets, request.measurement_set_id), request)
 
-    def queued(self, opening: Opening, request: ComparisonRequest) -> Comparison:
-        """A new comparison."""
-        return Comparison(
-            id=opening.id,
-            state="queued",
-            progress=opening.progress,
-            request=request,
-            result=None,
-            error=None,
-            provenance=opening.provenance,
-        )
-
     def row(self, job: Comparison, robot_id: str) -> ComparisonRecord:
         """A comparison as the store keeps it."""
         return ComparisonRecord(
@@ -209,7 +198,3 @@ class ComparisonKind(Kind[ComparisonRequest, Comparison, ComparisonRecord]):
             created_at=job.provenance.created_at,
             document=job.model_dump_json(),
         )
-
-    def read(self, document: str) -> Comparison:
-        """A stored comparison."""
-        return Comparison.model_validate_json(document)

@@ -18,7 +18,7 @@ from service.conversion import (
     to_poses,
     to_sweeps,
 )
-from service.kinds import Kind, Opening
+from service.kinds import Kind
 from service.records import GeometryRecord
 from service.robots import Robots
 from service.store_errors import NotFoundError
@@ -113,6 +113,7 @@ class GeometryKind(Kind[GeometryRequest, Geometry, GeometryRecord]):
     name = "geometry"
     unit = "geometries"
     activity = "identifying"
+    message = Geometry
     record = GeometryRecord
 
     def __init__(self, robots: Robots) -> None:
@@ -134,18 +135,9 @@ class GeometryKind(Kind[GeometryRequest, Geometry, GeometryRecord]):
         except NotFoundError as error:
             raise RequestError(error.reason, remedy=error.remedy, where="robot_id") from error
 
-    def queued(self, opening: Opening, request: GeometryRequest) -> Geometry:
-        """A new geometry."""
-        return Geometry(
-            id=opening.id,
-            name=request.name,
-            state="queued",
-            progress=opening.progress,
-            request=request,
-            result=None,
-            error=None,
-            provenance=opening.provenance,
-        )
+    def details(self, request: GeometryRequest) -> dict[str, object]:
+        """Its name."""
+        return {"name": request.name}
 
     def row(self, job: Geometry, robot_id: str) -> GeometryRecord:
         """A geometry as the store keeps it."""
@@ -157,10 +149,6 @@ class GeometryKind(Kind[GeometryRequest, Geometry, GeometryRecord]):
             created_at=job.provenance.created_at,
             document=job.model_dump_json(),
         )
-
-    def read(self, document: str) -> Geometry:
-        """A stored geometry."""
-        return Geometry.model_validate_json(document)
 
 
 def _readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Poses:

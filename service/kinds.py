@@ -42,6 +42,14 @@ class Job(Protocol):
     def provenance(self) -> Provenance:
         """What it takes to repeat it."""
 
+    @classmethod
+    def model_validate(cls, obj: dict[str, object]) -> Self:
+        """The message of these fields."""
+
+    @classmethod
+    def model_validate_json(cls, json_data: str) -> Self:
+        """The message that a document holds."""
+
     def model_copy(self, *, update: dict[str, Any]) -> Self:
         """The same with changes."""
 
@@ -69,12 +77,14 @@ class Kind(ABC, Generic[Request, Message, JobRecord]):
         name: by which an engine knows it; never changes.
         unit: of its progress.
         activity: what it is doing while it makes progress.
+        message: what is answered of it.
         record: what the store keeps of it.
     """
 
     name: ClassVar[str]
     unit: ClassVar[str]
     activity: ClassVar[str]
+    message: type[Message]
     record: type[JobRecord]
 
     @abstractmethod
@@ -85,17 +95,32 @@ class Kind(ABC, Generic[Request, Message, JobRecord]):
             RequestError: what is asked for does not exist, or cannot be done.
         """
 
-    @abstractmethod
     def queued(self, opening: Opening, request: Request) -> Message:
         """A new job."""
+        return self.message.model_validate(
+            {
+                "id": opening.id,
+                "state": "queued",
+                "progress": opening.progress,
+                "request": request,
+                "result": None,
+                "error": None,
+                "provenance": opening.provenance,
+                **self.details(request),
+            }
+        )
+
+    def details(self, request: Request) -> dict[str, object]:  # noqa: ARG002 - most kinds have none
+        """What the message of this kind says besides."""
+        return {}
 
     @abstractmethod
     def row(self, job: Message, robot_id: str) -> JobRecord:
         """A job as the store keeps it."""
 
-    @abstractmethod
     def read(self, document: str) -> Message:
         """A stored job."""
+        return self.message.model_validate_json(document)
 
 
 def prepared_for(sets: MeasurementSets, set_id: str) -> PreparedSet:

@@ -11,7 +11,7 @@ from schemas.pair import Pair, PairRequest, PairResult
 from schemas.pair import PairSide as PairSideRequest
 from schemas.run import Run, RunOptions
 from service.conversion import to_pair_result, to_settings, to_warnings
-from service.kinds import Kind, Opening
+from service.kinds import Kind
 from service.measurement_sets import MeasurementSets
 from service.prepared import PreparedSet
 from service.records import PairRecord, RunRecord
@@ -135,6 +135,7 @@ class PairKind(Kind[PairRequest, Pair, PairRecord]):
     name = "pair"
     unit = "pairs"
     activity = "comparing"
+    message = Pair
     record = PairRecord
 
     def __init__(self, store: Store, sets: MeasurementSets) -> None:
@@ -150,19 +151,10 @@ class PairKind(Kind[PairRequest, Pair, PairRecord]):
         """
         return PairWork(self._side("first", request), self._side("second", request), request)
 
-    def queued(self, opening: Opening, request: PairRequest) -> Pair:
-        """A new pair."""
-        return Pair(
-            id=opening.id,
-            state="queued",
-            progress=opening.progress,
-            first_set_id=self._set_and_options("first", request)[0],
-            second_set_id=self._set_and_options("second", request)[0],
-            request=request,
-            result=None,
-            error=None,
-            provenance=opening.provenance,
-        )
+    def details(self, request: PairRequest) -> dict[str, object]:
+        """The sets of its sides."""
+        first, second = (self._set_and_options(side, request)[0] for side in ("first", "second"))
+        return {"first_set_id": first, "second_set_id": second}
 
     def row(self, job: Pair, robot_id: str) -> PairRecord:
         """A pair as the store keeps it."""
@@ -175,10 +167,6 @@ class PairKind(Kind[PairRequest, Pair, PairRecord]):
             created_at=job.provenance.created_at,
             document=job.model_dump_json(),
         )
-
-    def read(self, document: str) -> Pair:
-        """A stored pair."""
-        return Pair.model_validate_json(document)
 
     def _side(self, name: str, request: PairRequest) -> _Side:
         set_id, options = self._set_and_options(name, request)

@@ -8,7 +8,7 @@ from schemas.run import Run, RunRequest, RunResult
 from service.conversion import to_settings
 from service.elastic import ElasticWork, decode_fits, encode_fits
 from service.identify import run_identification
-from service.kinds import Kind, Opening, prepared_for
+from service.kinds import Kind, prepared_for
 from service.measurement_sets import MeasurementSets
 from service.prepared import PreparedSet
 from service.records import RunRecord
@@ -87,6 +87,7 @@ class RunKind(Kind[RunRequest, Run, RunRecord]):
     name = "run"
     unit = "resamples"
     activity = "resampling"
+    message = Run
     record = RunRecord
 
     def __init__(self, sets: MeasurementSets) -> None:
@@ -99,18 +100,6 @@ class RunKind(Kind[RunRequest, Run, RunRecord]):
             RequestError: there is no such set, or the readings cannot support what is asked for.
         """
         return RunWork(prepared_for(self._sets, request.measurement_set_id), request)
-
-    def queued(self, opening: Opening, request: RunRequest) -> Run:
-        """A new run."""
-        return Run(
-            id=opening.id,
-            state="queued",
-            progress=opening.progress,
-            request=request,
-            result=None,
-            error=None,
-            provenance=opening.provenance,
-        )
 
     def row(self, job: Run, robot_id: str) -> RunRecord:
         """A run as the store keeps it."""
@@ -125,7 +114,3 @@ class RunKind(Kind[RunRequest, Run, RunRecord]):
             created_at=job.provenance.created_at,
             document=job.model_dump_json(),
         )
-
-    def read(self, document: str) -> Run:
-        """A stored run."""
-        return Run.model_validate_json(document)
