@@ -99,12 +99,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
         Raises:
             NotFoundError: there is no such job.
         """
-        record = self._store.get(self.kind.record, job_id)
-        job = self.kind.read(record.document)
-        if record.state not in OPEN_STATES or job.progress is None:
-            return job
-        progress = job.progress.model_copy(update={"done": self.log.done(job_id)})
-        return job.model_copy(update={"state": record.state, "progress": progress})
+        return self._as_now(self._store.get(self.kind.record, job_id))
 
     def document(self, job_id: str) -> str:
         """The same as JSON: that of a job that has ended, as it was stored.
@@ -114,7 +109,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
         """
         record = self._store.get(self.kind.record, job_id)
         if record.state in OPEN_STATES:
-            return self.current(job_id).model_dump_json()
+            return self._as_now(record).model_dump_json()
         return record.document
 
     def standing(self, job_id: str) -> Standing:
@@ -192,6 +187,13 @@ class Jobs(Generic[Request, Message, JobRecord]):
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = _unexpected()
         self._end(self.current(job_id).model_copy(update={"error": error}), "failed")
+
+    def _as_now(self, record: JobRecord) -> Message:
+        job = self.kind.read(record.document)
+        if record.state not in OPEN_STATES or job.progress is None:
+            return job
+        progress = job.progress.model_copy(update={"done": self.log.done(record.id)})
+        return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _refuse_odd(self, job_id: str) -> None:
         """Ids are ours: what a database may not even take as a text is none."""

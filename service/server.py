@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import signal
@@ -79,6 +80,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             server_header=False,
             timeout_graceful_shutdown=_GOODBYE_SECONDS,
         )
+        gc.freeze()  # libraries stay to the end; no collection need look through them
         uvicorn.Server(config).run(sockets=[listener])
 
 
