@@ -7,7 +7,7 @@ from pydantic import Field
 from schemas.base import Message
 from schemas.measurement_set import MeasurementSetDocument
 from schemas.robot import RobotDocument
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 
 __all__ = ["Campaign"]
 

@@ -7,10 +7,12 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from schemas.base import Identifier, Message, Timestamp
+from schemas.job import JobState, Progress, Provenance
+from schemas.joint_result import JointResult
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import Resampling, ResamplingResult
-from schemas.run import JointResult, Method, Progress, Provenance, RunState, Weighting
+from schemas.run_options import Method, Weighting
 
 __all__ = [
     "PAPER_METHODS",
@@ -142,7 +144,7 @@ class ComparisonSummary(Message):
     id: Identifier
     measurement_set_id: Identifier
     robot_id: Identifier
-    state: RunState
+    state: JobState
     created_at: Timestamp
 
 
@@ -150,7 +152,7 @@ class Comparison(Message):
     """A stored comparison. It never changes once ended."""
 
     id: Identifier
-    state: RunState = Field(
+    state: JobState = Field(
         description="`queued` and `running` comparisons go on; look again, or follow "
         "/v1/comparisons/{id}/events."
     )

@@ -8,11 +8,11 @@ from pydantic import FailFast, Field, model_validator
 
 from schemas.base import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from schemas.geometry_result import GeometryResult
+from schemas.job import JobState, Progress, Provenance
 from schemas.measurement_set import AngleUnit, LengthUnit
 from schemas.noise import Sigma, Uncertainty
 from schemas.problem import Problem
 from schemas.robot import MAX_JOINTS, JointMap, RobotDocument
-from schemas.run import Progress, Provenance, RunState
 
 __all__ = [
     "MAX_GEOMETRY_POSITIONS",
@@ -222,7 +222,7 @@ class GeometrySummary(Message):
     id: Identifier
     name: Name
     robot_id: Identifier | None = Field(description="Of the nominal model, if that is stored.")
-    state: RunState
+    state: JobState
     created_at: Timestamp
 
 
@@ -231,7 +231,7 @@ class Geometry(Message):
 
     id: Identifier
     name: Name
-    state: RunState
+    state: JobState
     progress: Progress | None = Field(default=None, description="A geometry is quick: null.")
     request: GeometryRequest
     result: GeometryResult | None = Field(description="Present if it succeeded.")

@@ -8,9 +8,12 @@ from pydantic import Field, field_validator, model_validator
 from pydantic.config import JsonDict
 
 from schemas.base import Identifier, Message, Name, Timestamp
+from schemas.job import JobState, Progress, Provenance
+from schemas.joint_result import JointResult
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
-from schemas.run import Certificate, JointResult, Progress, Provenance, RunOptions, RunState
+from schemas.run import Certificate
+from schemas.run_options import RunOptions
 
 __all__ = [
     "AvoidedDeflection",
@@ -188,7 +191,7 @@ class PairSummary(Message):
     first_set_id: Identifier
     second_set_id: Identifier
     robot_id: Identifier = Field(description="The first side's.")
-    state: RunState
+    state: JobState
     created_at: Timestamp
 
 
@@ -196,7 +199,7 @@ class Pair(Message):
     """A stored pair. It never changes."""
 
     id: Identifier
-    state: RunState
+    state: JobState
     progress: Progress | None = Field(default=None, description="A pair is quick: null.")
     first_set_id: Identifier = Field(description="The set of the first side.")
     second_set_id: Identifier = Field(description="The set of the second side.")

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from schemas.base import MAX_NAME_LENGTH, Message
-from schemas.run import Method, RunState, Weighting
+from schemas.job import JobState
+from schemas.run_options import Method, Weighting
 
 __all__ = [
     "MAX_PAGE",
@@ -61,7 +62,7 @@ class RunQuery(PageQuery):
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
     method: Method | None = Field(default=None, description="Only those by this method.")
     weighting: Weighting | None = Field(default=None, description="Only those with these weights.")
-    state: RunState | None = Field(default=None, description="Only those in this state.")
+    state: JobState | None = Field(default=None, description="Only those in this state.")
 
 
 class ComparisonQuery(PageQuery):
@@ -69,7 +70,7 @@ class ComparisonQuery(PageQuery):
 
     measurement_set_id: Reference | None = Field(default=None, description="Only those of this set.")
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    state: RunState | None = Field(default=None, description="Only those in this state.")
+    state: JobState | None = Field(default=None, description="Only those in this state.")
 
 
 class PairQuery(PageQuery):
@@ -78,7 +79,7 @@ class PairQuery(PageQuery):
     first_set_id: Reference | None = Field(default=None, description="Only those with this first set.")
     second_set_id: Reference | None = Field(default=None, description="Only those with this second set.")
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    state: RunState | None = Field(default=None, description="Only those in this state.")
+    state: JobState | None = Field(default=None, description="Only those in this state.")
 
 
 class GeometryQuery(PageQuery):
@@ -86,4 +87,4 @@ class GeometryQuery(PageQuery):
 
     name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
     robot_id: Reference | None = Field(default=None, description="Only those with this nominal model.")
-    state: RunState | None = Field(default=None, description="Only those in this state.")
+    state: JobState | None = Field(default=None, description="Only those in this state.")

@@ -2,333 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field
 from pydantic.config import JsonDict
 
 from schemas.base import Identifier, Message, Name, Timestamp
-from schemas.links import CrossValidation, Elasticity, LinksResult, ModelSelection
+from schemas.identifiability import Identifiability
+from schemas.job import JobState, Progress, Provenance
+from schemas.joint_result import JointResult
+from schemas.links import LinksResult, ModelSelection
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
-from schemas.resampling import Resampling, ResamplingResult
-from schemas.robot import MAX_JOINTS
+from schemas.resampling import ResamplingResult
+from schemas.run_options import Method, RunOptions, Weighting
 
 __all__ = [
-    "Advice",
     "Certificate",
     "ComplementaryStiffness",
     "EncoderResidual",
     "Goodness",
-    "Identifiability",
-    "JointResult",
-    "Method",
-    "ObservabilityIndices",
-    "OneSidedBounds",
-    "Progress",
-    "Provenance",
     "Residual",
     "RobustLoss",
     "Run",
-    "RunOptions",
     "RunRequest",
     "RunResult",
-    "RunState",
     "RunSummary",
     "SigmaTest",
-    "StageIdentifiability",
-    "StiffnessPrior",
     "SuspiciousReading",
-    "Weighting",
 ]
 
-Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
-Weighting = Literal["covariance", "characteristic_length", "uniform"]
-RunState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-
-_COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
-_STIFFNESS: JsonDict = {"unit": "N.m/rad"}
 _LENGTH: JsonDict = {"unit": "m"}
 _ANGLE: JsonDict = {"unit": "rad"}
-
-PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
-StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
-
-
-class StiffnessPrior(Message):
-    """What is known of a joint before anything is measured."""
-
-    stiffness: PositiveStiffness = Field(json_schema_extra=_STIFFNESS)
-    standard_uncertainty: PositiveStiffness = Field(
-        description="Of the stiffness; at most half of it, as the prior is Gaussian in compliance.",
-        json_schema_extra=_STIFFNESS,
-    )
-
-    @field_validator("standard_uncertainty", mode="after")
-    @classmethod
-    def _at_most_half(cls, uncertainty: float, info: ValidationInfo) -> float:
-        stiffness = info.data.get("stiffness")
-        if stiffness is not None and uncertainty > stiffness / 2:
-            raise ValueError("must be at most half of the stiffness; leave the prior out if less is known")
-        return uncertainty
-
-
-class RunOptions(Message):
-    """How to identify. Every field has a default that suits three targets and a tracker."""
-
-    method: Method = Field(
-        default="partial_pose",
-        description="`complete_pose`: six rows a configuration, from at least three targets. "
-        "`partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm "
-        "from the wrist centre first, then the wrist; needs three targets and a spherical wrist.",
-    )
-    weighting: Weighting = Field(
-        default="covariance",
-        description="`covariance`: each row by what the readings are worth. "
-        "`characteristic_length`: translation divided by a length (complete pose only). "
-        "`uniform`: all rows alike in SI units.",
-    )
-    characteristic_length: Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None = Field(
-        default=None,
-        description="For that weighting; if absent, the length of least condition number.",
-        json_schema_extra=_LENGTH,
-    )
-    positive: Annotated[bool, Field(strict=True)] = Field(
-        default=True, strict=True, description="Constrain every compliance to be zero or positive."
-    )
-    stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=dict,
-        description="Least and greatest stiffness of a joint by its name, null for none. "
-        "A bounded joint is positive in any case.",
-        examples=[{"joint_2": [1e6, None]}],
-        json_schema_extra=_STIFFNESS,
-    )
-    loss: Literal["squared", "huber"] = Field(
-        default="squared",
-        description="Of the norm of each target's whitened residual. `huber` grows linearly beyond a "
-        "threshold, so that a target that was bumped cannot spoil the fit.",
-    )
-    huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
-        default=None,
-        description="For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if "
-        "absent, which 95 % of good readings stay below. Dimensionless.",
-    )
-    complementary_stiffness: Literal["neglected", "included"] = Field(
-        default="neglected",
-        description="Whether the change of the load's torques with the deflection is part of the model "
-        "(Chen & Kao's conservative congruence transformation); the paper neglects it.",
-    )
-    priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=dict,
-        description="What is known of a joint beforehand, from its data sheet say, by the joint's name.",
-        examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
-    )
-    stiffness_order: Annotated[
-        list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
-    ] = Field(
-        default_factory=list,
-        description="Chains of joints, each at least as stiff as the next; they are positive in any case.",
-        examples=[[["joint_2", "joint_4"]]],
-    )
-    elasticity: Elasticity = Field(
-        default="joints",
-        description="What bends. `coupled_joints`: a full positive semidefinite joint compliance. "
-        "`diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full "
-        "positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, "
-        "weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.",
-    )
-    links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list,
-        description="The links that may bend, each by the joint that carries it; all if empty.",
-        examples=[["joint_2", "joint_3"]],
-    )
-    link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
-        default=None,
-        description="Weight of the penalty on links and coupling; chosen by cross-validation if absent, and "
-        "the run may then take long. Dimensionless.",
-    )
-    cross_validation: CrossValidation = Field(
-        default=CrossValidation(), description="For all elasticities but `joints`."
-    )
-    resampling: Resampling | None = Field(
-        default=None,
-        description="Repeat the fit on configurations drawn at random; a run may then take long.",
-    )
-    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Level of the intervals."
-    )
-
-    @field_validator("characteristic_length", mode="after")
-    @classmethod
-    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
-        weighting = info.data.get("weighting")
-        if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
-        return length
-
-    @field_validator("huber_threshold", mode="after")
-    @classmethod
-    def _goes_with_its_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
-        if threshold is not None and info.data.get("loss") != "huber":
-            raise ValueError("goes with loss `huber` only")
-        return threshold
-
-    @field_validator("links", "link_penalty", mode="after")
-    @classmethod
-    def _goes_with_more_than_joints(
-        cls, chosen: list[str] | float | None, info: ValidationInfo
-    ) -> list[str] | float | None:
-        elasticity = info.data.get("elasticity")
-        if chosen and elasticity == "joints":
-            raise ValueError("goes with an elasticity beyond `joints` only")
-        if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
-            raise ValueError("goes with an elasticity that has links, not with `coupled_joints`")
-        return chosen
-
-    @field_validator("stiffness_bounds", mode="after")
-    @classmethod
-    def _least_below_greatest(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
-        for name, (least, greatest) in bounds.items():
-            if least is not None and greatest is not None and least >= greatest:
-                raise ValueError(f"{name}: the least stiffness must lie below the greatest")
-        return bounds
 
 
 class RunRequest(RunOptions):
     """A run as it is posted."""
 
     measurement_set_id: Identifier
-
-
-class OneSidedBounds(Message):
-    """Each holds by itself at the run's confidence; both together hold at less."""
-
-    compliance_at_least: float = Field(json_schema_extra=_COMPLIANCE)
-    compliance_at_most: float = Field(json_schema_extra=_COMPLIANCE)
-    stiffness_at_least: float | None = Field(
-        description="Stiffer than this; null where the compliance may be negative.",
-        json_schema_extra=_STIFFNESS,
-    )
-    stiffness_at_most: float | None = Field(
-        description="Null: no upper limit, the readings cannot tell the joint from rigid.",
-        json_schema_extra=_STIFFNESS,
-    )
-
-
-class JointResult(Message):
-    """What the readings say of one joint. A joint that is not observable has no numbers."""
-
-    name: Name
-    status: Literal["identified", "at_bound", "not_observable"]
-    compliance: float | None = Field(json_schema_extra=_COMPLIANCE)
-    stiffness: float | None = Field(
-        description="1 / compliance; null where the compliance is zero.",
-        json_schema_extra=_STIFFNESS,
-    )
-    standard_uncertainty: float | None = Field(
-        description="Of the compliance, from the covariance of the estimate without constraints.",
-        json_schema_extra=_COMPLIANCE,
-    )
-    compliance_interval: tuple[float, float] | None = Field(
-        description="Profile-likelihood interval under the constraints, at the run's confidence.",
-        json_schema_extra=_COMPLIANCE,
-    )
-    stiffness_interval: tuple[float, float | None] | None = Field(
-        description="The same in stiffness; an upper end of null means: no upper limit.",
-        json_schema_extra=_STIFFNESS,
-    )
-    one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
-    prior_to_data: float | None = Field(
-        default=None,
-        description="Information of the prior over that of the readings on this compliance, the others "
-        "unknown; above 1 the prior speaks, not the readings. Null without a prior. Dimensionless.",
-    )
-    reason: str | None = Field(description="Why there is no number, or why the joint is at a bound.")
-
-
-class StageIdentifiability(Message):
-    """Of one stage of a method, over the joints that it sees."""
-
-    rank: int = Field(description="How many compliances, or combinations, are determined.")
-    condition_number: float | None = Field(
-        description="Of the weighted regressor, columns of unit norm; null where the rank is not full. "
-        "Dimensionless."
-    )
-    singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
-
-
-class ObservabilityIndices(Message):
-    """The field's indices of how well a set of postures shows the parameters (Sun & Hollerbach 2008).
-
-    Of the singular values s of the regressor with each column divided by what it would have been had the
-    force pulled across the joint's lever and the moment turned about its axis, in every observation: no
-    unit, no frame, and sets of any size compare. They concern the readings of all targets, whatever the
-    method made of them. Larger is better; none exceeds 1.
-    """
-
-    o1: float = Field(description="Geometric mean of s (Borm & Menq 1991). Dimensionless.")
-    o2: float = Field(description="Least over greatest s (Driels & Pathre 1990). Dimensionless.")
-    o3: float = Field(description="Least s (Nahvi, Hollerbach & Hayward 1994). Dimensionless.")
-    o4: float = Field(
-        description="Least s squared over the greatest (Nahvi & Hollerbach 1996). Dimensionless."
-    )
-    o5: float = Field(description="1 / sum of 1/s (Sun & Hollerbach 2008). Dimensionless.")
-
-
-class Advice(Message):
-    """A measurement that would tell more of a joint."""
-
-    joint: Name
-    message: str = Field(description="In words: which posture, which load, and what it would bring.")
-    joints: list[float] = Field(
-        description="Angles as the controller shows them.", json_schema_extra={"unit": "rad"}
-    )
-    observation: Name | None = Field(description="The observation that has this posture, if one has.")
-    force: tuple[float, float, float] = Field(
-        description="On the robot, axes of R0, as strong as the strongest of the set; at the load point of "
-        "that observation, for a new posture at that of the strongest force.",
-        json_schema_extra={"unit": "N"},
-    )
-    uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets over that "
-        "before, as the partial pose has them, without constraints and priors; null where the readings so "
-        "far do not determine the compliance. Dimensionless."
-    )
-    standard_uncertainty: float | None = Field(
-        default=None,
-        description="Of the compliance after that reading; null where sigma is unknown.",
-        json_schema_extra=_COMPLIANCE,
-    )
-
-
-class Identifiability(Message):
-    """What the readings can determine, by a model of joints alone."""
-
-    parameters: int = Field(description="Number of joints of the robot.")
-    rank: int = Field(description="How many compliances, or combinations, are determined.")
-    condition_number: float | None = Field(
-        description="The greatest of the stages'; null where a rank is not full. Dimensionless."
-    )
-    combinations: list[list[Name]] = Field(
-        description="Groups of joints whose compliances show in the readings only together."
-    )
-    observability: ObservabilityIndices | None = Field(
-        default=None, description="Over the joints that the readings see; null where the rank is not full."
-    )
-    advice: list[Advice] = Field(
-        default_factory=list,
-        description="What to measure next, for at most three joints: those without a number, at zero "
-        "compliance, or with a standard uncertainty above a tenth of it. At most two pieces a joint, the "
-        "better first: another load in a posture of the set, and a new posture.",
-    )
-    weakest: list[str] = Field(
-        default_factory=list,
-        description="In words, for each stage with a condition number above 100: which joints the readings "
-        "hardly tell apart, and in which proportion.",
-    )
-    stages: list[StageIdentifiability] = Field(
-        description="One a stage of the method: two for the decoupled one, arm then wrist."
-    )
 
 
 SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
@@ -471,16 +182,6 @@ class RunResult(Message):
     )
 
 
-class Provenance(Message):
-    """What it takes to repeat a run and get the same numbers."""
-
-    versions: dict[str, str] = Field(description="Of this software and of what it computes with.")
-    input_hash: str = Field(description="SHA-256 of robot, readings and request.")
-    created_at: Timestamp
-    started_at: Timestamp | None
-    ended_at: Timestamp | None
-
-
 class RunSummary(Message):
     """A run in a listing."""
 
@@ -490,24 +191,15 @@ class RunSummary(Message):
     method: Method
     weighting: Weighting
     positive: bool
-    state: RunState
+    state: JobState
     created_at: Timestamp
-
-
-class Progress(Message):
-    """How far a run came."""
-
-    done: int
-    total: int
-    unit: str = Field(description="Of both numbers.", examples=["resamples"])
-    activity: str = Field(description="What the run is doing.", examples=["resampling"])
 
 
 class Run(Message):
     """A stored run. It never changes once ended."""
 
     id: Identifier
-    state: RunState = Field(
+    state: JobState = Field(
         description="`queued` and `running` runs go on; look again, or follow /v1/runs/{id}/events."
     )
     progress: Progress | None = Field(default=None, description="Of a run that takes long.")

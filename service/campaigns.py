@@ -12,10 +12,12 @@ from pydantic import BaseModel
 
 from schemas.campaign import Campaign
 from schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
+from schemas.job import Progress
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import Pair, PairOptions, PairRequest, PairSide
 from schemas.problem import Problem
-from schemas.run import Progress, Run, RunOptions, RunRequest
+from schemas.run import Run, RunRequest
+from schemas.run_options import RunOptions
 from service.api.bodies import MAX_SET_BYTES
 from service.parsing import NOT_JSON, MalformedError, parse
 from service.parts import Parts

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from examples.simulator import default_arm, simulate_campaign
 from schemas.comparison import Comparison, ComparisonOptions
 from schemas.pair import PairOptions
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service import campaigns
 from service.campaigns import CampaignError, read_campaign
 from service.cli_geometry import geometry_command

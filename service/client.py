@@ -13,8 +13,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from schemas.base import Identifier
 from schemas.comparison import Comparison
+from schemas.job import Progress
 from schemas.problem import Problem
-from schemas.run import Progress, Run
+from schemas.run import Run
 from service.problems import http_problem
 
 __all__ = ["PATIENCE_SECONDS", "RefusedError", "ServiceClient"]

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from schemas.comparison import ComparedFit, ComparisonResult
+from schemas.joint_result import JointResult
 from schemas.resampling import ResampledJoint
-from schemas.run import JointResult
 
 __all__ = ["comparison_csv"]
 

@@ -12,7 +12,8 @@ from schemas.comparison import (
     ComparisonResult,
 )
 from schemas.problem import Problem
-from schemas.run import RunOptions, RunResult
+from schemas.run import RunResult
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from service.identify import run_identification
 from service.kinds import Kind, prepared_for

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from schemas.run import RunOptions, RunResult
+from schemas.run import RunResult
+from schemas.run_options import RunOptions
 from service.conversion import to_result, to_settings, to_warnings
 from service.conversion.links import (
     to_elastic_columns,

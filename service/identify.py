@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from schemas.run import EncoderResidual, RunOptions, RunResult
+from schemas.run import EncoderResidual, RunResult
+from schemas.run_options import RunOptions
 from service.conversion import (
     to_encoder_residuals,
     to_resampling_result,

@@ -12,8 +12,8 @@ from uuid import uuid4
 from pydantic import BaseModel
 from sqlalchemy import Connection
 
+from schemas.job import JobState, Progress, Provenance
 from schemas.problem import Problem
-from schemas.run import Progress, Provenance, RunState
 from service.job_log import OPEN_STATES, Standing
 from service.kinds import Kind, Message, Opening, Request
 from service.problems import http_problem, problem_of
@@ -239,7 +239,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
             if self._tell is not None and job.progress is not None:
                 self._tell(job.progress.model_copy(update={"done": span[1]}))
 
-    def _end(self, job: Message, state: RunState) -> None:
+    def _end(self, job: Message, state: JobState) -> None:
         ended = job.provenance.model_copy(update={"ended_at": datetime.now(UTC)})
 
         def document(done: int) -> str:
@@ -266,7 +266,7 @@ def _outcome(conclude: Callable[[], BaseModel]) -> tuple[BaseModel | None, Probl
         return None, _unexpected()
 
 
-def _final(error: Problem | None) -> RunState:
+def _final(error: Problem | None) -> JobState:
     return "succeeded" if error is None else "failed"
 
 

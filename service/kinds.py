@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
-from schemas.run import Progress, Provenance, RunState
+from schemas.job import JobState, Progress, Provenance
 from service.measurement_sets import MeasurementSets
 from service.prepared import PreparedSet
 from service.records import JobRecord
@@ -27,7 +27,7 @@ class Job(Protocol):
         """Of the resource."""
 
     @property
-    def state(self) -> RunState:
+    def state(self) -> JobState:
         """Where it stands."""
 
     @property

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from schemas.measurement_set import QualityWarning
 from schemas.pair import Pair, PairRequest, PairResult
 from schemas.pair import PairSide as PairSideRequest
-from schemas.run import Run, RunOptions
+from schemas.run import Run
+from schemas.run_options import RunOptions
 from service.conversion import to_pair_result, to_settings, to_warnings
 from service.kinds import Kind
 from service.measurement_sets import MeasurementSets

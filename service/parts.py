@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from schemas.comparison import Comparison, ComparisonRequest
 from schemas.geometry import Geometry, GeometryRequest
+from schemas.job import Progress
 from schemas.pair import Pair, PairRequest
-from schemas.run import Progress, Run, RunRequest
+from schemas.run import Run, RunRequest
 from service.comparisons import ComparisonKind
 from service.geometries import GeometryKind
 from service.jobs import Announce, AnyJobs, Jobs

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from schemas.resampling import Resampling
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from service.prepared import PreparedSet
 from service.work import Span

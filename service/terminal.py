@@ -12,10 +12,13 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from schemas.identifiability import Identifiability
+from schemas.job import Progress
+from schemas.joint_result import JointResult
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import ResamplingResult
-from schemas.run import Identifiability, JointResult, Progress, Run, RunResult
+from schemas.run import Run, RunResult
 from service.links_table import links_report
 
 __all__ = [

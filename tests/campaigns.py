@@ -11,7 +11,7 @@ import pytest
 
 from schemas.campaign import Campaign
 from schemas.robot import DhModel
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import ReadingArrays, build_robot, dh_kinematics, to_measurements, to_settings
 from solver.estimate import Estimate
 from solver.identification import identify

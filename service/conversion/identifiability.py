@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from math import degrees, isfinite
 
-from schemas import run as runs
+from schemas import identifiability as messages
 from solver.advice import Advice
 from solver.estimate import Estimate
 from solver.observability import observability_indices
@@ -16,7 +16,7 @@ __all__ = ["to_identifiability"]
 
 def to_identifiability(
     estimate: Estimate, advice: Sequence[Advice], labels: Sequence[str]
-) -> runs.Identifiability:
+) -> messages.Identifiability:
     """Rank, condition, combinations and indices, with advice in words.
 
     Args:
@@ -27,18 +27,18 @@ def to_identifiability(
     names = tuple(joint.name for joint in estimate.joints)
     analyses = estimate.identifiability
     indices = observability_indices(estimate.regressor, estimate.visibility)
-    return runs.Identifiability(
+    return messages.Identifiability(
         parameters=len(names),
         rank=sum(analysis.rank for analysis in analyses),
         condition_number=_finite(max(analysis.condition_number for analysis in analyses)),
         combinations=[
             [names[j] for j in group.joints] for analysis in analyses for group in analysis.combinations
         ],
-        observability=None if indices is None else runs.ObservabilityIndices(**asdict(indices)),
+        observability=None if indices is None else messages.ObservabilityIndices(**asdict(indices)),
         advice=[_advice(piece, names, labels) for piece in advice],
         weakest=[analysis.weakest.in_words(names) for analysis in analyses if analysis.weakest],
         stages=[
-            runs.StageIdentifiability(
+            messages.StageIdentifiability(
                 rank=analysis.rank,
                 condition_number=_finite(analysis.condition_number),
                 singular_values=analysis.singular_values.tolist(),
@@ -48,10 +48,10 @@ def to_identifiability(
     )
 
 
-def _advice(advice: Advice, names: Sequence[str], labels: Sequence[str]) -> runs.Advice:
+def _advice(advice: Advice, names: Sequence[str], labels: Sequence[str]) -> messages.Advice:
     label = None if advice.observation is None else labels[advice.observation]
     x, y, z = advice.force.tolist()
-    return runs.Advice(
+    return messages.Advice(
         joint=names[advice.joint],
         message=f"{_posture(advice, label)} {_load(advice)}: {_gain(advice, names[advice.joint])}",
         joints=advice.joints.tolist(),

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from math import isfinite
 
-from schemas import run as runs
+from schemas.joint_result import JointResult, OneSidedBounds
 from solver.estimate import JointCompliance
 
 __all__ = ["to_joint"]
 
 
-def to_joint(joint: JointCompliance) -> runs.JointResult:
+def to_joint(joint: JointCompliance) -> JointResult:
     """The numbers of a joint in both, compliance and stiffness."""
-    return runs.JointResult(
+    return JointResult(
         name=joint.name,
         status=joint.status,
         compliance=joint.compliance,
@@ -49,12 +49,12 @@ def _stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, fl
     return None if least is None else (least, _stiffness(interval[0]))
 
 
-def _one_sided(ends: tuple[float, float] | None) -> runs.OneSidedBounds | None:
+def _one_sided(ends: tuple[float, float] | None) -> OneSidedBounds | None:
     """Bounds on the compliance as bounds on the stiffness, where it has any; see `_stiffness_interval`."""
     if ends is None:
         return None
     stiffness = _stiffness_interval(ends) or (None, None)
-    return runs.OneSidedBounds(
+    return OneSidedBounds(
         compliance_at_least=ends[0],
         compliance_at_most=ends[1],
         stiffness_at_least=stiffness[0],

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas import links as messages
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from solver.certificate import Certificate
 from solver.cross_validation import WEIGHTS, Plan
 from solver.elastic_estimate import ElasticEstimate, LinkCompliance

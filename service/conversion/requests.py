@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from solver.constraints import Order
 from solver.exceptions import RequestError
 from solver.identification import Settings

@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 
 from schemas import run as runs
+from schemas.joint_result import JointResult
 from schemas.measurement_set import QualityWarning
 from schemas.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
 from service.conversion.identifiability import to_identifiability
@@ -54,7 +55,7 @@ def to_result(
 
 
 def to_resampling_result(
-    summary: ResamplingSummary, joints: list[runs.JointResult], repetitions: int
+    summary: ResamplingSummary, joints: list[JointResult], repetitions: int
 ) -> ResamplingResult:
     """Statistics of the draws; joints that the whole set does not show get no numbers from parts of it."""
     return ResamplingResult(
@@ -69,7 +70,7 @@ def to_resampling_result(
     )
 
 
-def _resampled(summary: ResamplingSummary, j: int, joint: runs.JointResult) -> ResampledJoint:
+def _resampled(summary: ResamplingSummary, j: int, joint: JointResult) -> ResampledJoint:
     hidden = joint.status == "not_observable"
     low, high = summary.compliance_interval[j].tolist()
     return ResampledJoint(

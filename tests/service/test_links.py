@@ -14,7 +14,8 @@ from examples.elastic_links import beam_arm, elastic_campaign
 from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import PairRequest
 from schemas.robot import RobotDocument
-from schemas.run import Run, RunOptions, RunRequest
+from schemas.run import Run, RunRequest
+from schemas.run_options import RunOptions
 from service.cli import app
 from service.jobs import Jobs
 from service.parts import Parts

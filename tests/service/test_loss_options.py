@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from examples.simulator import default_arm, simulate_campaign
 from schemas.campaign import Campaign
-from schemas.run import Run, RunOptions, RunResult
+from schemas.run import Run, RunResult
+from schemas.run_options import RunOptions
 from service.cli import app
 from service.conversion import ReadingArrays
 from service.identify import run_identification

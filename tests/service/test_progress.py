@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from schemas.run import Progress, Provenance, Run, RunRequest
+from schemas.job import Progress, Provenance
+from schemas.run import Run, RunRequest
 from service.api import progress as module
 from service.api.bodies import Body
 from service.api.jobs import answer

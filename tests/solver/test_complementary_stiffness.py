@@ -16,7 +16,7 @@ from examples.simulator import (
     experiment_of,
     simulate_campaign,
 )
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from solver import passes, regressor
 from solver.complementary_stiffness import complementary_stiffness, neglected_readings

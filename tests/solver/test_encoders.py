@@ -11,7 +11,7 @@ from encoders import with_encoders
 
 from examples.document import experiment_of
 from examples.simulator import default_arm, simulate_campaign, torques
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from solver.encoder_prediction import inspect_encoders, predict_encoders
 from solver.encoders import EncoderReadings

@@ -21,7 +21,7 @@ from examples.simulator import (
     linear_deflections,
     simulate_campaign,
 )
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from solver.avoided import measured_share
 from solver.exceptions import RequestError, UnsupportedMethodError

@@ -9,7 +9,7 @@ import pytest
 from campaigns import estimate, prepare
 
 from examples.simulator import default_arm, simulate_campaign
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from service.conversion.joints import to_joint
 from solver.chain import KinematicChain

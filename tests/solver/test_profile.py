@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, lsq_linear
 
 from examples.simulator import default_arm, simulate_campaign
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import to_settings
 from service.conversion.joints import to_joint
 from solver import profile as module

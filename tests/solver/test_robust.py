@@ -15,7 +15,7 @@ from scipy import stats
 from examples.equilibrium import linear_deflections, torques
 from examples.simulator import TARGETS, default_arm, simulate_campaign
 from schemas.campaign import Campaign
-from schemas.run import RunOptions
+from schemas.run_options import RunOptions
 from service.conversion import ReadingArrays, to_settings
 from service.conversion.robust_loss import to_robust_loss
 from solver import robust

@@ -2938,7 +2938,7 @@ export interface components {
         };
         /**
          * Progress
-         * @description How far a run came.
+         * @description How far a job came.
          */
         Progress: {
             /** Done */
@@ -2953,14 +2953,14 @@ export interface components {
             unit: string;
             /**
              * Activity
-             * @description What the run is doing.
+             * @description What the job is doing.
              * @example resampling
              */
             activity: string;
         };
         /**
          * Provenance
-         * @description What it takes to repeat a run and get the same numbers.
+         * @description What it takes to repeat a job and get the same numbers.
          */
         Provenance: {
             /**
