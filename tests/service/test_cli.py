@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from schemas.comparison import Comparison
 from schemas.run import Run
-from service.cli import app
+from service.cli.app import app
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from examples.simulator import default_arm, simulate_campaign
 from schemas.imports import ImportAnswer
 from schemas.measurement_set import MeasurementSetDocument
 from schemas.run import Run
-from service.cli import app
+from service.cli.app import app
 from service.importing.limits import MAX_FILE_BYTES
 
 UNITS = ["--units", "length=mm,angle=deg,force=N"]

@@ -22,7 +22,7 @@ from schemas.geometry import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
 from schemas.measurement_set import MeasurementSetRequest, StoredMeasurementSet
 from schemas.robot import RobotDocument, RobotRequest
 from schemas.run import RunRequest
-from service.cli import app
+from service.cli.app import app
 from service.geometries import GeometryWork
 from service.parts import Parts
 from service.records import GeometryEntry, IdempotencyKey, MeasurementSetRecord

@@ -16,7 +16,7 @@ from schemas.pair import PairRequest
 from schemas.robot import RobotDocument
 from schemas.run import Run, RunRequest
 from schemas.run_options import RunOptions
-from service.cli import app
+from service.cli.app import app
 from service.jobs import Jobs
 from service.parts import Parts
 from service.runs import RunKind

@@ -12,7 +12,7 @@ from examples.simulator import default_arm, simulate_campaign
 from schemas.campaign import Campaign
 from schemas.run import Run, RunResult
 from schemas.run_options import RunOptions
-from service.cli import app
+from service.cli.app import app
 from service.conversion import ReadingArrays
 from service.identify import run_identification
 from service.prepared import PreparedSet

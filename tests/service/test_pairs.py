@@ -17,7 +17,7 @@ from schemas.measurement_set import MeasurementSetRequest
 from schemas.pair import Pair, PairRequest
 from schemas.robot import RobotDocument
 from schemas.run import RunRequest
-from service.cli import app
+from service.cli.app import app
 from service.pair_table import pair_report
 from service.parts import Parts
 from service.records import IdempotencyKey, PairEntry, PairRecord

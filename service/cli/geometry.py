@@ -13,15 +13,16 @@ from pydantic import ValidationError
 from schemas.geometry import Geometry, GeometryRequest
 from schemas.robot import RobotDocument
 from service.campaigns import CampaignError, read_document
-from service.cli_options import AsJson
+from service.cli.answers import failed, refused
+from service.cli.options import AsJson
 from service.geometry_table import geometry_report
 from service.parts import Parts
 from service.problems import invalid_request, problem_of
 from service.store import Store
-from service.terminal import console, problem_text
+from service.terminal import console
 from solver.exceptions import JointstiffError
 
-__all__ = ["geometry_command"]
+__all__ = ["geometry"]
 
 
 class FitChoice(StrEnum):
@@ -38,7 +39,7 @@ class AnglesChoice(StrEnum):
     CONTROLLER = "controller"
 
 
-def geometry_command(
+def geometry(
     file: Annotated[
         Path,
         typer.Argument(exists=True, dir_okay=False, readable=True, metavar="FILE", help="Sweeps or poses."),
@@ -68,12 +69,11 @@ def geometry_command(
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
     if output is not None and output.exists() and not overwrite:
-        raise _failed(f"{output} exists\n  remedy: choose another name, or --overwrite")
+        raise failed(f"{output} exists", "choose another name, or --overwrite")
     try:
         found = _identified(_request(file, robot, {"fit": fit, "angles": angles}))
     except CampaignError as error:
-        console(stderr=True).print(problem_text(error.problem))
-        raise typer.Exit(2) from error
+        raise refused(error.problem) from error
     if output is not None and found.result is not None:
         _write(output, found.result.robot)
     if as_json:
@@ -115,9 +115,4 @@ def _write(path: Path, robot: RobotDocument) -> None:
     try:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise _failed(f"cannot write {path}: {error.strerror}\n  remedy: choose another place") from error
-
-
-def _failed(message: str) -> typer.Exit:
-    console(stderr=True).print(message, style="red", markup=False, soft_wrap=True)
-    return typer.Exit(2)
+        raise failed(f"cannot write {path}: {error.strerror}", "choose another place") from error

@@ -13,20 +13,20 @@ from pydantic import ValidationError
 from schemas.campaign import Campaign
 from schemas.imports import ImportAnswer, ImportRequest
 from schemas.measurement_set import MeasurementSetDocument
-from schemas.problem import Problem
 from schemas.robot import RobotDocument
 from service.api.bodies import MAX_SET_BYTES
 from service.campaigns import CampaignError
-from service.cli_options import AsJson, EncoderChoice
+from service.cli.answers import refused
+from service.cli.options import AsJson, EncoderChoice
 from service.import_table import import_report
 from service.importing import SourceFile
 from service.importing.limits import MAX_FILE_BYTES
 from service.imports import FilesError, import_files
 from service.parsing import MalformedError, parse
 from service.problems import http_problem, invalid_request, problem_of
-from service.terminal import console, problem_text
+from service.terminal import console
 
-__all__ = ["import_command"]
+__all__ = ["import_readings"]
 
 _XYZ: Final = 3
 
@@ -57,7 +57,7 @@ Ignored = Annotated[
 ]
 
 
-def import_command(
+def import_readings(
     files: Files,
     *,
     units: UnitsText = None,
@@ -134,7 +134,7 @@ def import_command(
         owner = None if robot is None else _robot(robot)
         answer = _understood(files, {field: value for field, value in chosen.items() if value is not None})
     except CampaignError as error:
-        raise _refused(error.problem) from error
+        raise refused(error.problem) from error
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
@@ -196,13 +196,13 @@ def _robot(path: Path) -> RobotDocument:
 def _write(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
     if answer.measurement_set is None:
         missing = "; ".join(answer.missing)
-        raise _refused(http_problem(422, f"nothing is written, as this is missing: {missing}", "add it"))
+        raise refused(http_problem(422, f"nothing is written, as this is missing: {missing}", "add it"))
     if path.exists() and not overwrite:
-        raise _refused(http_problem(409, f"{path} exists", "choose another name, or --overwrite"))
+        raise refused(http_problem(409, f"{path} exists", "choose another name, or --overwrite"))
     try:
         path.write_text(_document(answer.measurement_set, robot) + "\n", encoding="utf-8")
     except OSError as error:
-        raise _refused(
+        raise refused(
             http_problem(422, f"cannot write {path}: {error.strerror}", "choose another place")
         ) from error
     what, command = (
@@ -238,8 +238,3 @@ def _vector(text: str, option: str) -> list[float]:
     if len(numbers) != _XYZ:
         raise typer.BadParameter(f"'{text}' is not like 0,0,120.5", param_hint=option)
     return numbers
-
-
-def _refused(problem: Problem) -> typer.Exit:
-    console(stderr=True).print(problem_text(problem))
-    return typer.Exit(2)

@@ -1,0 +1,1 @@
+"""The command line: `jointstiff`. A module for each group of commands."""

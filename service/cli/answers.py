@@ -1,0 +1,27 @@
+"""What commands say when they cannot do what was asked: the reason and the remedy, and status 2."""
+
+from __future__ import annotations
+
+import typer
+
+from schemas.problem import Problem
+from service.terminal import console, problem_text
+
+__all__ = ["failed", "refused", "warn"]
+
+
+def refused(problem: Problem) -> typer.Exit:
+    """Show a problem as the API would answer it; to be raised."""
+    console(stderr=True).print(problem_text(problem))
+    return typer.Exit(2)
+
+
+def failed(reason: str, remedy: str) -> typer.Exit:
+    """Show what is in the way outside of the request; to be raised."""
+    console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
+    return typer.Exit(2)
+
+
+def warn(message: str) -> None:
+    """Show what the user should know while it goes on."""
+    console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)

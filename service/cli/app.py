@@ -1,0 +1,53 @@
+"""The command `jointstiff`, composed of its commands."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from service.cli.geometry import geometry
+from service.cli.identify import compare, identify, pair
+from service.cli.imports import import_readings
+from service.cli.services import demo, post, serve, worker
+from service.cli.simulate import simulate
+from service.versions import JOINTSTIFF_VERSION
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="jointstiff",
+    help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
+    "Start with [bold]jointstiff simulate campaign.json[/], then "
+    "[bold]jointstiff identify campaign.json[/].",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+app.command()(simulate)
+app.command("import")(import_readings)
+for command in (geometry, identify, compare, pair, serve, worker, post, demo):
+    app.command()(command)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"jointstiff {JOINTSTIFF_VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and end.")
+    ] = False,
+) -> None:
+    """Options of the command itself; Typer calls it before each command."""
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app()

@@ -1,0 +1,212 @@
+"""Commands that identify campaigns, without a server: `identify`, `compare`, `pair`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Final, TypeVar
+
+import typer
+from pydantic import ValidationError
+
+from schemas.comparison import Comparison, ComparisonOptions
+from schemas.pair import PairOptions
+from schemas.run_options import RunOptions
+from service import campaigns
+from service.campaigns import CampaignError, read_campaign
+from service.cli.answers import refused
+from service.cli.options import (
+    AsJson,
+    CampaignFile,
+    ElasticityChoice,
+    FirstFile,
+    Links,
+    LossChoice,
+    MethodChoice,
+    Priors,
+    Repetitions,
+    Resample,
+    SecondFile,
+    Seed,
+    Stiffer,
+    WeightingChoice,
+    chains,
+    link_names,
+    priors,
+)
+from service.comparison_csv import comparison_csv
+from service.comparison_table import comparison_table
+from service.pair_table import pair_report
+from service.problems import invalid_request
+from service.terminal import console, progress_bar, run_report
+
+__all__ = ["compare", "identify", "pair", "takes_long"]
+
+Options = TypeVar("Options", RunOptions, ComparisonOptions)
+
+_INCLUDED: Final = {True: "included", False: "neglected", None: None}
+
+
+def identify(
+    file: CampaignFile,
+    *,
+    method: Annotated[MethodChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    weighting: Annotated[WeightingChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    characteristic_length: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="For that weighting; least condition number if absent."),
+    ] = None,
+    positive: Annotated[
+        bool | None,
+        typer.Option("--positive/--unconstrained", help="Compliance zero or positive, or free."),
+    ] = None,
+    loss: Annotated[LossChoice | None, typer.Option(help="huber bounds what a bumped target can do.")] = None,
+    huber_threshold: Annotated[
+        float | None,
+        typer.Option(min=0.1, max=100.0, metavar="SIGMAS", help="For loss huber; 2.8 if absent."),
+    ] = None,
+    complementary_stiffness: Annotated[
+        bool | None,
+        typer.Option(
+            "--complementary-stiffness/--neglect-complementary-stiffness",
+            help="Let the load follow the deflection, or not.",
+        ),
+    ] = None,
+    prior: Priors = None,
+    stiffer: Stiffer = None,
+    elasticity: Annotated[
+        ElasticityChoice | None, typer.Option(help="What bends; the penalty is chosen by cross-validation.")
+    ] = None,
+    links: Links = None,
+    link_penalty: Annotated[
+        float | None, typer.Option(min=1e-9, max=1e3, help="Weight of the penalty, instead of choosing it.")
+    ] = None,
+    confidence: Annotated[
+        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+    ] = None,
+    resample: Resample = None,
+    repetitions: Repetitions = 1000,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Identify the joint stiffnesses of a campaign, without a server."""
+    chosen = {
+        "method": method,
+        "weighting": weighting,
+        "characteristic_length": characteristic_length,
+        "positive": positive,
+        "loss": loss,
+        "huber_threshold": huber_threshold,
+        "complementary_stiffness": _INCLUDED[complementary_stiffness],
+        "priors": priors(prior),
+        "stiffness_order": chains(stiffer),
+        "elasticity": elasticity,
+        "links": link_names(links),
+        "link_penalty": link_penalty,
+        "confidence": confidence,
+        "resampling": _resampling(resample, repetitions, seed),
+    }
+    changes = {name: value for name, value in chosen.items() if value is not None}
+    try:
+        campaign = read_campaign(file)
+        options = _changed(campaign.run, changes)
+        with progress_bar(shown=takes_long(options)) as tell:
+            run = campaigns.identify(campaign, options, tell)
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    if as_json:
+        typer.echo(run.model_dump_json(indent=2))
+    else:
+        console().print(run_report(run))
+    if run.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def compare(
+    file: CampaignFile,
+    *,
+    resample: Resample = None,
+    repetitions: Repetitions = 1000,
+    seed: Seed = 0,
+    positive: Annotated[
+        bool | None,
+        typer.Option("--positive/--unconstrained", help="Compliances zero or positive, or free, not both."),
+    ] = None,
+    as_json: AsJson = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a table for spreadsheets.")] = False,
+) -> None:
+    """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
+    constraint = None if positive is None else ["positive" if positive else "unconstrained"]
+    chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
+    try:
+        campaign = read_campaign(file)
+        given = {name: value for name, value in chosen.items() if value is not None}
+        options = _changed(ComparisonOptions(confidence=campaign.run.confidence), given)
+        with progress_bar(shown=resample is not None) as tell:
+            comparison = campaigns.compare(campaign, options, tell)
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    _print_comparison(comparison, as_json=as_json, as_csv=as_csv)
+    if comparison.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def pair(
+    first: FirstFile,
+    second: SecondFile,
+    *,
+    method: Annotated[MethodChoice | None, typer.Option(help="Instead of the first file's.")] = None,
+    ordered: Annotated[
+        bool, typer.Option("--ordered", help="Also both in one problem: no joint is softer in the second.")
+    ] = False,
+    confidence: Annotated[
+        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two campaigns: encoders of motors and secondary ones, before and after, unit A and B.
+
+    Both are identified as the run in the first file says.
+    """
+    try:
+        campaign, other = read_campaign(first), read_campaign(second)
+        options = _changed(campaign.run, {"method": method} if method is not None else {})
+        chosen = PairOptions.model_validate(
+            {"options": options.model_dump(), "ordered": ordered, "confidence": confidence}
+        )
+        found = campaigns.pair(campaign, other, chosen)
+    except ValidationError as error:
+        raise refused(invalid_request(error.errors())) from error
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        console().print(pair_report(found))
+    if found.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def takes_long(options: RunOptions) -> bool:
+    """Whether a progress bar is worth showing."""
+    return options.resampling is not None or (options.elasticity != "joints" and options.link_penalty is None)
+
+
+def _print_comparison(comparison: Comparison, *, as_json: bool, as_csv: bool) -> None:
+    if as_json:
+        typer.echo(comparison.model_dump_json(indent=2))
+    elif as_csv and comparison.result is not None:
+        typer.echo(comparison_csv(comparison.result), nl=False)
+    else:
+        out = console()
+        out.print(comparison_table(comparison, out.width))
+
+
+def _changed(options: Options, changes: Mapping[str, object]) -> Options:
+    try:
+        return type(options).model_validate({**options.model_dump(), **changes})
+    except ValidationError as error:
+        raise CampaignError(invalid_request(error.errors())) from None
+
+
+def _resampling(size: int | None, repetitions: int, seed: int) -> dict[str, int] | None:
+    return None if size is None else {"size": size, "repetitions": repetitions, "seed": seed}

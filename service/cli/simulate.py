@@ -1,0 +1,58 @@
+"""The command `jointstiff simulate`: an example campaign whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from examples.simulator import default_arm, simulate_campaign
+from service.cli.answers import failed
+from service.cli.options import EncoderChoice, LoadChoice
+from service.terminal import console
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    file: Annotated[Path, typer.Argument(dir_okay=False, metavar="FILE", help="Where to write it.")],
+    *,
+    load: Annotated[
+        LoadChoice, typer.Option(help="Weight on the flange, or pulls all around.")
+    ] = LoadChoice.PULL,
+    configurations: Annotated[int, typer.Option(min=1, max=5_000, help="How many postures.")] = 19,
+    force: Annotated[float, typer.Option(min=0.0, max=1e5, help="Size of the force, in newtons.")] = 1500.0,
+    sigma: Annotated[float, typer.Option(min=0.0, max=1e-2, help="Noise of a coordinate, in metres.")] = 2e-5,
+    encoders: Annotated[
+        EncoderChoice, typer.Option(help="Which close the position loop.")
+    ] = EncoderChoice.MOTOR,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same file.")] = 1,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+) -> None:
+    """Write an example campaign, made by springs that balance the load exactly."""
+    if file.exists() and not overwrite:
+        raise failed(f"{file} exists", "choose another name, or --overwrite")
+    arm = default_arm(encoders.value)
+    document = simulate_campaign(
+        arm,
+        configurations=configurations,
+        load=load.value,
+        force=force,
+        sigma=sigma,
+        encoders=encoders.value,
+        seed=seed,
+    )
+    try:
+        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise failed(f"cannot write {file}: {error.strerror}", "choose another place") from error
+    stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
+    console().print(
+        f"wrote {file}: {configurations} configurations, {force:g} N\n"
+        f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
+        f"now: jointstiff identify {file}",
+        markup=False,
+        soft_wrap=True,
+    )
