@@ -1,0 +1,30 @@
+"""What the package is built from reaches the image: Docker leaves out all that `.dockerignore` does not name."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+HOOK = WHEEL["hooks"]["custom"].get("path", "hatch_build.py")
+NEEDED = [
+    *WHEEL["packages"],
+    HOOK,
+    "dashboard",
+    PROJECT["project"]["readme"],
+    *PROJECT["project"]["license-files"],
+    "pyproject.toml",
+    "requirements.lock",
+    "docker/build.lock",
+]
+
+
+@pytest.mark.parametrize("name", NEEDED)
+def test_what_the_wheel_is_built_from_reaches_the_image(name):
+    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert (ROOT / name).exists()
+    assert f"!{name}" in lines
