@@ -8,6 +8,7 @@ from pydantic import Field
 
 from schemas.base import MAX_NAME_LENGTH, Message
 from schemas.job import JobState
+from schemas.links import Elasticity
 from schemas.run_options import Method, Weighting
 
 __all__ = [
@@ -62,6 +63,7 @@ class RunQuery(PageQuery):
     robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
     method: Method | None = Field(default=None, description="Only those by this method.")
     weighting: Weighting | None = Field(default=None, description="Only those with these weights.")
+    elasticity: Elasticity | None = Field(default=None, description="Only those in which this bends.")
     state: JobState | None = Field(default=None, description="Only those in this state.")
 
 

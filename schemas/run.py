@@ -11,7 +11,7 @@ from schemas.base import Identifier, Message, Name, Timestamp
 from schemas.identifiability import Identifiability
 from schemas.job import JobState, Progress, Provenance
 from schemas.joint_result import JointResult
-from schemas.links import LinksResult, ModelSelection
+from schemas.links import Elasticity, LinksResult, ModelSelection
 from schemas.measurement_set import QualityWarning
 from schemas.problem import Problem
 from schemas.resampling import ResamplingResult
@@ -191,6 +191,7 @@ class RunSummary(Message):
     method: Method
     weighting: Weighting
     positive: bool
+    elasticity: Elasticity = Field(description="What bends.")
     state: JobState
     created_at: Timestamp
 

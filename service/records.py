@@ -85,6 +85,7 @@ class RunEntry:
     method: str
     weighting: str
     positive: bool
+    elasticity: str
     state: str
     created_at: datetime
 

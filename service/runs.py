@@ -110,6 +110,7 @@ class RunKind(Kind[RunRequest, Run, RunRecord]):
             method=job.request.method,
             weighting=job.request.weighting,
             positive=job.request.positive,
+            elasticity=job.request.elasticity,
             state=job.state,
             created_at=job.provenance.created_at,
             document=job.model_dump_json(),

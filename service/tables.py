@@ -128,10 +128,11 @@ _runs = _jobs(
     Column("method", String, nullable=False),
     Column("weighting", String, nullable=False),
     Column("positive", Boolean, nullable=False),
+    Column("elasticity", String, nullable=False, server_default="joints"),
     Column("state", String, nullable=False),
     Column("created_at", UtcDateTime, nullable=False),
     Column("document", Text, nullable=False),
-    filters=("measurement_set_id", "robot_id", "method", "weighting", "state"),
+    filters=("measurement_set_id", "robot_id", "method", "weighting", "elasticity", "state"),
 )
 
 _comparisons = _jobs(

@@ -38,7 +38,9 @@ from service.store_errors import DeletedError, NotEndedError, NotFoundError, Sto
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)
 ROBOT = RobotRecord("r1", "robot", TIME, "", "{}")
 SET = MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b"")
-RUN = RunRecord("u1", "s1", "r1", "partial_pose", "covariance", True, "succeeded", TIME, '{"id":"u1"}')
+RUN = RunRecord(
+    "u1", "s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, '{"id":"u1"}'
+)
 COMPARISON = ComparisonRecord("c1", "s1", "r1", "failed", TIME, '{"id":"c1"}')
 PAIR = PairRecord("p1", "s1", "s1", "r1", "cancelled", TIME, '{"id":"p1"}')
 ENTRIES = {RunRecord: RunEntry, ComparisonRecord: ComparisonEntry, PairRecord: PairEntry}

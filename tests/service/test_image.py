@@ -1,4 +1,4 @@
-"""What the package is built from reaches the image: Docker leaves out all that `.dockerignore` does not name."""
+"""What the package is built from reaches the image; Docker leaves out what `.dockerignore` does not name."""
 
 from __future__ import annotations
 

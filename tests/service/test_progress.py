@@ -167,7 +167,7 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
     class Lost(ScriptedJobs):
         def create(self, _message, _key):
             job = self.current("r1")
-            return RunRecord("r1", "s", "r", "m", "w", True, job.state, NOW, job.model_dump_json())
+            return RunRecord("r1", "s", "r", "m", "w", True, "joints", job.state, NOW, job.model_dump_json())
 
         def standing(self, _job_id):
             raise error

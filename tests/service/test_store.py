@@ -68,7 +68,9 @@ def measurement_set(identifier: str = "s1", **changes: Any) -> MeasurementSetRec
 
 
 def run(identifier: str = "u1", **changes: Any) -> RunRecord:
-    record = RunRecord(identifier, "s1", "r1", "partial_pose", "covariance", True, "succeeded", TIME, "{}")
+    record = RunRecord(
+        identifier, "s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, "{}"
+    )
     return dataclasses.replace(record, **changes)
 
 
@@ -198,7 +200,8 @@ class TestPages:
         store.add(measurement_set())
         store.add(measurement_set("s2", robot_id="r2", name="other", encoders="secondary"))
         store.add(run())
-        store.add(run("u2", measurement_set_id="s2", robot_id="r2", method="m", weighting="w", state="s"))
+        other = {"method": "m", "weighting": "w", "elasticity": "e", "state": "s"}
+        store.add(run("u2", measurement_set_id="s2", robot_id="r2", **other))
         for kind, second in ((RobotRecord, "r2"), (MeasurementSetEntry, "s2"), (RunEntry, "u2")):
             entry = store.page(kind, limit=1).records[0]
             values = {name: getattr(entry, name) for name in FILTERS[kind]}
@@ -225,6 +228,7 @@ class TestPages:
             "robot_id",
             "method",
             "weighting",
+            "elasticity",
             "state",
         }
 

@@ -26,7 +26,7 @@ from service import migrations
 from service.database import Database
 from service.job_log import Standing
 from service.migrations import configuration
-from service.records import ComparisonRecord, MeasurementSetRecord, RobotRecord, RunRecord
+from service.records import ComparisonRecord, MeasurementSetRecord, RobotRecord, RunEntry, RunRecord
 from service.store import Store
 from service.store_errors import StoreError, StoreUnavailableError
 from service.tables import metadata
@@ -276,11 +276,32 @@ class TestPostgresql:
                 other.execute("ALTER ROLE postgres RESET timezone")
 
 
+def test_runs_from_before_links_could_bend_are_listed_by_what_bends(database_url: str) -> None:
+    elastic = '{"request": {"elasticity": "diagonal_links"}}'
+    with Store.open(database_url) as store:
+        store.add(RobotRecord("r1", "robot", TIME, "", "{}"))
+        store.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b""))
+        for name, document in (("old", '{"request": {}}'), ("links", elastic)):
+            run = ("s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, document)
+            store.add(RunRecord(name, *run))
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "0006")
+    database.close()
+    with Store.open(database_url) as store:
+        listed = {run.id: run.elasticity for run in store.page(RunEntry, limit=9).records}
+        assert listed == {"old": "joints", "links": "diagonal_links"}
+
+
 def test_a_database_that_knew_runs_only_keeps_them_and_their_progress(database_url: str) -> None:
     with Store.open(database_url) as store:
         store.add(RobotRecord("r1", "robot", TIME, "", "{}"))
         store.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b""))
-        store.add(RunRecord("u1", "s1", "r1", "partial_pose", "covariance", True, "running", TIME, "{}"))
+        store.add(
+            RunRecord("u1", "s1", "r1", "partial_pose", "covariance", True, "joints", "running", TIME, "{}")
+        )
         store.job_log(RunRecord).report("u1", 0, 120)
     database = Database.open(database_url)
     with database.writing() as connection:

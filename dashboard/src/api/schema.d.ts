@@ -3779,6 +3779,12 @@ export interface components {
             /** Positive */
             positive: boolean;
             /**
+             * Elasticity
+             * @description What bends.
+             * @enum {string}
+             */
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
              * State
              * @enum {string}
              */
@@ -5224,6 +5230,8 @@ export interface operations {
                 method?: ("complete_pose" | "partial_pose" | "decoupled_partial_pose") | null;
                 /** @description Only those with these weights. */
                 weighting?: ("covariance" | "characteristic_length" | "uniform") | null;
+                /** @description Only those in which this bends. */
+                elasticity?: ("joints" | "coupled_joints" | "diagonal_links" | "joints_and_links") | null;
                 /** @description Only those in this state. */
                 state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
             };

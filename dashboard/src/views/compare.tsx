@@ -92,7 +92,7 @@ function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: 
 }
 
 function StartPair({ names }: { names: Names }) {
-  const runs = valueOf(useLoad((signal) => api.runs({ state: "succeeded", limit: 100 }, signal), []))?.items ?? [];
+  const runs = valueOf(useLoad((signal) => api.runs({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))?.items ?? [];
   const options = sideOptions(names, runs);
   const newest = names.sets[0];
   const same = names.sets.find((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id) ?? names.sets[1];

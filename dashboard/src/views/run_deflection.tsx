@@ -69,7 +69,7 @@ function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; oth
 /** Newest run of each other method on the same readings, and with the same constraint. */
 function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs: Run[]) => void }) {
   const found = valueOf(useLoad(async (signal) => {
-    const page = await api.runs({ measurement_set_id: run.request.measurement_set_id, state: "succeeded", limit: 100 }, signal);
+    const page = await api.runs({ measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 }, signal);
     const newest = new Map<string, string>();
     for (const item of page.items) {
       if (item.method !== run.request.method && item.positive === (run.request.positive !== false) && !newest.has(item.method)) newest.set(item.method, item.id);

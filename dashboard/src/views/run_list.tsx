@@ -28,7 +28,7 @@ function RunRow({ run, names, live, remove }: { run: RunSummary; names: Names | 
         <span class="what"><Name>{set}</Name><small><Name>{names?.robot(run.robot_id) ?? ""}</Name></small></span>
         <span class="how">
           {text.methods[run.method] ?? run.method}
-          <small>{run.positive ? text.options.constrained : text.options.unconstrained}{run.weighting !== "covariance" && `, ${text.weightings[run.weighting] ?? ""}`}</small>
+          <small>{run.positive ? text.options.constrained : text.options.unconstrained}{run.weighting !== "covariance" && `, ${text.weightings[run.weighting] ?? ""}`}{run.elasticity !== "joints" && `, ${text.elasticities[run.elasticity]}`}</small>
         </span>
         <span class="when"><When time={run.created_at} /></span>
         <span class="standing"><State state={standing.state} />{goesOn(standing.state) && <Bar standing={standing} />}</span>

@@ -71,7 +71,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
 function matches(run: RunSummary, search: string, names: Names | null): boolean {
   const heap = [
     names?.set(run.measurement_set_id), names?.robot(run.robot_id), text.methods[run.method], text.methodShort[run.method],
-    text.states[run.state], run.positive ? text.options.constrained : text.options.unconstrained, run.id, run.created_at,
+    text.states[run.state], run.elasticity === "joints" ? "" : text.elasticities[run.elasticity], run.positive ? text.options.constrained : text.options.unconstrained, run.id, run.created_at,
   ].join("\n").toLowerCase();
   return search.toLowerCase().split(/\s+/).every((word) => heap.includes(word));
 }

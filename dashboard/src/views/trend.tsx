@@ -26,7 +26,7 @@ interface Timed {
 /** Runs of one method, oldest first: constrained ones, as those are what people use. */
 async function load(robot: string, method: Method, signal: AbortSignal): Promise<Timed[]> {
   const [items, sets] = await Promise.all([
-    every(api.runs, { robot_id: robot, method, state: "succeeded" }, 200, signal),
+    every(api.runs, { robot_id: robot, method, elasticity: "joints", state: "succeeded" }, 200, signal),
     every(api.sets, { robot_id: robot }, 500, signal),
   ]);
   const chosen = items.filter((item) => item.positive).slice(0, MOST).reverse();
