@@ -20,9 +20,11 @@ __all__ = [
     "RobotQuery",
     "RunQuery",
     "SetQuery",
+    "WaitQuery",
 ]
 
 MAX_PAGE = 100
+MAX_WAIT_SECONDS = 60
 
 ExactName = Annotated[str, Field(max_length=MAX_NAME_LENGTH)]
 Reference = Annotated[str, Field(max_length=64)]
@@ -40,6 +42,14 @@ class PageQuery(Message):
         """The filters that were given."""
         chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor"})
         return {name: str(value) for name, value in chosen.items()}
+
+
+class WaitQuery(Message):
+    """How long the answer to a post may take."""
+
+    wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
+        default=5, description="Seconds to wait for the end if it takes long."
+    )
 
 
 class RobotQuery(PageQuery):

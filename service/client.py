@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 from uuid import uuid4
 
@@ -26,6 +27,7 @@ _LOOK_SECONDS: Final = 0.2
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
 _UNAVAILABLE: Final = 503
+_COLLECTIONS: Final[Mapping[type, str]] = MappingProxyType({Run: "/v1/runs", Comparison: "/v1/comparisons"})
 _IDENTIFIER: Final[TypeAdapter[str]] = TypeAdapter(Identifier)
 
 Job = TypeVar("Job", Run, Comparison)
@@ -96,51 +98,56 @@ class ServiceClient:
         readings = document["measurement_set"] | {"robot_id": robot["id"]}
         return robot, self._post("/v1/measurement-sets", readings)
 
-    def run(
-        self, set_id: str, options: dict[str, Any], tell: Callable[[Progress], object] | None = None
-    ) -> Run:
-        """Post a run of a stored measurement set, and wait for its end.
+    def run(self, set_id: str, options: dict[str, Any]) -> Run:
+        """Post a run of a stored measurement set.
 
         Args:
             set_id: of the measurement set.
             options: how to identify.
-            tell: told of the progress of a run that takes long.
+
+        Returns:
+            It, ended if that took no longer than a second.
 
         Raises:
             RefusedError: the service refuses it, or does not answer.
         """
-        return self._carried_out(Run, "/v1/runs", options | {"measurement_set_id": set_id}, tell)
+        return self._job(Run, options | {"measurement_set_id": set_id})
 
-    def compare(
-        self, set_id: str, options: dict[str, Any], tell: Callable[[Progress], object] | None = None
-    ) -> Comparison:
-        """Post a comparison on a stored measurement set, and wait for its end.
+    def compare(self, set_id: str, options: dict[str, Any]) -> Comparison:
+        """Post a comparison on a stored measurement set.
 
         Args:
             set_id: of the measurement set.
             options: what to compare.
-            tell: told of the progress of a comparison that takes long.
+
+        Returns:
+            It, ended if that took no longer than a second.
 
         Raises:
             RefusedError: the service refuses it, or does not answer.
         """
-        body = options | {"measurement_set_id": set_id}
-        return self._carried_out(Comparison, "/v1/comparisons", body, tell)
+        return self._job(Comparison, options | {"measurement_set_id": set_id})
 
-    def _carried_out(
-        self,
-        kind: type[Job],
-        collection: str,
-        body: dict[str, Any],
-        tell: Callable[[Progress], object] | None,
-    ) -> Job:
-        job = _as(kind, self._post(f"{collection}?wait=1", body))
+    def ended(self, job: Job, tell: Callable[[Progress], object] | None = None) -> Job:
+        """Wait for the end of a job.
+
+        Args:
+            job: that was posted.
+            tell: told of its progress.
+
+        Raises:
+            RefusedError: the service does not answer.
+        """
+        kind = type(job)
         while job.state in {"queued", "running"}:
-            time.sleep(_LOOK_SECONDS)
-            job = _as(kind, self._answer("GET", f"{collection}/{job.id}"))
             if tell is not None and job.progress is not None:
                 tell(job.progress)
+            time.sleep(_LOOK_SECONDS)
+            job = _as(kind, self._answer("GET", f"{_COLLECTIONS[kind]}/{job.id}"))
         return job
+
+    def _job(self, kind: type[Job], body: dict[str, Any]) -> Job:
+        return _as(kind, self._post(f"{_COLLECTIONS[kind]}?wait=1", body))
 
     def _post(self, path: str, body: object) -> dict[str, Any]:
         content = json.dumps(body).encode()

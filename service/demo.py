@@ -57,8 +57,8 @@ def _tour(client: ServiceClient) -> int:
             f"posted robot {robot['id']} and measurement set {stored['id']} "
             f"({len(stored['observations'])} observations, {len(stored['warnings'])} warnings)\n"
         )
-        run = client.run(stored["id"], {})
-        comparison = client.compare(stored["id"], {})
+        run = client.ended(client.run(stored["id"], {}))
+        comparison = client.ended(client.compare(stored["id"], {}))
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1

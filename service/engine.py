@@ -1,8 +1,9 @@
 """Durable execution of long jobs on DBOS Transact: announced by the service, carried out by workers.
 
-A job is a workflow; its steps are shared out to at most `PARTS` workflows of their own, so that any number of
-workers can take part. What a step computed is kept before the next one begins. Steps may be carried out
-twice: they only compute, what they report of a job is safe to repeat, and the end of a job is written once.
+A job is a workflow; its steps are shared out to workflows of their own, its parts, so that any number of
+workers can take part, and none is kept from other jobs for long. What a step computed is kept before the
+next one begins. Steps may be carried out twice: they only compute, what they report of a job is safe to
+repeat, and the end of a job is written once.
 Who goes on with what a dead worker left is `service.janitor`'s to see to.
 """
 
@@ -11,10 +12,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
+from math import ceil
 from types import TracebackType
 from typing import Any, Final, ParamSpec, TypeVar
 
-from dbos import DBOS, DBOSConfig
+from dbos import DBOS, DBOSConfig, SetEnqueueOptions
 
 from service.jobs import AnyJobs
 from service.ledger import APPLICATION, QUEUES, VERSION, Ledger, as_store_errors, engine_url, schema_of
@@ -22,14 +24,21 @@ from service.store import Store
 from service.store_errors import StoreUnavailableError
 from service.work import Span
 
-__all__ = ["PARTS", "Engine"]
+__all__ = ["Engine"]
 
-PARTS: Final = 8
-_AT_ONCE: Final = {"job": 4, "part": 1}
-"""A worker waits for a few jobs, and computes one part: work for one processor."""
+_PARTS: Final = 8
+"""Of a job at least, as long as it has so many steps: work for as many workers."""
+_STEPS: Final = 20
+"""Of a part at most, about five seconds: only between two parts does a worker turn to another job."""
+_FIRST: Final = 8
+"""Parts of each job that go before what is left of longer ones: a small job does not wait for a large one."""
+_AT_ONCE: Final = {"job": 16, "part": 1}
+"""A worker waits for some jobs, and computes one part: work for one processor."""
 _ATTEMPTS: Final = 50
 """Deaths of workers over one workflow, after which it is given up."""
 _POLL_SECONDS: Final = 0.1
+_WAIT_SECONDS: Final = 0.2
+"""Between two looks at a part that a job waits for."""
 _LONGEST_PAUSE: Final = 5.0
 
 P = ParamSpec("P")
@@ -101,7 +110,8 @@ class _Steps:
                 return []
             jobs[kind].start(job_id)
             steps = jobs[kind].work(job_id).steps()
-            return [list(steps[part::PARTS]) for part in range(min(PARTS, len(steps)))]
+            count = min(len(steps), max(_PARTS, ceil(len(steps) / _STEPS)))
+            return [list(steps[part::count]) for part in range(count)]
 
         @DBOS.step(name="compute")
         @_patient
@@ -181,13 +191,15 @@ def _register(steps: _Steps, active: set[str]) -> None:
     def carry_out_job(kind: str, job_id: str) -> None:
         try:
             parts = steps.plan(kind, job_id)
-            handles: list[Any] = [
-                DBOS.enqueue_workflow(QUEUES["part"], carry_out_part, kind, job_id, spans) for spans in parts
-            ]
-            computed = [handle.get_result(polling_interval_sec=_POLL_SECONDS) for handle in handles]
+            handles: list[Any] = []
+            for number, spans in enumerate(parts):
+                with SetEnqueueOptions(priority=1 + min(number, _FIRST)):  # the least goes first
+                    handles.append(DBOS.enqueue_workflow(QUEUES["part"], carry_out_part, kind, job_id, spans))
+            computed = [handle.get_result(polling_interval_sec=_WAIT_SECONDS) for handle in handles]
             if list(map(len, computed)) != list(map(len, parts)):
                 return  # the job was ended
-            in_order = [computed[i % PARTS][i // PARTS] for i in range(sum(map(len, parts)))]
+            count = len(parts)
+            in_order = [computed[i % count][i // count] for i in range(sum(map(len, parts)))]
             steps.conclude(kind, job_id, in_order)
         except Exception as failure:  # noqa: BLE001 - the boundary of a job
             steps.fail(kind, job_id, failure)

@@ -154,8 +154,17 @@ def _announcement(job_id: str) -> EnqueueOptions:
 
 
 def engine_url(database: str) -> str:
-    """The store's URL as the engine reads it."""
+    """The store's URL as the engine reads it.
+
+    Raises:
+        StoreError: the database is in the memory of one process, and workers are others.
+    """
     url = make_url(database)
+    if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
+        raise StoreError(
+            "a database in memory cannot be shared with workers",
+            "give a file: --database sqlite:///jointstiff.db",
+        )
     if url.get_backend_name() == "postgresql":
         url = url.set(drivername="postgresql")
     return url.render_as_string(hide_password=False)

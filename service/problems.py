@@ -38,6 +38,10 @@ MAX_PROBLEM_BYTES: Final = 8_000
 _LONGEST: Final = 300
 _COMPARE: Final = "compare it with an example: `jointstiff simulate FILE` writes one, as has /openapi.json"
 
+_OUTSIDE: Final = {"query", "path", "header"}
+"""Where a request has something beside its body."""
+_NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
+
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
     {
         UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
@@ -102,7 +106,7 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
     items = [
         ProblemItem(
             where=_short(_path(error["loc"])) or "body",
-            reason=_short(str(error["msg"]).removeprefix("Value error, ")),
+            reason=_short(_reason(error)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
@@ -115,10 +119,23 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
             detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; "
             f"first: {items[0].where}: {items[0].reason}",
             where=items[0].where,
-            remedy=items[0].remedy or _COMPARE,
+            remedy=items[0].remedy or _otherwise(errors[0]),
             errors=items,
         )
     )
+
+
+def _reason(error: Mapping[str, Any]) -> str:
+    if error["type"] in _NO_OBJECT:
+        return "must be an object"
+    return str(error["msg"]).removeprefix("Value error, ")
+
+
+def _otherwise(error: Mapping[str, Any]) -> str:
+    """The remedy where the kind of fault has none of its own."""
+    if error["loc"] and error["loc"][0] in _OUTSIDE:
+        return "see this address in /openapi.json"
+    return "change it as the reason says" if error["type"] == "value_error" else _COMPARE
 
 
 def _remedy(error: Mapping[str, Any]) -> str | None:

@@ -14,7 +14,6 @@ from typing import Final
 
 import uvicorn
 from sqlalchemy import make_url
-from sqlalchemy.exc import ArgumentError
 
 from service.app import create_app
 from service.ledger import Ledger
@@ -54,15 +53,10 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
     """
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    if _in_memory(database):
-        raise ServerError(
-            "a database in memory cannot be shared with workers",
-            "give a file: --database sqlite:///jointstiff.db",
-        )
     with ExitStack() as stack:
+        listener = stack.enter_context(_listen(host, port))
         store = stack.enter_context(Store.open(database))
         ledger = stack.enter_context(closing(Ledger(store, database)))
-        listener = stack.enter_context(_listen(host, port))
         port = listener.getsockname()[1]
         stack.enter_context(Supervisor(database, workers, f"{socket.gethostname()}-{port}-{_mark(database)}"))
         address = f"http://{host}:{port}"
@@ -82,14 +76,6 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
         )
         gc.freeze()  # libraries stay to the end; no collection need look through them
         uvicorn.Server(config).run(sockets=[listener])
-
-
-def _in_memory(database: str) -> bool:
-    try:
-        url = make_url(database)
-    except ArgumentError:
-        return False  # which the store refuses in its own words
-    return url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}
 
 
 def _mark(database: str) -> str:

@@ -74,11 +74,15 @@ class Supervisor:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             env=_environment(database),
+            process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
         ) as process:
             self._processes[name] = process
             if self._stopping.is_set():  # it was started while all others were being ended
                 process.terminate()
-            process.wait()
+            status = process.wait()
+        if not self._stopping.is_set():
+            how = f"signal {-status}" if status < 0 else f"status {status}"
+            _logger.warning("worker %s ended with %s; starting it again", name, how)
 
 
 def _environment(database: str) -> dict[str, str]:

@@ -36,7 +36,7 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 async def post_comparison(
     parts: PartsOf,
     body: Annotated[Body[ComparisonRequest], Depends(read_body(ComparisonRequest, MAX_RUN_BYTES))],
-    wait: Wait = 5,
+    query: Wait,
 ) -> Response:
     """Identify by several methods, free and constrained, and store the results side by side.
 
@@ -44,7 +44,7 @@ async def post_comparison(
     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
     have their numbers.
     """
-    return await answer(parts.comparisons, "comparisons", body, wait)
+    return await answer(parts.comparisons, "comparisons", body, query.wait)
 
 
 @router.get("", response_model=Page[ComparisonSummary], responses=problems(422))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Final
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -14,6 +15,12 @@ from service.store_errors import StoreError
 from solver.exceptions import JointstiffError
 
 __all__ = ["install_error_handlers"]
+
+_REMEDIES: Final = {
+    404: "see /openapi.json for the addresses there are",
+    405: "see /openapi.json for what this address takes",
+    409: "see its `state` and its `error`",
+}
 
 _logger = logging.getLogger(__name__)
 
@@ -55,7 +62,8 @@ def _http(_: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
     headers = dict(error.headers) if error.headers else None
-    return _answer(http_problem(error.status_code, str(error.detail)), headers)
+    problem = http_problem(error.status_code, str(error.detail), _REMEDIES.get(error.status_code))
+    return _answer(problem, headers)
 
 
 def _unexpected(_: Request, error: Exception) -> Response:

@@ -8,9 +8,10 @@ from fastapi import Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
+from schemas.query import WaitQuery
 from service.api.bodies import Body
 from service.api.parts import created, json_response
-from service.api.progress import MAX_WAIT_SECONDS, wait_for_end
+from service.api.progress import wait_for_end
 from service.job_log import OPEN_STATES
 from service.jobs import AnyJobs
 from service.store_errors import NotFoundError, StoreUnavailableError
@@ -19,9 +20,7 @@ __all__ = ["JobId", "Wait", "answer", "delete", "follow", "restore"]
 
 JobId = Annotated[str, Path(max_length=64)]
 
-Wait = Annotated[
-    float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Seconds to wait for the end if it takes long.")
-]
+Wait = Annotated[WaitQuery, Query()]
 
 
 async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -> Response:

@@ -15,9 +15,8 @@ from service.jobs import AnyJobs
 from service.kinds import Job
 from service.store_errors import StoreUnavailableError
 
-__all__ = ["MAX_WAIT_SECONDS", "Watches", "wait_for_end"]
+__all__ = ["Watches", "wait_for_end"]
 
-MAX_WAIT_SECONDS: Final = 60
 _LOOK_SECONDS: Final = 0.1
 _LOOK_SHARE: Final = 0.05
 """Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who

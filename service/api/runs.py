@@ -31,7 +31,7 @@ router = APIRouter(prefix="/v1/runs", tags=["runs"])
 async def post_run(
     parts: PartsOf,
     body: Annotated[Body[RunRequest], Depends(read_body(RunRequest, MAX_RUN_BYTES))],
-    wait: Wait = 5,
+    query: Wait,
 ) -> Response:
     """Identify the joint stiffnesses, and store the result with its provenance.
 
@@ -39,7 +39,7 @@ async def post_run(
     run as it is and its address. A method that the readings cannot support is refused, and nothing is
     stored. Any other failure is a stored run in state `failed` that says why.
     """
-    return await answer(parts.runs, "runs", body, wait)
+    return await answer(parts.runs, "runs", body, query.wait)
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))

@@ -13,7 +13,7 @@ from service.cli.services import demo, post, serve, worker
 from service.cli.simulate import simulate
 from service.versions import JOINTSTIFF_VERSION
 
-__all__ = ["app", "main"]
+__all__ = ["app"]
 
 app = typer.Typer(
     name="jointstiff",
@@ -46,8 +46,3 @@ def options(
     ] = False,
 ) -> None:
     """Options of the command itself; Typer calls it before each command."""
-
-
-def main() -> None:
-    """Entry point of the command."""
-    app()

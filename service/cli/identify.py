@@ -39,7 +39,7 @@ from service.pair_table import pair_report
 from service.problems import invalid_request
 from service.terminal import console, progress_bar, run_report
 
-__all__ = ["compare", "identify", "pair", "takes_long"]
+__all__ = ["compare", "identify", "pair"]
 
 Options = TypeVar("Options", RunOptions, ComparisonOptions)
 
@@ -84,8 +84,8 @@ def identify(
         float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
     ] = None,
     resample: Resample = None,
-    repetitions: Repetitions = 1000,
-    seed: Seed = 0,
+    repetitions: Repetitions = None,
+    seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
     """Identify the joint stiffnesses of a campaign, without a server."""
@@ -109,7 +109,7 @@ def identify(
     try:
         campaign = read_campaign(file)
         options = _changed(campaign.run, changes)
-        with progress_bar(shown=takes_long(options)) as tell:
+        with progress_bar(shown=_takes_long(options)) as tell:
             run = campaigns.identify(campaign, options, tell)
     except CampaignError as error:
         raise refused(error.problem) from error
@@ -125,8 +125,8 @@ def compare(
     file: CampaignFile,
     *,
     resample: Resample = None,
-    repetitions: Repetitions = 1000,
-    seed: Seed = 0,
+    repetitions: Repetitions = None,
+    seed: Seed = None,
     positive: Annotated[
         bool | None,
         typer.Option("--positive/--unconstrained", help="Compliances zero or positive, or free, not both."),
@@ -186,8 +186,7 @@ def pair(
         raise typer.Exit(1)
 
 
-def takes_long(options: RunOptions) -> bool:
-    """Whether a progress bar is worth showing."""
+def _takes_long(options: RunOptions) -> bool:
     return options.resampling is not None or (options.elasticity != "joints" and options.link_penalty is None)
 
 
@@ -208,5 +207,14 @@ def _changed(options: Options, changes: Mapping[str, object]) -> Options:
         raise CampaignError(invalid_request(error.errors())) from None
 
 
-def _resampling(size: int | None, repetitions: int, seed: int) -> dict[str, int] | None:
-    return None if size is None else {"size": size, "repetitions": repetitions, "seed": seed}
+def _resampling(size: int | None, repetitions: int | None, seed: int | None) -> dict[str, int] | None:
+    """What `--resample` and its companions ask for; None without it.
+
+    Raises:
+        typer.BadParameter: a companion without it.
+    """
+    chosen = {"size": size, "repetitions": repetitions, "seed": seed}
+    given = {name: value for name, value in chosen.items() if value is not None}
+    if size is None and given:
+        raise typer.BadParameter("goes with --resample", param_hint=[f"--{name}" for name in given])
+    return given or None

@@ -77,8 +77,10 @@ Resample = Annotated[
     int | None,
     typer.Option(min=1, metavar="M", help="Repeat each fit on M random configurations."),
 ]
-Repetitions = Annotated[int, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of the draws.")]
+Repetitions = Annotated[
+    int | None, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws; 1000 if absent.")
+]
+Seed = Annotated[int | None, typer.Option(min=0, help="Of the draws; 0 if absent.")]
 Priors = Annotated[
     list[str] | None,
     typer.Option(

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
+from schemas.run import Run
 from service.campaigns import CampaignError, read_campaign
 from service.cli.answers import failed, refused, warn
-from service.cli.identify import takes_long
 from service.cli.options import CampaignFile, DatabaseUrl
 from service.client import RefusedError, ServiceClient
 from service.demo import run_demo
@@ -62,18 +62,31 @@ def post(
 ) -> None:
     """Post a campaign to a running service, and show its answer."""
     try:
-        understood = read_campaign(file)
-        campaign = understood.model_dump(mode="json", exclude_unset=True)
+        campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
         with ServiceClient(server, warn) as client:
             client.ping()
             robot, stored = client.post_campaign(campaign)
-            with progress_bar(shown=takes_long(understood.run)) as tell:
-                run = client.run(stored["id"], campaign.get("run", {}), tell)
+            run = client.run(stored["id"], campaign.get("run", {}))
+            posted = (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id))
+            addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
+            for address in addresses:
+                console().print(address, markup=False, soft_wrap=True)
+            run = _ended(client, run, addresses[-1])
     except (CampaignError, RefusedError) as error:
         raise refused(error.problem) from error
-    for kind, identifier in (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id)):
-        console().print(f"{server.rstrip('/')}/v1/{kind}/{identifier}", markup=False, soft_wrap=True)
     console().print(run_report(run))
+    if run.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def _ended(client: ServiceClient, run: Run, address: str) -> Run:
+    """Wait for the end of a run; who waits no longer is told that it goes on."""
+    try:
+        with progress_bar(shown=run.progress is not None) as tell:
+            return client.ended(run, tell)
+    except KeyboardInterrupt:
+        warn(f"the run goes on; to end it: curl -X POST {address}/cancel")
+        raise
 
 
 def demo(

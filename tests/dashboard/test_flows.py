@@ -142,10 +142,17 @@ def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
     page.get_by_text("More options").click()
     page.get_by_label("Repeat on random draws").check()
     page.get_by_label("Draws", exact=True).fill("100000")
+    page.route("**/events", lambda route: route.abort())
     page.get_by_role("button", name="Identify").click()
     expect(page.locator("progress")).to_be_visible()
+    expect(page.get_by_text("No connection to the service")).to_be_visible()
+    page.unroute("**/events")  # the browser tries again by itself
+    expect(page.get_by_text("No connection to the service")).to_be_hidden(timeout=15_000)
+    expect(page.get_by_text(re.compile(r"About \d+ (s|min) left\."))).to_be_visible(timeout=15_000)
     page.get_by_role("button", name="Cancel run").click()
-    expect(page.get_by_text("This run was cancelled")).to_be_visible()
+    expect(
+        page.get_by_text(re.compile(r"This run was cancelled.*It came to \d+ of 100000 resamples\."))
+    ).to_be_visible()
 
 
 def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):

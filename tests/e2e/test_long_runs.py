@@ -121,6 +121,16 @@ def test_a_run_that_is_waited_for_is_created(
     assert [name for name, _ in followed(client, address)] == ["end"]
 
 
+def test_a_small_run_does_not_wait_for_a_large_one(client: httpx.Client, set_id: str) -> None:
+    large = [post_run(client, set_id, LONGEST | {"seed": seed}).headers["location"] for seed in range(6)]
+    small = post_run(client, set_id, RESAMPLING | {"repetitions": 4_000}, wait=30).json()
+    assert small["state"] == "succeeded"
+    states = [client.get(address).json()["state"] for address in large]
+    for address in large:
+        client.post(f"{address}/cancel")
+    assert set(states[1:]) <= OPEN
+
+
 def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     client: httpx.Client, set_id: str, database: str
 ) -> None:

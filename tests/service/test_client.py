@@ -47,8 +47,8 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
     with ServiceClient(service.url, warnings.append, LossyTransport()) as client:
         client.ping()
         robot, stored = client.post_campaign(campaign)
-        run = client.run(stored["id"], {})
-        comparison = client.compare(stored["id"], {"constraints": ["positive"]})
+        run = client.ended(client.run(stored["id"], {}))
+        comparison = client.ended(client.compare(stored["id"], {"constraints": ["positive"]}))
     assert run.state == comparison.state == "succeeded"
     assert len(warnings) == 4
     assert all("the connection was lost; trying again" in warning for warning in warnings)
@@ -166,7 +166,7 @@ def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, camp
             process.wait()
             starting = threading.Timer(0.3, lambda: started.append(serve(database, port)))
             starting.start()
-            run = client.run(stored["id"], {})
+            run = client.ended(client.run(stored["id"], {}))
             starting.join()
             listed = httpx.get(f"{address}/v1/runs").json()["items"]
         assert run.state == "succeeded"

@@ -9,13 +9,20 @@ export interface Standing {
 
 export type Collection = "runs" | "comparisons";
 
-/** Follow a job; `tell` hears every step, and `ended` true of the last. Answers with how to stop. */
-export function follow(collection: Collection, id: string, tell: (standing: Standing, ended: boolean) => void): () => void {
+/**
+ * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be
+ * reached, and when it can again: the browser tries by itself. Answers with how to stop.
+ */
+export function follow(
+  collection: Collection, id: string, tell: (standing: Standing, ended: boolean) => void, away?: (isAway: boolean) => void,
+): () => void {
   const source = new EventSource(`/v1/${collection}/${encodeURIComponent(id)}/events`);
   const hear = (ended: boolean) => (event: MessageEvent<string>) => {
     if (ended) source.close(); // else the browser would come back and hear it again
     tell(JSON.parse(event.data) as Standing, ended);
   };
+  source.addEventListener("open", () => away?.(false));
+  source.addEventListener("error", () => away?.(true));
   source.addEventListener("progress", hear(false));
   source.addEventListener("end", hear(true));
   return () => source.close();

@@ -1,21 +1,20 @@
 /** Methods side by side on one set: the layout of the paper's Table II, and the same as a chart. */
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { follow, goesOn, type Standing } from "../api/events";
+import { goesOn } from "../api/events";
 import type { ComparedFit, Comparison, JointResult, MeasurementSet } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Busy, Choice, Name, ProblemNote, Show, State, Title, Warnings, When } from "../parts/basics";
+import { Choice, Name, ProblemNote, Show, State, Title, Warnings, When } from "../parts/basics";
+import { Cancelled, Going } from "../parts/going";
 import { Scroll, type Table } from "../parts/table";
 import { decimalsFor, fixed, percent, significant } from "../pure/format";
 import { axisStiffness, shownStiffness } from "../pure/stiffness";
 import { STIFFNESS_UNITS, type StiffnessUnit } from "../pure/units";
-import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { text } from "../text";
-import { Bar } from "./run_list";
 import { markOf } from "./run_stiffness";
 
 const words = text.compare;
@@ -35,8 +34,8 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
         <Title kind={words.methods} plain={words.of(set.name)}><Name>{set.name}</Name></Title>
         <p class="meta"><State state={comparison.state} /><a href={link(["sets", set.id])}>{text.sets.kind}</a><When time={comparison.provenance.created_at} /></p>
       </div>
-      {goesOn(comparison.state) && <Going comparison={comparison} ended={ended} />}
-      {comparison.state === "cancelled" && <p class="note">{text.run.cancelled}</p>}
+      {goesOn(comparison.state) && <Going collection="comparisons" job={comparison} cancel={() => api.cancelComparison(comparison.id)} ended={ended} />}
+      {comparison.state === "cancelled" && <Cancelled progress={comparison.progress} />}
       {comparison.error && <ProblemNote problem={comparison.error} />}
       {comparison.result && (
         <>
@@ -46,18 +45,6 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
         </>
       )}
     </>
-  );
-}
-
-function Going({ comparison, ended }: { comparison: Comparison; ended: () => void }) {
-  const [standing, put] = useState<Standing>({ id: comparison.id, state: comparison.state, progress: comparison.progress ?? null });
-  useEffect(() => follow("comparisons", comparison.id, (now, end) => (end ? ended() : put(now))), [comparison.id]);
-  const cancel = useAction(() => api.cancelComparison(comparison.id));
-  return (
-    <section class="card going">
-      <Busy label={text.states[standing.state] ?? ""} /><Bar standing={standing} />
-      <button type="button" class="button" disabled={cancel.busy} onClick={cancel.run}>{cancel.busy ? text.run.cancelling : text.run.cancel}</button>
-    </section>
   );
 }
 

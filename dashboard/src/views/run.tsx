@@ -1,9 +1,8 @@
 /** One run: its state while it goes on, then its result in four parts. */
-import { useEffect, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
-import { follow, goesOn, type Standing } from "../api/events";
-import type { Run } from "../api/types";
-import { Busy, Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
+import { goesOn } from "../api/events";
+import { Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
+import { Cancelled, Going } from "../parts/going";
 import { save } from "../parts/download";
 import { fileName } from "../pure/csv";
 import { freshKey } from "../pure/hash";
@@ -15,7 +14,6 @@ import { text } from "../text";
 import { isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
-import { Bar } from "./run_list";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -80,8 +78,8 @@ function restore(id: string): void {
 
 function Body({ context, part, ended }: { context: RunContext; part: string; ended: () => void }) {
   const { run } = context;
-  if (goesOn(run.state)) return <Going run={run} ended={ended} />;
-  if (run.state === "cancelled") return <p class="note">{text.run.cancelled}</p>;
+  if (goesOn(run.state)) return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
+  if (run.state === "cancelled") return <Cancelled progress={run.progress} />;
   if (run.error) return <><h2>{text.run.failed}</h2><ProblemNote problem={run.error} /></>;
   if (!run.result) return null;
   const views = text.run.views;
@@ -96,20 +94,5 @@ function Body({ context, part, ended }: { context: RunContext; part: string; end
         : part === "evidence" ? <EvidencePart context={context} result={run.result} />
         : <StiffnessPart context={context} result={run.result} />}
     </>
-  );
-}
-
-function Going({ run, ended }: { run: Run; ended: () => void }) {
-  const [standing, set] = useState<Standing>({ id: run.id, state: run.state, progress: run.progress ?? null });
-  useEffect(() => follow("runs", run.id, (now, end) => (end ? ended() : set(now))), [run.id]);
-  const cancel = useAction(() => api.cancelRun(run.id));
-  return (
-    <section class="card going" aria-live="polite">
-      <Busy label={text.states[standing.state] ?? text.app.loading} />
-      <Bar standing={standing} />
-      <p>{text.run.started}</p>
-      <button type="button" class="button" disabled={cancel.busy} onClick={cancel.run}>{cancel.busy ? text.run.cancelling : text.run.cancel}</button>
-      {cancel.problem && <ProblemNote problem={cancel.problem} />}
-    </section>
   );
 }

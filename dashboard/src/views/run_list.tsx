@@ -3,6 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { follow, goesOn, type Standing } from "../api/events";
 import type { RunSummary } from "../api/types";
 import { Name, State, When } from "../parts/basics";
+import { Bar } from "../parts/going";
 import type { Names } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../text";
@@ -40,14 +41,6 @@ function RunRow({ run, names, live, remove }: { run: RunSummary; names: Names | 
       )}
     </li>
   );
-}
-
-/** The progress of something long. */
-export function Bar({ standing }: { standing: Standing }) {
-  const { progress } = standing;
-  if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
-  const label = text.run.progressOf(progress.done, progress.total, progress.unit);
-  return <span class="progress"><progress aria-label={text.run.progress} value={progress.done} max={progress.total} /><small>{label}</small></span>;
 }
 
 /** A run's state, live while it goes on and is followed. */

@@ -10,7 +10,7 @@ import { text } from "../text";
 import { RunList } from "./run_list";
 
 type Filter = "all" | RunState;
-const FILTERS: Filter[] = ["all", "succeeded", "running", "failed"];
+const FILTERS: Filter[] = ["all", "succeeded", "queued", "running", "failed", "cancelled"];
 
 export function RunsView({ query }: { query: URLSearchParams }) {
   const [search, setSearch] = useState(query.get("q") ?? "");

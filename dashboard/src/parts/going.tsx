@@ -1,0 +1,58 @@
+/** Something that takes long: how far it is, how long it will take, whether the service is there, and how to end it. */
+import { useEffect, useRef, useState } from "preact/hooks";
+import { type Collection, follow, type Standing } from "../api/events";
+import type { Progress, RunState } from "../api/types";
+import { roughTime, secondsLeft, type Mark } from "../pure/progress";
+import { useAction } from "../state/action";
+import { text } from "../text";
+import { Busy, ProblemNote } from "./basics";
+
+interface Job {
+  id: string;
+  state: RunState;
+  progress?: Progress | null;
+}
+
+export function Going({ collection, job, cancel, ended }: { collection: Collection; job: Job; cancel: () => Promise<unknown>; ended: () => void }) {
+  const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
+  const [away, setAway] = useState(false);
+  useEffect(() => follow(collection, job.id, (now, end) => (end ? ended() : set(now)), setAway), [collection, job.id]);
+  const stop = useAction(cancel);
+  return (
+    <section class="card going" aria-live="polite">
+      <Busy label={text.states[standing.state] ?? text.app.loading} />
+      <Bar standing={standing} />
+      <Left standing={standing} />
+      {away ? <p class="note" role="alert">{text.run.away}</p> : <p>{text.run.started}</p>}
+      <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>{stop.busy ? text.run.cancelling : text.run.cancel}</button>
+      {stop.problem && <ProblemNote problem={stop.problem} />}
+    </section>
+  );
+}
+
+/** The progress of something long. */
+export function Bar({ standing: { progress } }: { standing: Standing }) {
+  if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
+  const label = text.run.progressOf(progress.done, progress.total, progress.unit);
+  return <span class="progress"><progress aria-label={text.run.progress} value={progress.done} max={progress.total} /><small>{label}</small></span>;
+}
+
+/** How far something came that was cancelled. */
+export function Cancelled({ progress }: { progress: Progress | null | undefined }) {
+  return (
+    <p class="note">
+      {text.run.cancelled}
+      {progress && <> {text.run.cameTo(text.run.progressOf(progress.done, progress.total, progress.unit))}</>}
+    </p>
+  );
+}
+
+function Left({ standing: { progress } }: { standing: Standing }) {
+  const first = useRef<Mark | null>(null);
+  if (!progress) return null;
+  const now = { done: progress.done, at: performance.now() };
+  first.current ??= now;
+  if (now.done < first.current.done) first.current = now; // it began anew
+  const seconds = secondsLeft(first.current, now, progress.total);
+  return <p class="soft">{seconds === null ? text.run.leftUnknown : text.run.left(roughTime(seconds))}</p>;
+}

@@ -1,0 +1,19 @@
+"""Where the command begins: Ctrl-C while the libraries are read, a few seconds, ends it without a word."""
+
+from __future__ import annotations
+
+import signal
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Entry point of the command."""
+    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not so under nohup
+    if interruptible:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from service.cli.app import app  # here, as this is what takes long
+
+    if interruptible:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    app()
