@@ -78,6 +78,7 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
     )
     app.state.parts = Parts.of(store, announce)
     app.state.watches = Watches()
+    app.state.is_closing = lambda: False
     app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
     resources = (robots, kinematics, geometries, measurement_sets, runs, comparisons, pairs, imports)
     for module in (*resources, health):

@@ -17,6 +17,8 @@ from types import TracebackType
 from typing import Any, Final, ParamSpec, TypeVar
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from service.jobs import AnyJobs
 from service.ledger import APPLICATION, QUEUES, VERSION, Ledger, as_store_errors, engine_url, schema_of
@@ -24,7 +26,7 @@ from service.store import Store
 from service.store_errors import StoreUnavailableError
 from service.work import Span
 
-__all__ = ["Engine"]
+__all__ = ["ATTEMPTS", "Engine"]
 
 _PARTS: Final = 8
 """Of a job at least, as long as it has so many steps: work for as many workers."""
@@ -34,8 +36,8 @@ _FIRST: Final = 8
 """Parts of each job that go before what is left of longer ones: a small job does not wait for a large one."""
 _AT_ONCE: Final = {"job": 16, "part": 1}
 """A worker waits for some jobs, and computes one part: work for one processor."""
-_ATTEMPTS: Final = 50
-"""Deaths of workers over one workflow, after which it is given up."""
+ATTEMPTS: Final = 50
+"""Deaths of workers over one job, after which it is given up."""
 _POLL_SECONDS: Final = 0.1
 _WAIT_SECONDS: Final = 0.2
 """Between two looks at a part that a job waits for."""
@@ -45,12 +47,22 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+_DATABASE_ERRORS: Final = (OperationalError, InterfaceError, PoolTimeoutError)
+
+
+class _Interruption(BaseException):
+    """The engine's tables could not be used: no result of a workflow, whatever is done with exceptions.
+
+    It is not recorded, so that the workflow counts as begun; the janitor sees that nobody carries it out.
+    """
+
+
 class Engine:
     """A worker's side: carries out jobs until closed. One a process.
 
     Attributes:
         ledger: of the jobs.
-        active: ids of the workflows that this process is carrying out.
+        active: ids of the workflows that this process is carrying out, one for each time.
     """
 
     def __init__(self, store: Store, jobs: Mapping[str, AnyJobs], database: str, executor: str) -> None:
@@ -66,7 +78,7 @@ class Engine:
             StoreError: the engine's tables cannot be made or used.
         """
         self.ledger = Ledger(store, database)
-        self.active: set[str] = set()
+        self.active: list[str] = []
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": engine_url(database),
@@ -166,27 +178,36 @@ def _patient(step: Callable[P, R]) -> Callable[P, R]:
     return carry_out
 
 
-def _register(steps: _Steps, active: set[str]) -> None:
-    """Make workflows of the steps."""
+def _noting(active: list[str]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator that notes which workflows are carried out, and lets no fault of the database end one."""
 
     def noted(workflow: Callable[P, R]) -> Callable[P, R]:
         @wraps(workflow)
         def carry_out(*args: P.args, **kwargs: P.kwargs) -> R:
             identifier = str(DBOS.workflow_id)
-            active.add(identifier)
+            active.append(identifier)
             try:
                 return workflow(*args, **kwargs)
+            except _DATABASE_ERRORS as error:
+                raise _Interruption from error
             finally:
-                active.discard(identifier)
+                active.remove(identifier)
 
         return carry_out
 
-    @DBOS.workflow(name="part", max_recovery_attempts=_ATTEMPTS)
+    return noted
+
+
+def _register(steps: _Steps, active: list[str]) -> None:
+    """Make workflows of the steps."""
+    noted = _noting(active)
+
+    @DBOS.workflow(name="part", max_recovery_attempts=ATTEMPTS)
     @noted
     def carry_out_part(kind: str, job_id: str, spans: list[Span]) -> list[str]:
         return _until_ended(lambda span: steps.compute(kind, job_id, span), spans)
 
-    @DBOS.workflow(name="job", max_recovery_attempts=_ATTEMPTS)
+    @DBOS.workflow(name="job", max_recovery_attempts=ATTEMPTS)
     @noted
     def carry_out_job(kind: str, job_id: str) -> None:
         try:
@@ -201,5 +222,7 @@ def _register(steps: _Steps, active: set[str]) -> None:
             count = len(parts)
             in_order = [computed[i % count][i // count] for i in range(sum(map(len, parts)))]
             steps.conclude(kind, job_id, in_order)
+        except _DATABASE_ERRORS:
+            raise
         except Exception as failure:  # noqa: BLE001 - the boundary of a job
             steps.fail(kind, job_id, failure)

@@ -7,10 +7,10 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from service.deletion import KEEP_DELETED
-from service.engine import Engine
+from service.engine import ATTEMPTS, Engine
 from service.heartbeats import Heartbeats
 from service.jobs import AnyJobs
-from service.ledger import Outcome
+from service.ledger import Outcome, job_of
 
 __all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "SILENT_SECONDS", "Janitor", "WorkerLostError"]
 
@@ -62,6 +62,7 @@ class Janitor:
         self._now = now
         self._idle: set[str] = set()
         self._lost: set[str] = set()
+        self._unknown: set[str] = set()
 
     def look(self) -> None:
         """Show a sign of life, and mend what is found.
@@ -71,17 +72,19 @@ class Janitor:
         """
         living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
         pending = self._engine.ledger.pending()
-        mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
-        # Taken by this process and not carried out: its thread ended without a word, say on a full disk.
-        idle = mine - self._engine.active
-        self._resume(idle & self._idle, pending)
-        self._idle = idle
+        duties = [lambda: self._take_up_idle(pending)]
         if living and living[0] == self._executor:  # one of the living is enough
             abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
-            self._resume(abandoned, pending)
-            self._look_after_jobs()
-            self._tidy()
-            self._purge()
+            duties += [
+                lambda: self._count_deaths(abandoned, pending),
+                lambda: self._resume(abandoned, pending),
+                self._look_after_jobs,
+                self._tidy,
+                self._purge,
+            ]
+        failures = [failure for failure in map(_failure, duties) if failure]  # none keeps from the others
+        if failures:
+            raise failures[0]
 
     def hand_over(self) -> None:
         """Leave what this worker has begun to the others, as it is about to end."""
@@ -89,34 +92,60 @@ class Janitor:
         self._resume({name for name, (_, executor) in pending.items() if executor == self._executor}, pending)
         self._heartbeats.forget(self._executor)
 
+    def _take_up_idle(self, pending: dict[str, tuple[str, str]]) -> None:
+        """What this process took and does not carry out: its thread ended as the database was in the way."""
+        mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
+        idle = mine - set(self._engine.active)
+        self._resume(idle & self._idle, pending)
+        self._idle = idle
+
+    def _count_deaths(self, abandoned: set[str], pending: dict[str, tuple[str, str]]) -> None:
+        """Fail a job over which too many workers died, else it would take all others with it.
+
+        A worker dies over the job whose part it computes or whose result it puts together, not over those
+        that it waits for.
+        """
+        computed = {job_of(name) for name in abandoned if pending[name][0] == "part"}
+        for jobs in self._jobs.values():
+            for job_id in {job_of(name) for name in abandoned}:
+                if not jobs.goes_on(job_id) or not (job_id in computed or jobs.is_computed(job_id)):
+                    continue
+                if jobs.log.died(job_id) >= ATTEMPTS:
+                    jobs.fail(job_id, WorkerLostError(f"{ATTEMPTS} workers died over job {job_id}"))
+
     def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
         self._engine.ledger.resume((name, pending[name][0]) for name in names)
 
     def _look_after_jobs(self) -> None:
-        lost = set()
+        lost, missing = set[str](), set[str]()
         for kind, jobs in self._jobs.items():
             open_jobs = jobs.log.open_jobs()
             outcomes = self._engine.ledger.outcomes(open_jobs) if open_jobs else {}
-            self._renew(kind, {job for job, outcome in outcomes.items() if outcome.outdated})
-            lost |= self._fail_lost(jobs, open_jobs, outcomes)
-        self._lost = lost
+            unknown = set(open_jobs) - set(outcomes)
+            outdated = {job for job, outcome in outcomes.items() if outcome.outdated}
+            self._renew(kind, outdated | unknown & self._unknown)
+            lost |= self._fail_lost(jobs, outcomes)
+            missing |= unknown
+        self._lost, self._unknown = lost, missing
 
-    def _renew(self, kind: str, outdated: set[str]) -> None:
-        """Announce again what waits for a worker of an earlier version; there will be no such worker."""
-        for job_id in outdated:
+    def _renew(self, kind: str, job_ids: set[str]) -> None:
+        """Announce again what waits for workers of an earlier version, as there will be none.
+
+        Also what the engine does not know: who did so before may have died half-way.
+        """
+        for job_id in job_ids:
             self._jobs[kind].log.forget_steps([job_id])
             self._engine.ledger.renew(kind, job_id)
 
-    def _fail_lost(self, jobs: AnyJobs, open_jobs: list[str], outcomes: dict[str, Outcome]) -> set[str]:
-        """End open jobs whose workflow has ended without ending them, or is not there, two looks in a row.
+    def _fail_lost(self, jobs: AnyJobs, outcomes: dict[str, Outcome]) -> set[str]:
+        """End open jobs whose workflow has ended without ending them, two looks in a row.
 
         Returns:
             Those that look lost now.
         """
-        lost = {job for job in open_jobs if job not in outcomes or outcomes[job].ended}
+        lost = {job for job, outcome in outcomes.items() if outcome.ended}
         for job_id in lost & self._lost:
-            how = outcomes[job_id].status if job_id in outcomes else "unknown to the engine"
-            jobs.fail(job_id, WorkerLostError(f"the engine gave job {job_id} up: {how}"))
+            jobs.fail(job_id, WorkerLostError(f"the engine gave job {job_id} up: {outcomes[job_id].status}"))
         return lost
 
     def _tidy(self) -> None:
@@ -131,3 +160,11 @@ class Janitor:
         before = self._now() - KEEP_DELETED
         for jobs in self._jobs.values():
             jobs.deletions.purge(before, _REMOVED)
+
+
+def _failure(duty: Callable[[], None]) -> Exception | None:
+    try:
+        duty()
+    except Exception as failure:  # noqa: BLE001 - raised once all is done
+        return failure
+    return None

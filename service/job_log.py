@@ -11,7 +11,7 @@ from sqlalchemy import Select, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.database import Database
-from service.tables import TABLES, job_steps
+from service.tables import TABLES, job_deaths, job_steps
 
 __all__ = ["OPEN_STATES", "JobLog", "Standing"]
 
@@ -79,13 +79,13 @@ class JobLog:
         with self._database.writing() as connection:
             connection.execute(update(self._table).where(*queued).values(state="running", document=document))
 
-    def end(self, job_id: str, state: str, document: Callable[[int], str]) -> bool:
+    def end(self, job_id: str, state: str, document: Callable[[str, int], str]) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
         Args:
             job_id: of the job.
             state: its final one.
-            document: makes its document of how many of its units are done by now.
+            document: makes its last document of the one before and of how many of its units are done.
 
         Returns:
             Whether it was this call that ended it.
@@ -93,8 +93,9 @@ class JobLog:
         goes_on = self._table.c.id == job_id, self._table.c.state.in_(OPEN_STATES)
         with self._database.writing() as connection:
             ended = connection.execute(update(self._table).where(*goes_on).values(state=state)).rowcount == 1
-            if ended:  # no one else can end it any more, nor start a step of it
-                text = document(int(connection.execute(_done_of(job_id)).scalar_one() or 0))
+            if ended:  # no one else can end or start it any more
+                before = connection.execute(select(self._table.c.document).where(goes_on[0])).scalar_one()
+                text = document(str(before), int(connection.execute(_done_of(job_id)).scalar_one() or 0))
                 connection.execute(update(self._table).where(goes_on[0]).values(document=text))
         return ended
 
@@ -109,10 +110,24 @@ class JobLog:
         with self._database.reading() as connection:
             return int(connection.execute(_done_of(job_id)).scalar_one() or 0)
 
+    def died(self, job_id: str) -> int:
+        """A worker died over a job.
+
+        Returns:
+            How many have by now.
+        """
+        mine = job_deaths.c.job_id == job_id
+        with self._database.writing() as connection:
+            more = update(job_deaths).where(mine).values(deaths=job_deaths.c.deaths + 1)
+            if connection.execute(more).rowcount == 0:
+                connection.execute(insert(job_deaths).values(job_id=job_id, deaths=1))
+            return int(connection.execute(select(job_deaths.c.deaths).where(mine)).scalar_one())
+
     def forget_steps(self, job_ids: Sequence[str]) -> None:
         """Remove what was reported of some jobs, when no one asks for it any more."""
         with self._database.writing() as connection:
-            connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(job_ids)))
+            for table in (job_steps, job_deaths):
+                connection.execute(delete(table).where(table.c.job_id.in_(job_ids)))
 
 
 def _done_of(job_id: str) -> Select[Any]:

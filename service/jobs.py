@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, Final, Generic
 from uuid import uuid4
 
@@ -28,6 +29,8 @@ __all__ = ["Announce", "AnyJobs", "Jobs"]
 
 MAX_OPEN: Final = 1_000
 """Jobs of a kind that wait or are carried out; as many look at the same time and a few more may get in."""
+
+_NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
 
@@ -132,7 +135,7 @@ class Jobs(Generic[Request, Message, JobRecord]):
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
-            self._end(job, "cancelled")
+            self._end(job_id, "cancelled")
         return self.current(job_id)
 
     def delete(self, job_id: str) -> None:
@@ -171,11 +174,9 @@ class Jobs(Generic[Request, Message, JobRecord]):
 
     def conclude(self, job_id: str, computed: Sequence[str]) -> None:
         """Put a job together from the encoded results of all its steps, in order, and end it."""
-        job, work = self.current(job_id), self.work(job_id)
+        work = self.work(job_id)
         result, error = _outcome(lambda: work.conclude([work.decode(text) for text in computed]))
-        computed_by = job.provenance.model_copy(update={"versions": dict(versions())})
-        changes = {"result": result, "error": error, "provenance": computed_by}
-        self._end(job.model_copy(update=changes), _final(error))
+        self._end(job_id, _final(error), {"result": result, "error": error}, {"versions": dict(versions())})
 
     def fail(self, job_id: str, failure: Exception) -> None:
         """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
@@ -186,7 +187,12 @@ class Jobs(Generic[Request, Message, JobRecord]):
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = _unexpected()
-        self._end(self.current(job_id).model_copy(update={"error": error}), "failed")
+        self._end(job_id, "failed", {"error": error})
+
+    def is_computed(self, job_id: str) -> bool:
+        """Whether all steps of a job that goes on are done, and its result is being put together."""
+        progress = self.current(job_id).progress
+        return progress is not None and progress.done >= progress.total
 
     def _as_now(self, record: JobRecord) -> Message:
         job = self.kind.read(record.document)
@@ -239,15 +245,26 @@ class Jobs(Generic[Request, Message, JobRecord]):
             if self._tell is not None and job.progress is not None:
                 self._tell(job.progress.model_copy(update={"done": span[1]}))
 
-    def _end(self, job: Message, state: JobState) -> None:
-        ended = job.provenance.model_copy(update={"ended_at": datetime.now(UTC)})
+    def _end(
+        self,
+        job_id: str,
+        state: JobState,
+        changes: Mapping[str, object] = _NONE,
+        provenance: Mapping[str, object] = _NONE,
+    ) -> None:
+        """End a job as it is then: what others wrote of it meanwhile is kept."""
+        last = {"ended_at": datetime.now(UTC), **provenance}
 
-        def document(done: int) -> str:
-            progress = job.progress and job.progress.model_copy(update={"done": done})
-            changes = {"state": state, "progress": progress, "provenance": ended}
-            return job.model_copy(update=changes).model_dump_json()
+        def document(before: str, done: int) -> str:
+            job = self.kind.read(before)
+            always = {
+                "state": state,
+                "progress": job.progress and job.progress.model_copy(update={"done": done}),
+                "provenance": job.provenance.model_copy(update=last),
+            }
+            return job.model_copy(update={**changes, **always}).model_dump_json()
 
-        self.log.end(job.id, state, document)
+        self.log.end(job_id, state, document)
 
 
 AnyJobs = Jobs[Any, Any, Any]

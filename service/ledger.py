@@ -27,6 +27,7 @@ __all__ = [
     "Outcome",
     "as_store_errors",
     "engine_url",
+    "job_of",
     "schema_of",
 ]
 
@@ -97,8 +98,10 @@ class Ledger:
         self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
 
     def pending(self) -> dict[str, tuple[str, str]]:
-        """Workflows that a worker has taken and not ended: id → kind, executor."""
-        found = self._client.list_workflows(status="PENDING", load_input=False, load_output=False)
+        """Workflows of this version that a worker has taken and not ended: id → kind, executor."""
+        found = self._client.list_workflows(
+            status="PENDING", app_version=str(VERSION), load_input=False, load_output=False
+        )
         return {each.workflow_id: (each.name, str(each.executor_id)) for each in found}
 
     def resume(self, workflows: Iterable[tuple[str, str]]) -> None:
@@ -116,7 +119,7 @@ class Ledger:
         return found
 
     def renew(self, kind: str, job_id: str) -> None:
-        """Announce a job anew, in this version's layout; what was computed in an earlier one is lost."""
+        """Announce a job anew, in this version's layout; what was computed of it is lost."""
         self._client.delete_workflows([job_id], delete_children=True)
         self._client.enqueue(_announcement(job_id), kind, job_id)
 
@@ -151,6 +154,11 @@ def _announcement(job_id: str) -> EnqueueOptions:
         "workflow_id": job_id,
         "app_version": str(VERSION),
     }
+
+
+def job_of(workflow_id: str) -> str:
+    """The job that a workflow, of the job or of one of its parts, belongs to."""
+    return workflow_id.partition("-")[0]
 
 
 def engine_url(database: str) -> str:

@@ -75,7 +75,9 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             timeout_graceful_shutdown=_GOODBYE_SECONDS,
         )
         gc.freeze()  # libraries stay to the end; no collection need look through them
-        uvicorn.Server(config).run(sockets=[listener])
+        server = uvicorn.Server(config)
+        app.state.is_closing = lambda: server.should_exit
+        server.run(sockets=[listener])
 
 
 def _mark(database: str) -> str:

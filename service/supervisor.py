@@ -8,13 +8,17 @@ import subprocess
 import sys
 import threading
 import time
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Final
 
-__all__ = ["DATABASE_VARIABLE", "Supervisor"]
+__all__ = ["DATABASE_VARIABLE", "ONE_THREAD", "Supervisor"]
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""
+ONE_THREAD: Final = MappingProxyType(
+    dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
+"""Environment of a worker, read by numpy; with more threads N workers would fight for the processors."""
 _SHORT_LIFE_SECONDS: Final = 10.0
 _PAUSE_SECONDS: Final = 2.0
 """Before a worker that did not live long is replaced, so that one that cannot start does not spin."""
@@ -53,8 +57,9 @@ class Supervisor:
         self._stopping.set()
         for process in list(self._processes.values()):
             process.terminate()
+        deadline = time.monotonic() + _END_SECONDS
         for watcher in self._watchers:
-            watcher.join(_END_SECONDS)
+            watcher.join(max(0.0, deadline - time.monotonic()))
 
     def _keep(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
@@ -86,9 +91,5 @@ class Supervisor:
 
 
 def _environment(database: str) -> dict[str, str]:
-    """The database's URL, as the arguments of a process are for all to see, and one thread of linear algebra.
-
-    With more threads, N workers would fight for the processors.
-    """
-    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    return os.environ | threads | {DATABASE_VARIABLE: database}
+    """With the database's URL, as the arguments of a process are for all to see."""
+    return os.environ | ONE_THREAD | {DATABASE_VARIABLE: database}

@@ -40,7 +40,16 @@ from service.records import (
     RunRecord,
 )
 
-__all__ = ["FILTERS", "PARENTS", "TABLES", "heartbeats", "idempotency_keys", "job_steps", "metadata"]
+__all__ = [
+    "FILTERS",
+    "PARENTS",
+    "TABLES",
+    "heartbeats",
+    "idempotency_keys",
+    "job_deaths",
+    "job_steps",
+    "metadata",
+]
 
 metadata = MetaData(
     naming_convention={
@@ -182,6 +191,13 @@ job_steps = Table(
     Column("job_id", String, primary_key=True),  # of a job of any kind
     Column("start", Integer, primary_key=True, autoincrement=False),
     Column("done", Integer, nullable=False),
+)
+
+job_deaths = Table(
+    "job_deaths",
+    metadata,
+    Column("job_id", String, primary_key=True),  # of a job of any kind
+    Column("deaths", Integer, nullable=False),
 )
 
 heartbeats = Table(

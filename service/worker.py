@@ -24,6 +24,9 @@ __all__ = ["run_worker"]
 _EARLY_BEAT: Final = 1.0
 """The first looks come sooner, as there may be something to take over."""
 
+_GOODBYE_SECONDS: Final = 8.0
+"""For handing over; after 30 s of silence others take over by themselves."""
+
 _logger = logging.getLogger(__name__)
 
 
@@ -49,17 +52,25 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     store.heartbeats.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
     with Engine(store, jobs, database, executor) as engine:
         janitor = Janitor(store.heartbeats, jobs, engine, executor)
+        keeper = threading.Thread(target=_look_after, args=(janitor, stop), daemon=True)
         gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
         console().print(f"worker {executor} ready", markup=False)
-        pause = _EARLY_BEAT
-        while not stop.is_set():
-            _patiently(janitor.look)
-            stop.wait(pause)
-            pause = BEAT_SECONDS
+        keeper.start()
+        stop.wait()
+        keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
+        # A step under way would keep the process alive to its end; it belongs to someone else by now.
+        sys.stdout.flush()
+        os._exit(0)
+
+
+def _look_after(janitor: Janitor, stop: threading.Event) -> None:
+    """Look at every beat; at the end, hand over."""
+    pause = _EARLY_BEAT
+    while not stop.is_set():
+        _patiently(janitor.look)
+        stop.wait(pause)
+        pause = BEAT_SECONDS
     _patiently(janitor.hand_over)
-    # A step under way would keep the process alive to its end; it belongs to someone else by now.
-    sys.stdout.flush()
-    os._exit(0)
 
 
 def _patiently(act: Callable[[], None]) -> None:

@@ -12,7 +12,7 @@ from schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
 from schemas.query import ComparisonQuery
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import COMPARISONS
-from service.api.jobs import JobId, Wait, answer, delete, follow, restore
+from service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
 from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
 from service.comparison_csv import comparison_csv
 from service.records import ComparisonEntry
@@ -37,6 +37,7 @@ async def post_comparison(
     parts: PartsOf,
     body: Annotated[Body[ComparisonRequest], Depends(read_body(ComparisonRequest, MAX_RUN_BYTES))],
     query: Wait,
+    is_closing: Closing,
 ) -> Response:
     """Identify by several methods, free and constrained, and store the results side by side.
 
@@ -44,7 +45,7 @@ async def post_comparison(
     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
     have their numbers.
     """
-    return await answer(parts.comparisons, "comparisons", body, query.wait)
+    return await answer(parts.comparisons, "comparisons", body, query.wait, is_closing)
 
 
 @router.get("", response_model=Page[ComparisonSummary], responses=problems(422))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
@@ -16,14 +17,24 @@ from service.job_log import OPEN_STATES
 from service.jobs import AnyJobs
 from service.store_errors import NotFoundError, StoreUnavailableError
 
-__all__ = ["JobId", "Wait", "answer", "delete", "follow", "restore"]
+__all__ = ["Closing", "JobId", "Wait", "answer", "delete", "follow", "restore"]
 
 JobId = Annotated[str, Path(max_length=64)]
 
 Wait = Annotated[WaitQuery, Query()]
 
 
-async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -> Response:
+def _closing(request: Request) -> Callable[[], bool]:
+    tells: Callable[[], bool] = request.app.state.is_closing
+    return tells
+
+
+Closing = Annotated[Callable[[], bool], Depends(_closing)]
+
+
+async def answer(
+    jobs: AnyJobs, collection: str, body: Body[Any], wait: float, is_closing: Callable[[], bool]
+) -> Response:
     """Create a job; 201 with the job if it ends within `wait` seconds, else 202 with the job as it is.
 
     Args:
@@ -31,6 +42,7 @@ async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -
         collection: their name in addresses.
         body: what is asked for.
         wait: in seconds.
+        is_closing: tells whether the service is about to end, which ends the wait.
 
     Raises:
         RequestError: it cannot be done, and nothing is stored.
@@ -39,7 +51,7 @@ async def answer(jobs: AnyJobs, collection: str, body: Body[Any], wait: float) -
     if record.state not in OPEN_STATES:
         return created(collection, record.id, record.document)
     try:
-        await wait_for_end(jobs, record.id, wait)
+        await wait_for_end(jobs, record.id, wait, is_closing)
         job = await run_in_threadpool(jobs.current, record.id)
     except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
         return created(collection, record.id, record.document, 202)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from fastapi.concurrency import run_in_threadpool
 
 from service.job_log import Standing
 from service.jobs import AnyJobs
 from service.kinds import Job
-from service.store_errors import StoreUnavailableError
+from service.store_errors import NotFoundError, StoreUnavailableError
 
 __all__ = ["Watches", "wait_for_end"]
 
@@ -21,6 +20,7 @@ _LOOK_SECONDS: Final = 0.1
 _LOOK_SHARE: Final = 0.05
 """Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who
 wait a minute would otherwise keep all threads busy."""
+_LONGEST_LOOK: Final = 2.0
 _EVENT_SECONDS: Final = 0.5
 """Between two looks at a job that is followed."""
 _QUIET_LOOKS: Final = 30
@@ -28,13 +28,17 @@ _QUIET_LOOKS: Final = 30
 _AT_A_TIME: Final = 8
 """Followers that are told between two turns of the loop: hundreds must not keep other clients waiting."""
 
+Answer = TypeVar("Answer")
 
-async def wait_for_end(jobs: AnyJobs, job_id: str, wait: float) -> None:
-    """Return when a job has ended, or after `wait` seconds."""
+
+async def wait_for_end(jobs: AnyJobs, job_id: str, wait: float, is_closing: Callable[[], bool]) -> None:
+    """Return when a job has ended, after `wait` seconds, or soon after the service was told to end."""
     clock = asyncio.get_running_loop().time
     began = clock()
     while (await run_in_threadpool(jobs.standing, job_id)).goes_on and (waited := clock() - began) < wait:
-        await asyncio.sleep(min(max(_LOOK_SECONDS, _LOOK_SHARE * waited), wait - waited))
+        if is_closing():
+            return
+        await asyncio.sleep(min(max(_LOOK_SECONDS, _LOOK_SHARE * waited), _LONGEST_LOOK, wait - waited))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +84,22 @@ class _Watch:
             raise
 
     async def _follow(self, jobs: AnyJobs, job_id: str) -> None:
-        job = await run_in_threadpool(jobs.current, job_id)
+        job = await _asked(jobs.current, job_id)
         standing, quiet = Standing(job.state, job.progress.done if job.progress else 0), 0
         while standing.goes_on:
-            progress = job.progress and job.progress.model_copy(update={"done": standing.done})
-            event = _event("progress", job.model_copy(update={"state": standing.state, "progress": progress}))
+            event = _event("progress", _at(standing, job))
             quiet = quiet + 1 if self.news and self.news.text == event else 0
             if quiet == 0:
                 await self._tell(_News(event))
             elif quiet % _QUIET_LOOKS == 0:
                 await self._tell(_News(": still running\n\n"))
             await asyncio.sleep(_EVENT_SECONDS)
-            with suppress(StoreUnavailableError):  # it will be back
-                standing = await run_in_threadpool(jobs.standing, job_id)
-        await self._tell(_News(_event("end", await run_in_threadpool(jobs.current, job_id)), last=True))
+            standing = await _asked(jobs.standing, job_id)
+        try:
+            job = await _asked(jobs.current, job_id)
+        except NotFoundError:  # deleted as soon as it had ended
+            job = _at(standing, job)
+        await self._tell(_News(_event("end", job), last=True))
 
     async def _tell(self, news: _News) -> None:
         self.news, waiting, self._waiting = news, self._waiting, []
@@ -129,6 +135,20 @@ class Watches:
             if watch.followers == 0:
                 watch.stop()
                 self._watches.pop(job_id, None)
+
+
+def _at(standing: Standing, job: Job) -> Job:
+    progress = job.progress and job.progress.model_copy(update={"done": standing.done})
+    return job.model_copy(update={"state": standing.state, "progress": progress})
+
+
+async def _asked(ask: Callable[[str], Answer], job_id: str) -> Answer:
+    """What is asked of a job, however long the database is away."""
+    while True:
+        try:
+            return await run_in_threadpool(ask, job_id)
+        except StoreUnavailableError:
+            await asyncio.sleep(_EVENT_SECONDS)
 
 
 def _event(name: str, job: Job) -> str:

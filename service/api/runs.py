@@ -12,7 +12,7 @@ from schemas.query import RunQuery
 from schemas.run import Run, RunRequest, RunSummary
 from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
 from service.api.examples import RUNS
-from service.api.jobs import JobId, Wait, answer, delete, follow, restore
+from service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
 from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
 from service.records import RunEntry
 
@@ -32,6 +32,7 @@ async def post_run(
     parts: PartsOf,
     body: Annotated[Body[RunRequest], Depends(read_body(RunRequest, MAX_RUN_BYTES))],
     query: Wait,
+    is_closing: Closing,
 ) -> Response:
     """Identify the joint stiffnesses, and store the result with its provenance.
 
@@ -39,7 +40,7 @@ async def post_run(
     run as it is and its address. A method that the readings cannot support is refused, and nothing is
     stored. Any other failure is a stored run in state `failed` that says why.
     """
-    return await answer(parts.runs, "runs", body, query.wait)
+    return await answer(parts.runs, "runs", body, query.wait, is_closing)
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
+
+from service.supervisor import ONE_THREAD
 
 __all__ = ["main"]
 
@@ -12,6 +16,8 @@ def main() -> None:
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not so under nohup
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.argv[1:2] == ["worker"]:
+        os.environ.update(ONE_THREAD)
     from service.cli.app import app  # here, as this is what takes long
 
     if interruptible:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import psycopg
 import pytest
 from sqlalchemy import func, select
 
@@ -261,6 +262,35 @@ def test_a_run_survives_the_death_of_worker_and_service(
         service.terminate()
         assert service.wait(20) == 0
         assert not workers_of(database)
+
+
+def test_a_run_survives_statements_of_the_engine_that_are_cancelled(
+    new_postgresql_database: Callable[[], str], campaign: dict[str, Any], undisturbed: dict[str, Any]
+) -> None:
+    """As by a time limit of the server; the engine itself takes this fault for the result of a workflow."""
+    database = new_postgresql_database()
+    with (
+        working(database, "worker") as worker,
+        serving(database, 0, free_port()) as service,
+        connected(ready(service)) as client,
+        psycopg.connect(database, autocommit=True) as connection,
+    ):
+        ready(worker)
+        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
+        further(client, address, 0)
+        connection.execute(
+            "CREATE FUNCTION cancel() RETURNS trigger LANGUAGE plpgsql AS "
+            "$$ BEGIN RAISE EXCEPTION 'cancelled' USING ERRCODE = 'query_canceled'; END $$"
+        )
+        table = "dbos.operation_outputs"
+        connection.execute(
+            f"CREATE TRIGGER cancel BEFORE INSERT ON {table} FOR EACH ROW EXECUTE FUNCTION cancel()"
+        )
+        time.sleep(2.0)
+        connection.execute(f"DROP TRIGGER cancel ON {table}")
+        assert client.get(address).json()["state"] == "running"
+        until(lambda: client.get(address).json()["state"] not in OPEN)
+        assert numbers(client.get(address).json()) == undisturbed
 
 
 @pytest.mark.slow

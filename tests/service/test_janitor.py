@@ -21,7 +21,7 @@ class LedgerEngine:
 
     def __init__(self):
         self.ledger = self
-        self.active = set()
+        self.active = []
         self.taken = {}
         self.ended = {}
         self.resumed = []
@@ -70,7 +70,7 @@ def janitor_of(store, runs, engine, executor="alive"):
 def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):
     janitor = janitor_of(store, runs, engine)
     engine.taken = {"job-1": ("job", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
-    engine.active = {"part-2"}
+    engine.active = ["part-2"]
     janitor.look()
     assert sorted(engine.resumed) == [("job-1", "job"), ("part-1", "part")]
 
@@ -87,7 +87,7 @@ def test_the_living_are_left_alone(store, runs, engine):
     first, second = (janitor_of(store, runs, engine, name) for name in ("a", "b"))
     first.look()
     engine.taken = {"job-1": ("job", "b")}
-    engine.active = {"job-1"}
+    engine.active = ["job-1"]
     second.look()
     first.look()
     assert engine.resumed == []
@@ -102,15 +102,58 @@ def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store
     assert engine.resumed == [("part-1", "part")]
 
 
-@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS", None])
+@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
 def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
-    if status is not None:
-        engine.ended = {run.id: Outcome(status, VERSION)}
+    engine.ended = {run.id: Outcome(status, VERSION)}
     janitor = janitor_of(store, runs, engine)
     janitor.look()
     assert runs.current(run.id).state == "queued"
     janitor.look()
+    assert runs.current(run.id).state == "failed"
+
+
+def test_a_run_that_the_engine_does_not_know_is_announced_again(store, runs, engine):
+    """Who announced it anew may have died between taking the old announcement back and giving the new one."""
+    run = runs.create(request(stored_set(store)), None)
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    assert engine.renewed == []
+    janitor.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).state == "queued"
+
+
+def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
+    store, runs, engine, monkeypatch
+):
+    monkeypatch.setattr("service.janitor.ATTEMPTS", 3)
+    poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
+    runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
+    runs.log.report(waiting.id, 0, 120)
+    janitor = janitor_of(store, runs, engine)
+    for number in range(3):
+        assert {runs.current(run.id).state for run in (poison, waiting, heavy)} == {"queued"}
+        dead = f"dead-{number}"
+        engine.taken = {run.id: ("job", dead) for run in (poison, waiting, heavy)}
+        engine.taken[f"{poison.id}-1"] = ("part", dead)
+        engine.ended = {run.id: Outcome("PENDING", VERSION) for run in (poison, waiting, heavy)}
+        janitor.look()
+    assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
+
+
+def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, engine, monkeypatch):
+    def refuse(_workflows):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(engine, "resume", refuse)
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome("ERROR", VERSION)}
+    engine.taken = {"part-1": ("part", "dead")}
+    janitor = janitor_of(store, runs, engine)
+    for _ in range(2):
+        with pytest.raises(KeyError, match="odd"):
+            janitor.look()
     assert runs.current(run.id).state == "failed"
 
 

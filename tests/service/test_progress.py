@@ -55,6 +55,11 @@ class ScriptedJobs:
         )
 
 
+def goes_on():
+    """A service that is not about to end."""
+    return False
+
+
 @pytest.fixture(autouse=True)
 def _hurried(monkeypatch):
     monkeypatch.setattr(module, "_EVENT_SECONDS", 0.01)
@@ -141,22 +146,59 @@ def test_a_look_that_fails_ends_the_streams():
     assert [str(error) for error in asyncio.run(crowd())] == ["broken"] * 3
 
 
+def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
+    class Deleted(ScriptedJobs):
+        def standing(self, _job_id):
+            found = super().standing(_job_id)
+            return found if self.script else Standing("cancelled", 40)
+
+        def current(self, job_id):
+            if not self.script:
+                raise DeletedError(RunRecord, job_id)
+            return super().current(job_id)
+
+    told = asyncio.run(followed(Watches(), Deleted([10, 20, 30])))
+    assert told[-1].startswith("event: end")
+    last = json.loads(told[-1].splitlines()[1].removeprefix("data: "))
+    assert (last["state"], last["progress"]["done"]) == ("cancelled", 40)
+
+
+def test_an_outage_at_the_first_or_the_last_look_does_not_end_a_stream():
+    class Flickering(ScriptedJobs):
+        outages = 6
+
+        def current(self, job_id):
+            self.outages -= 1
+            if self.outages % 3:
+                raise StoreUnavailableError("away", "wait")
+            return super().current(job_id)
+
+    told = asyncio.run(followed(Watches(), Flickering([10])))
+    assert [event.splitlines()[0] for event in told] == ["event: progress"] * 2 + ["event: end"]
+
+
+def test_waiting_ends_when_the_service_is_told_to():
+    jobs = ScriptedJobs([1] * 10_000)
+    asyncio.run(wait_for_end(jobs, "r1", 60, lambda: jobs.looks > 2))
+    assert jobs.looks == 3
+
+
 def test_waiting_ends_with_the_job_or_with_patience():
     jobs = ScriptedJobs([1, 2, 3])
-    asyncio.run(wait_for_end(jobs, "r1", 60))
+    asyncio.run(wait_for_end(jobs, "r1", 60, goes_on))
     assert jobs.looks == 4
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.05))
+    asyncio.run(wait_for_end(jobs, "r1", 0.05, goes_on))
     assert len(jobs.script) > 1
 
 
 def test_those_who_wait_long_look_less_often(monkeypatch):
     monkeypatch.setattr(module, "_LOOK_SECONDS", 0.0)
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.2))
+    asyncio.run(wait_for_end(jobs, "r1", 0.2, goes_on))
     often = jobs.looks
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 2.0))
+    asyncio.run(wait_for_end(jobs, "r1", 2.0, goes_on))
     assert jobs.looks < 3 * often
 
 
@@ -172,6 +214,6 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
         def standing(self, _job_id):
             raise error
 
-    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5))
+    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5, goes_on))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"
