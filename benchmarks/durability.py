@@ -73,7 +73,7 @@ def run(*, quick: bool) -> list[Section]:
         }
         runs = {kind: _disturbed(new(), quick=quick) for kind, new in kinds.items()}
         posts = {kind: _posting(new(), 2 if quick else KILLS_WHILE_POSTING) for kind, new in kinds.items()}
-    return [_run_section(runs, undisturbed), _post_section(posts)]
+    return [_run_section(runs, undisturbed, 0 if quick else KILLS_OF_A_RUN), _post_section(posts)]
 
 
 # One long run
@@ -100,7 +100,7 @@ def _disturbed(database: str, *, quick: bool) -> Outcome:
     with httpx.Client(base_url=service.url, timeout=60.0) as client:
         body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
         address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
-        victims = [VICTIMS[number % len(VICTIMS)] for number in range(3 if quick else KILLS_OF_A_RUN)]
+        victims = [VICTIMS[number % len(VICTIMS)] for number in range(_kills(quick=quick))]
         chance.shuffle(victims)
         for victim in victims:
             time.sleep(chance.uniform(0.0, 5.0))
@@ -112,6 +112,10 @@ def _disturbed(database: str, *, quick: bool) -> Outcome:
         pass
     _count(database, outcome)
     return outcome
+
+
+def _kills(*, quick: bool) -> int:
+    return 3 if quick else KILLS_OF_A_RUN
 
 
 def _struck(service: Service, database: str, victim: str, outcome: Outcome) -> Service:
@@ -156,7 +160,7 @@ def _count(database: str, outcome: Outcome) -> None:
     outcome.steps, outcome.done = int(steps[0]), int(steps[1])
 
 
-def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any]) -> Section:
+def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: int) -> Section:
     def faults(outcome: Outcome) -> int:
         different = numbers(outcome.run) != undisturbed
         duplicates = outcome.rows != 1 or outcome.done != undisturbed["progress"]["total"]
@@ -179,8 +183,14 @@ def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any]) -> Secti
         columns=("database", "kills", "state", "numbers", "rows", "workers left", "slowest start"),
         rows=rows,
         figures=tuple(
-            Figure(f"{kind}: runs not succeeded, different, or stored twice", faults(found), "at most", 0)
+            figure
             for kind, found in runs.items()
+            for figure in (
+                Figure(f"{kind}: kills before the run had ended", found.kills, "at least", kills),
+                Figure(
+                    f"{kind}: runs not succeeded, different, or stored twice", faults(found), "at most", 0
+                ),
+            )
         ),
         notes=("the undisturbed run was carried out in one process, without engine and workers",),
         data={kind: {"kills": found.kills, "steps": found.steps} for kind, found in runs.items()},

@@ -173,7 +173,7 @@ def _get(client: httpx.Client, run_id: str) -> dict[str, Any]:
 
 
 def _ended(client: httpx.Client, run_id: str) -> dict[str, Any]:
-    """The run once it has ended, followed by its events as the command line does.
+    """The run once it has ended, followed by its events as the page does.
 
     To ask twenty times a second would take a tenth of a processor from the workers.
     """

@@ -16,4 +16,5 @@ class Health(Message):
 
     status: Literal["ok"]
     version: str = Field(description="Version of Jointstiff.")
+    workers: int = Field(description="Workers heard of within 30 s; without one, long jobs wait.")
     database: Literal["sqlite", "postgresql"]

@@ -8,16 +8,14 @@ from typing import Final
 
 from service.deletion import KEEP_DELETED
 from service.engine import ATTEMPTS, Engine
-from service.heartbeats import Heartbeats
+from service.heartbeats import SILENT_SECONDS, Heartbeats
 from service.jobs import AnyJobs
 from service.ledger import Outcome, job_of
 
-__all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "SILENT_SECONDS", "Janitor", "WorkerLostError"]
+__all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "Janitor", "WorkerLostError"]
 
 BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
-SILENT_SECONDS: Final = 30.0
-"""A worker not heard of for so long is taken for dead."""
 KEEP_SECONDS: Final = 3600.0
 """What the steps of a job computed is kept for so long after its end."""
 _REMOVED: Final = 20

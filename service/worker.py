@@ -13,7 +13,8 @@ from datetime import timedelta
 from typing import Final
 
 from service.engine import Engine
-from service.janitor import BEAT_SECONDS, SILENT_SECONDS, Janitor
+from service.heartbeats import SILENT_SECONDS
+from service.janitor import BEAT_SECONDS, Janitor
 from service.parts import Parts
 from service.store import Store
 from service.supervisor import DATABASE_VARIABLE

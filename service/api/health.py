@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
 from fastapi import APIRouter
 
 from schemas.health import Health
 from service.api.parts import PartsOf, problems
+from service.heartbeats import SILENT_SECONDS
 from service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["router"]
@@ -15,8 +18,9 @@ router = APIRouter(tags=["health"])
 
 @router.get("/health", response_model=Health, responses=problems())
 def get_health(parts: PartsOf) -> Health:
-    """Ask the database, and say which versions answer."""
-    return Health(status="ok", version=JOINTSTIFF_VERSION, database=parts.store.ping())
+    """Ask the database, and say which version answers, and how many workers there are."""
+    living = parts.store.heartbeats.living(timedelta(seconds=SILENT_SECONDS))
+    return Health(status="ok", version=JOINTSTIFF_VERSION, workers=len(living), database=parts.store.ping())
 
 
 @router.get("/v1", include_in_schema=False)

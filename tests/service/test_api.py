@@ -383,5 +383,6 @@ def test_health_and_index(client):
     health = client.get("/health").json()
     assert health["status"] == "ok"
     assert health["database"] in {"sqlite", "postgresql"}
+    assert health["workers"] == 0
     assert client.get("/v1").json()["runs"] == "/v1/runs"
     assert client.get("/openapi.json").json()["info"]["title"] == "Jointstiff"

@@ -210,6 +210,16 @@ def test_a_clock_that_was_set_back_does_not_keep_the_dead_alive(store, monkeypat
     assert store.heartbeats.beat("alive", SILENCE) == ["alive"]
 
 
+def test_the_living_are_counted_by_their_beats(store, monkeypatch):
+    now = datetime(2026, 11, 20, tzinfo=UTC)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now)
+    for executor in ("a", "b"):
+        store.heartbeats.beat(executor, SILENCE)
+    assert store.heartbeats.living(SILENCE) == ["a", "b"]
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now + 2 * SILENCE)
+    assert store.heartbeats.living(SILENCE) == []
+
+
 def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():
     asked = []
 

@@ -1,7 +1,7 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../text";
 import type {
-  Comparison, ComparisonSummary, Kinematics, MeasurementSet, MeasurementSetSummary, Page, Pair, PairSummary,
+  Comparison, ComparisonSummary, Health, Kinematics, MeasurementSet, MeasurementSetSummary, Page, Pair, PairSummary,
   Problem, Robot, RobotDocument, RobotSource, RobotSummary, Run, RunSummary,
 } from "./types";
 
@@ -72,6 +72,8 @@ const id = encodeURIComponent;
 
 /** Every address of the API that the page uses. */
 export const api = {
+  health: (signal?: AbortSignal) => call<Health>("GET", "/health", options(signal)),
+
   robots: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
   robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),

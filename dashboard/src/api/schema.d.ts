@@ -547,7 +547,7 @@ export interface paths {
         };
         /**
          * Get Health
-         * @description Ask the database, and say which versions answer.
+         * @description Ask the database, and say which version answers, and how many workers there are.
          */
         get: operations["get_health_health_get"];
         put?: never;
@@ -1717,6 +1717,11 @@ export interface components {
              * @description Version of Jointstiff.
              */
             version: string;
+            /**
+             * Workers
+             * @description Workers heard of within 30 s; without one, long jobs wait.
+             */
+            workers: number;
             /**
              * Database
              * @enum {string}

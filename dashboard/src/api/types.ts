@@ -9,6 +9,7 @@ export type Comparison = Schemas["Comparison"];
 export type ComparisonSummary = Schemas["ComparisonSummary"];
 export type DhModel = Schemas["DhModel"];
 export type DhRow = Schemas["DhRow"];
+export type Health = Schemas["Health"];
 export type JointMap = Schemas["JointMap"];
 export type JointResult = Schemas["JointResult"];
 export type Kinematics = Schemas["Kinematics"];

@@ -1,11 +1,14 @@
 /** Something that takes long: how far it is, how long it will take, whether the service is there, and how to end it. */
 import { useEffect, useRef, useState } from "preact/hooks";
+import { api } from "../api/client";
 import { type Collection, follow, type Standing } from "../api/events";
 import type { Progress, RunState } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../pure/progress";
 import { useAction } from "../state/action";
 import { text } from "../text";
 import { Busy, ProblemNote } from "./basics";
+
+const LOOK_MS = 10_000;
 
 interface Job {
   id: string;
@@ -23,6 +26,7 @@ export function Going({ collection, job, cancel, ended }: { collection: Collecti
       <Busy label={text.states[standing.state] ?? text.app.loading} />
       <Bar standing={standing} />
       <Left standing={standing} />
+      {!away && <NoWorker />}
       {away ? <p class="note" role="alert">{text.run.away}</p> : <p>{text.run.started}</p>}
       <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>{stop.busy ? text.run.cancelling : text.run.cancel}</button>
       {stop.problem && <ProblemNote problem={stop.problem} />}
@@ -45,6 +49,18 @@ export function Cancelled({ progress }: { progress: Progress | null | undefined 
       {progress && <> {text.run.cameTo(text.run.progressOf(progress.done, progress.total, progress.unit))}</>}
     </p>
   );
+}
+
+/** Says so while the service has no worker: nothing will happen then. */
+function NoWorker() {
+  const [none, set] = useState(false);
+  useEffect(() => {
+    const look = () => void api.health().then((health) => set(health.workers === 0), () => set(false));
+    look();
+    const timer = setInterval(look, LOOK_MS);
+    return () => clearInterval(timer);
+  }, []);
+  return none ? <p class="note" role="alert">{text.run.noWorker}</p> : null;
 }
 
 function Left({ standing: { progress } }: { standing: Standing }) {

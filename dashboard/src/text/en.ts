@@ -137,6 +137,7 @@ export const en = {
     cameTo: (progress: string) => `It came to ${progress}.`,
     left: (time: string) => `About ${time} left.`,
     leftUnknown: "The time left is not known yet.",
+    noWorker: "No worker is running: the run waits until one is started (jointstiff worker, or serve with --workers 1).",
     away: "No connection to the service; trying again. What was computed is kept.",
     failed: "This run failed",
     repeat: "Repeat",
