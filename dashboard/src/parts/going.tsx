@@ -8,7 +8,7 @@ import { useAction } from "../state/action";
 import { text } from "../text";
 import { Busy, ProblemNote } from "./basics";
 
-const LOOK_MS = 10_000;
+const LOOK_MS = 5_000;
 
 interface Job {
   id: string;
@@ -20,14 +20,15 @@ export function Going({ collection, job, cancel, ended }: { collection: Collecti
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
   const [away, setAway] = useState(false);
   useEffect(() => follow(collection, job.id, (now, end) => (end ? ended() : set(now)), setAway), [collection, job.id]);
+  const alone = useNoWorker(standing.progress?.done ?? 0);
+  const stuck = away ? text.run.away : alone ? text.run.noWorker : null;
   const stop = useAction(cancel);
   return (
     <section class="card going" aria-live="polite">
       <Busy label={text.states[standing.state] ?? text.app.loading} />
       <Bar standing={standing} />
-      <Left standing={standing} />
-      {!away && <NoWorker />}
-      {away ? <p class="note" role="alert">{text.run.away}</p> : <p>{text.run.started}</p>}
+      {!stuck && <Left standing={standing} />}
+      {stuck ? <p class="note" role="alert">{stuck}</p> : <p>{text.run.started}</p>}
       <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>{stop.busy ? text.run.cancelling : text.run.cancel}</button>
       {stop.problem && <ProblemNote problem={stop.problem} />}
     </section>
@@ -51,16 +52,16 @@ export function Cancelled({ progress }: { progress: Progress | null | undefined 
   );
 }
 
-/** Says so while the service has no worker: nothing will happen then. */
-function NoWorker() {
+/** Whether the service has no worker; it is only asked while nothing moves. */
+function useNoWorker(done: number): boolean {
   const [none, set] = useState(false);
   useEffect(() => {
+    set(false);
     const look = () => void api.health().then((health) => set(health.workers === 0), () => set(false));
-    look();
     const timer = setInterval(look, LOOK_MS);
     return () => clearInterval(timer);
-  }, []);
-  return none ? <p class="note" role="alert">{text.run.noWorker}</p> : null;
+  }, [done]);
+  return none;
 }
 
 function Left({ standing: { progress } }: { standing: Standing }) {

@@ -32,7 +32,7 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
     <>
       <div class="head">
         <Title kind={words.methods} plain={words.of(set.name)}><Name>{set.name}</Name></Title>
-        <p class="meta"><State state={comparison.state} /><a href={link(["sets", set.id])}>{text.sets.kind}</a><When time={comparison.provenance.created_at} /></p>
+        <p class="meta">{!goesOn(comparison.state) && <State state={comparison.state} />}<a href={link(["sets", set.id])}>{text.sets.kind}</a><When time={comparison.provenance.created_at} /></p>
       </div>
       {goesOn(comparison.state) && <Going collection="comparisons" job={comparison} cancel={() => api.cancelComparison(comparison.id)} ended={ended} />}
       {comparison.state === "cancelled" && <Cancelled progress={comparison.progress} />}

@@ -54,7 +54,7 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
       <div class="head">
         <Title kind={text.run.kind} plain={set.name}><Name>{set.name}</Name></Title>
         <p class="meta">
-          <State state={run.state} />
+          {!goesOn(run.state) && <State state={run.state} />}
           <span>{text.methods[run.request.method ?? ""]}, {run.request.positive === false ? text.options.unconstrained : text.options.constrained}{isElastic(run) && `, ${text.elasticities[run.request.elasticity ?? ""] ?? ""}`}</span>
           <a href={link(["robots", robot.id])}><Name>{robot.name}</Name></a>
           <When time={run.provenance.created_at} />
