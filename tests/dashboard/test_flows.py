@@ -134,7 +134,7 @@ def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
 
 
 def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
-    document = campaign(configurations=60, load="dead_weight", seed=23)["measurement_set"]
+    document = campaign(configurations=2_000, load="dead_weight", seed=23)["measurement_set"]
     large = post(api, "/v1/measurement-sets", {**document, "robot_id": stored.robot})["id"]
     visited = visit("phone")
     visited.go(f"#/?set={large}")
