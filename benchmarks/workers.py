@@ -21,7 +21,7 @@ __all__ = ["run"]
 CONFIGURATIONS, REPETITIONS = 5_000, 40_000
 FEW: Final = 1_000
 """Resamples, as many as the figure speaks of."""
-ROUNDS: Final = 3
+ROUNDS: Final = 5
 CHECKS, CANCELS = 400, 5
 _END_SECONDS: Final = 600.0
 

@@ -38,9 +38,11 @@ _AT_ONCE: Final = {"job": 16, "part": 1}
 """A worker waits for some jobs, and computes one part: work for one processor."""
 ATTEMPTS: Final = 50
 """Deaths of workers over one job, after which it is given up."""
-_POLL_SECONDS: Final = 0.1
+_POLL_SECONDS: Final = {"job": 0.25, "part": 0.1}
+"""Between two looks into a queue, each a few milliseconds that the computing has less."""
 _WAIT_SECONDS: Final = 0.2
 """Between two looks at a part that a job waits for."""
+_FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
 
 P = ParamSpec("P")
@@ -87,7 +89,7 @@ class Engine:
             "executor_id": executor,
             "log_level": "CRITICAL",
             "console_log_level": "CRITICAL",
-            "notification_listener_polling_interval_sec": _POLL_SECONDS,
+            "notification_listener_polling_interval_sec": _FIRST_PAUSE,
         }
         DBOS(config=config)
         _register(_Steps(jobs), self.active)
@@ -98,7 +100,7 @@ class Engine:
                 DBOS.register_queue(
                     queue,
                     worker_concurrency=_AT_ONCE[kind],
-                    polling_interval_sec=_POLL_SECONDS,
+                    polling_interval_sec=_POLL_SECONDS[kind],
                     on_conflict="always_update",
                 )
 
@@ -167,7 +169,7 @@ def _patient(step: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(step)
     def carry_out(*args: P.args, **kwargs: P.kwargs) -> R:
-        pause = _POLL_SECONDS
+        pause = _FIRST_PAUSE
         while True:
             try:
                 return step(*args, **kwargs)

@@ -21,9 +21,11 @@ _LOOK_SHARE: Final = 0.05
 """Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who
 wait a minute would otherwise keep all threads busy."""
 _LONGEST_LOOK: Final = 2.0
-_EVENT_SECONDS: Final = 0.5
+_EVENT_SECONDS: Final = 0.2
 """Between two looks at a job that is followed."""
-_QUIET_LOOKS: Final = 30
+_LOOKS_A_SECOND: Final = 200
+"""At all jobs that are followed: of more than forty, each is looked at less often."""
+_QUIET_LOOKS: Final = 75
 """After so many looks without news a comment is sent, so that proxies keep the connection."""
 _AT_A_TIME: Final = 8
 """Followers that are told between two turns of the loop: hundreds must not keep other clients waiting."""
@@ -52,8 +54,9 @@ class _News:
 class _Watch:
     """One task that looks at a job while someone follows it."""
 
-    def __init__(self, jobs: AnyJobs, job_id: str) -> None:
+    def __init__(self, jobs: AnyJobs, job_id: str, pause: Callable[[], float]) -> None:
         self.followers = 0
+        self._pause = pause
         self.news: _News | None = None
         self._waiting: list[asyncio.Future[None]] = []
         self._task = asyncio.create_task(self._look(jobs, job_id))
@@ -93,7 +96,7 @@ class _Watch:
                 await self._tell(_News(event))
             elif quiet % _QUIET_LOOKS == 0:
                 await self._tell(_News(": still running\n\n"))
-            await asyncio.sleep(_EVENT_SECONDS)
+            await asyncio.sleep(self._pause())
             standing = await _asked(jobs.standing, job_id)
         try:
             job = await _asked(jobs.current, job_id)
@@ -120,7 +123,7 @@ class Watches:
         """`progress` events while a job goes on, then one `end` event with its final state."""
         watch = self._watches.get(job_id)
         if watch is None:
-            watch = self._watches[job_id] = _Watch(jobs, job_id)
+            watch = self._watches[job_id] = _Watch(jobs, job_id, self._pause)
         watch.followers += 1
         try:
             told: _News | None = None
@@ -135,6 +138,9 @@ class Watches:
             if watch.followers == 0:
                 watch.stop()
                 self._watches.pop(job_id, None)
+
+    def _pause(self) -> float:
+        return max(_EVENT_SECONDS, len(self._watches) / _LOOKS_A_SECOND)
 
 
 def _at(standing: Standing, job: Job) -> Job:
