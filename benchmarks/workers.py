@@ -6,24 +6,36 @@ import json
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from statistics import quantiles
 from typing import Any, Final
 
 import httpx
 import psycopg
 
+from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
-from benchmarks.timing import Times
+from benchmarks.timing import Times, interleaved
+from schemas.resampling import MAX_REPETITIONS
+from service.supervisor import ONE_THREAD
+from solver.gram_blocks import gram_blocks
+from solver.resampling import ResamplingPlan, resample
 
 __all__ = ["run"]
 
-CONFIGURATIONS, REPETITIONS = 5_000, 40_000
+CONFIGURATIONS, REPETITIONS = 5_000, MAX_REPETITIONS
 FEW: Final = 1_000
 """Resamples, as many as the figure speaks of."""
-ROUNDS: Final = 5
+BARE: Final = 10_000
+"""Resamples by processes with nothing around them."""
+ROUNDS: Final = 3
 CHECKS, CANCELS = 400, 5
 _END_SECONDS: Final = 600.0
+_prepared: dict[str, Any] = {}
+"""Of a process that draws with nothing around it."""
 
 
 def run(*, quick: bool) -> list[Section]:
@@ -51,7 +63,12 @@ def _speed_up(new_database: Callable[[], str], *, quick: bool) -> Section:
                     start = time.perf_counter()
                     times.results[name] = post(repetitions)
                     times.seconds[name].append(time.perf_counter() - start)
-    rows = [*_rows(f"{many:,} resamples", heavy), *_rows(f"{few:,} resamples", light)]
+    bare = _bare(configurations, 100 if quick else BARE)
+    rows = [
+        *_rows(f"{many:,} resamples", heavy),
+        *_rows(f"{few:,} resamples", light),
+        *_rows("nothing around it", bare),
+    ]
     what = f"{many:,} resamples of {configurations:,} configurations, PostgreSQL: one worker / two"
     return Section(
         title=f"Workers: resamples of {configurations:,} configurations, posted to read",
@@ -61,9 +78,41 @@ def _speed_up(new_database: Callable[[], str], *, quick: bool) -> Section:
             Figure(what, heavy.ratio("one worker", "two workers"), "at least", 1.7, "×"),
             Figure("the same: runs whose numbers differ", _different(heavy, light), "at most", 0),
         ),
-        notes=(f"{few:,} resamples are too few to take long: the set's own identification then counts",),
-        data={"heavy": heavy.seconds, "light": light.seconds},
+        notes=(
+            f"{few:,} resamples are too few to take long: the set's own identification then counts",
+            "nothing around it: the draws alone, in one process and shared by two: what the machine can give",
+        ),
+        data={"heavy": heavy.seconds, "light": light.seconds, "bare": bare.seconds},
     )
+
+
+def _bare(configurations: int, repetitions: int) -> Times:
+    """The same draws without service, engine and database."""
+    os.environ.update(ONE_THREAD)  # for the processes that are started now
+    spawn, half = get_context("spawn"), repetitions // 2
+    work = {"one worker": [(0, repetitions)], "two workers": [(0, half), (half, repetitions)]}
+    prepare = configurations, repetitions
+    with ProcessPoolExecutor(2, spawn, _prepare, prepare) as pool:
+        return interleaved(
+            {name: partial(_drawn_by, pool, spans) for name, spans in work.items()}, rounds=ROUNDS
+        )
+
+
+def _prepare(configurations: int, repetitions: int) -> None:
+    campaign = small_campaign(configurations=configurations)
+    settings = default_settings(campaign.robot)
+    _prepared["blocks"] = gram_blocks(campaign.robot, campaign.measurements, settings)
+    _prepared["plan"] = ResamplingPlan(configurations // 2, repetitions, seed=0)
+    _prepared["bounds"] = settings.bounds
+
+
+def _drawn_by(pool: ProcessPoolExecutor, spans: list[tuple[int, int]]) -> list[float]:
+    return [value for part in pool.map(_drawn, spans) for value in part]
+
+
+def _drawn(span: tuple[int, int]) -> list[float]:
+    found: list[float] = resample(**_prepared, start=span[0], stop=span[1]).compensation.tolist()
+    return found
 
 
 def _rows(what: str, times: Times) -> list[tuple[str, ...]]:
