@@ -21,6 +21,7 @@ _LOOK_SHARE: Final = 0.05
 """Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who
 wait a minute would otherwise keep all threads busy."""
 _LONGEST_LOOK: Final = 2.0
+"""And no longer than this, so that who waits is answered before a service that is told to end has ended."""
 _EVENT_SECONDS: Final = 0.2
 """Between two looks at a job that is followed."""
 _LOOKS_A_SECOND: Final = 200

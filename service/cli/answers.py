@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import typer
 
 from schemas.problem import Problem
 from service.terminal import console, problem_text
 
-__all__ = ["failed", "refused", "warn"]
+__all__ = ["failed", "refuse_existing", "refused", "warn", "write_text"]
 
 
 def refused(problem: Problem) -> typer.Exit:
@@ -25,3 +27,25 @@ def failed(reason: str, remedy: str) -> typer.Exit:
 def warn(message: str) -> None:
     """Show what the user should know while it goes on."""
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Refuse to replace a file unasked.
+
+    Raises:
+        typer.Exit: it is there.
+    """
+    if path.exists() and not overwrite:
+        raise failed(f"{path} exists", "choose another name, or --overwrite")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file of lines.
+
+    Raises:
+        typer.Exit: it cannot be written.
+    """
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise failed(f"cannot write {path}: {error.strerror}", "choose another place") from error

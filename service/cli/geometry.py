@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from schemas.geometry import Geometry, GeometryRequest
 from schemas.robot import RobotDocument
 from service.campaigns import CampaignError, read_document
-from service.cli.answers import failed, refused
+from service.cli.answers import refuse_existing, refused, write_text
 from service.cli.options import AsJson
 from service.geometry_table import geometry_report
 from service.parts import Parts
@@ -68,14 +68,15 @@ def geometry(
 
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
-    if output is not None and output.exists() and not overwrite:
-        raise failed(f"{output} exists", "choose another name, or --overwrite")
+    if output is not None:
+        refuse_existing(output, overwrite=overwrite)
     try:
         found = _identified(_request(file, robot, {"fit": fit, "angles": angles}))
     except CampaignError as error:
         raise refused(error.problem) from error
     if output is not None and found.result is not None:
-        _write(output, found.result.robot)
+        identified = found.result.robot.model_dump(mode="json", exclude_none=True)
+        write_text(output, json.dumps(identified, indent=1))
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
@@ -108,11 +109,3 @@ def _identified(request: GeometryRequest) -> Geometry:
             return parts.geometries.current(parts.geometries.create(request, None).id)
         except JointstiffError as error:
             raise CampaignError(problem_of(error)) from error
-
-
-def _write(path: Path, robot: RobotDocument) -> None:
-    text = json.dumps(robot.model_dump(mode="json", exclude_none=True), indent=1)
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise failed(f"cannot write {path}: {error.strerror}", "choose another place") from error

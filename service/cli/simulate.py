@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from examples.simulator import default_arm, simulate_campaign
-from service.cli.answers import failed
+from service.cli.answers import refuse_existing, write_text
 from service.cli.options import EncoderChoice, LoadChoice
 from service.terminal import console
 
@@ -32,8 +32,7 @@ def simulate(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
 ) -> None:
     """Write an example campaign, made by springs that balance the load exactly."""
-    if file.exists() and not overwrite:
-        raise failed(f"{file} exists", "choose another name, or --overwrite")
+    refuse_existing(file, overwrite=overwrite)
     arm = default_arm(encoders.value)
     document = simulate_campaign(
         arm,
@@ -44,10 +43,7 @@ def simulate(
         encoders=encoders.value,
         seed=seed,
     )
-    try:
-        file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise failed(f"cannot write {file}: {error.strerror}", "choose another place") from error
+    write_text(file, json.dumps(document, indent=1))
     stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
     console().print(
         f"wrote {file}: {configurations} configurations, {force:g} N\n"

@@ -55,8 +55,8 @@ class ScriptedJobs:
         )
 
 
-def goes_on():
-    """A service that is not about to end."""
+def never():
+    """Whether a service that goes on is about to end."""
     return False
 
 
@@ -185,20 +185,20 @@ def test_waiting_ends_when_the_service_is_told_to():
 
 def test_waiting_ends_with_the_job_or_with_patience():
     jobs = ScriptedJobs([1, 2, 3])
-    asyncio.run(wait_for_end(jobs, "r1", 60, goes_on))
+    asyncio.run(wait_for_end(jobs, "r1", 60, never))
     assert jobs.looks == 4
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.05, goes_on))
+    asyncio.run(wait_for_end(jobs, "r1", 0.05, never))
     assert len(jobs.script) > 1
 
 
 def test_those_who_wait_long_look_less_often(monkeypatch):
     monkeypatch.setattr(module, "_LOOK_SECONDS", 0.0)
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.2, goes_on))
+    asyncio.run(wait_for_end(jobs, "r1", 0.2, never))
     often = jobs.looks
     jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 2.0, goes_on))
+    asyncio.run(wait_for_end(jobs, "r1", 2.0, never))
     assert jobs.looks < 3 * often
 
 
@@ -214,6 +214,6 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
         def standing(self, _job_id):
             raise error
 
-    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5, goes_on))
+    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5, never))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"
