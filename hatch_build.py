@@ -1,4 +1,6 @@
-"""Builds the page with the package: Node comes from PyPI, so that nobody needs to install it.
+"""Build hook: the page is built with the package, and an editable install gets links to the folders.
+
+Node comes from PyPI, so that nobody needs to install it.
 
 The bundle lands in `service/static`, from where the service serves it, in a wheel and in an editable install
 alike. It is built again when its sources have changed.
@@ -14,23 +16,43 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
+PACKAGE_FILES = {
+    "service/library/door.py": "jointstiff/__init__.py",
+    "service/cli/__main__.py": "jointstiff/__main__.py",
+}
+"""Files of the package itself; its folders are `tool.hatch.build.targets.wheel.sources`."""
+
 NOT_SOURCES = {"node_modules", "dist"}
 
 
 class PageBuildHook(BuildHookInterface):  # type: ignore[type-arg]
     """Runs `npm ci` and `npm run build` in `dashboard/`."""
 
-    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002 - the hook's interface
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the page unless it is there."""
         if self.target_name != "wheel":
             return
         root = Path(self.root)
+        if version == "editable":
+            _link(root, self.build_config.sources | PACKAGE_FILES)
+        else:
+            build_data["force_include"].update(PACKAGE_FILES)
         bundle, stamp = root / "service" / "static", _stamp(root / "dashboard")
         written = bundle / ".stamp"
         if not written.is_file() or written.read_text(encoding="utf-8") != stamp:
             _build(root / "dashboard", bundle)
             written.write_text(stamp, encoding="utf-8")
         build_data["artifacts"].append("service/static/**")
+
+
+def _link(root: Path, installed: dict[str, str]) -> None:
+    """Make links in `.dev`, so that files and folders have their installed names in a checkout."""
+    links = root / ".dev"
+    shutil.rmtree(links, ignore_errors=True)
+    for source, name in installed.items():
+        link = links / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(os.path.relpath(root / source, link.parent))
 
 
 def _stamp(dashboard: Path) -> str:

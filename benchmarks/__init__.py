@@ -8,7 +8,7 @@
 Candidates take turns (A B A B ...) and their medians are compared, so what counts is a *ratio*: it
 carries over to other machines, seconds do not. Beside each figure that is asked for stands what was
 measured, and whether it is met; the exit status does not depend on it. The data are made by
-`examples.simulator`, from seeds.
+`jointstiff.simulator.campaign`, from seeds.
 
 Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,000,000), `resampling` (1,000
 times 10 of 19), `post` (a run over HTTP), `exactness` (against exact rational arithmetic). By name only:

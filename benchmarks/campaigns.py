@@ -6,28 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from examples.simulator import (
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import (
     TARGETS,
     Document,
     SpringArm,
-    default_arm,
     experiment_of,
     linear_deflections,
     plan_experiment,
-    simulate_campaign,
 )
-from examples.urdf import BASE_LINK, FLANGE_LINK, urdf_text
-from solver.identification import Settings
-from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.robot import Robot
-from solver.urdf import read_urdf
+from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.identification import Settings
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot, read_urdf
 
 __all__ = ["SIGMA", "Campaign", "default_robot", "default_settings", "large_campaign", "small_campaign"]
 
-FloatArray = npt.NDArray[np.float64]
 
 SIGMA = 2e-5
 """Standard uncertainty of one coordinate of one reading [m], of a laser tracker."""

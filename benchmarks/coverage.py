@@ -9,12 +9,12 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.designs import CONFIGURATIONS, FORCE, SIGMA, Design, planned_design, with_compliances
 from benchmarks.report import Figure, Section
 from benchmarks.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
-from examples.simulator import default_arm
+from jointstiff.simulator import default_arm
+from jointstiff.solver.arrays import BoolArray
 
 __all__ = ["RIGID_SETS", "interior_campaigns", "rigid_campaigns", "run"]
 
@@ -139,7 +139,7 @@ def _rigid_figures(way: Way, verdicts: Verdicts) -> list[Figure]:
     ]
 
 
-def _cells(held: npt.NDArray[np.bool_], among: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+def _cells(held: BoolArray, among: BoolArray) -> tuple[str, ...]:
     """Share in % of each joint, and of all, among some of the (K, n)."""
     shares = [held[among[:, j], j].mean() for j in range(held.shape[1])]
     return tuple(f"{100.0 * share:.1f}" for share in [*shares, held[among].mean()])

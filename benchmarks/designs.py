@@ -1,7 +1,7 @@
 """Planned campaigns for studies of many: exact deflections computed once, noise drawn again and again.
 
 Nothing here knows the solver's physics: deflections, and what they could tell at best (the Cramér-Rao
-bound), come from springs that balance the load exactly (`examples.equilibrium`).
+bound), come from springs that balance the load exactly (`jointstiff.simulator.equilibrium`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from examples.simulator import (
+from jointstiff.simulator.campaign import (
     TARGETS,
     Experiment,
     SpringArm,
@@ -20,11 +19,11 @@ from examples.simulator import (
     linear_deflections,
     plan_experiment,
 )
-from solver.measurements import Measurements
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings import Measurements
 
 __all__ = ["CONFIGURATIONS", "FORCE", "SIGMA", "Design", "planned_design", "with_compliances"]
 
-FloatArray = npt.NDArray[np.float64]
 
 CONFIGURATIONS = 19
 FORCE = 1500.0

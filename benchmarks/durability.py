@@ -23,11 +23,11 @@ from sqlalchemy import func, select
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, numbers, post_campaign, postgresql, running
-from schemas.campaign import Campaign
-from service.campaigns import identify
-from service.database import Database
-from service.records import MeasurementSetRecord, RunRecord
-from service.tables import TABLES, idempotency_keys, job_steps
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.library.campaigns import identify
+from jointstiff.service.store import MeasurementSetRecord, RunRecord
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.tables import TABLES, idempotency_keys, job_steps
 
 __all__ = ["run"]
 

@@ -9,17 +9,16 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.coverage import interior_campaigns
 from benchmarks.designs import planned_design
 from benchmarks.report import Figure, Section
 from benchmarks.verdicts import METHODS, Verdicts, Way, judge
-from examples.simulator import default_arm
+from jointstiff.simulator import default_arm
+from jointstiff.solver.arrays import FloatArray
 
 __all__ = ["Spread", "run", "spreads"]
 
-FloatArray = npt.NDArray[np.float64]
 
 DESIGNS, DRAWS = 20, 250
 _NOTES = (

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
 from flint import fmpq, fmpq_mat
 
-__all__ = ["exact_nnls"]
+from jointstiff.solver.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
+__all__ = ["exact_nnls"]
 
 
 def exact_nnls(A: FloatArray, b: FloatArray) -> list[fmpq]:

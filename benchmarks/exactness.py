@@ -8,19 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from flint import fmpq
 
 from benchmarks.exact_nnls import exact_nnls
 from benchmarks.report import Figure, Section
-from solver.compression import Compression
-from solver.exceptions import SolverError
-from solver.problem import Bounds, IdentificationProblem
-from solver.solve import solve
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex import Bounds, IdentificationProblem, solve
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.regression import Compression
 
 __all__ = ["Problem", "combined_problem", "random_problem", "run", "tied_problem"]
 
-FloatArray = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Greatest relative error of a certified answer."""
@@ -51,7 +49,7 @@ class Problem:
 
     A: FloatArray
     b: FloatArray
-    judged: npt.NDArray[np.bool_]
+    judged: BoolArray
     relative_to: str = "part"
 
 

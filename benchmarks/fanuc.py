@@ -10,16 +10,21 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.report import Figure, Section
-from schemas.campaign import Campaign
-from schemas.robot import DhModel
-from service.conversion import ReadingArrays, build_robot, dh_kinematics, to_measurements
-from solver.gram_blocks import GramBlocks, gram_blocks
-from solver.identification import Settings
-from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.resampling import ResamplingPlan, resample
-from solver.resampling_summary import ResamplingSummary, summarise
-from solver.robot import Robot
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.robot import DhModel
+from jointstiff.service.conversion import ReadingArrays, build_robot, dh_kinematics, to_measurements
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.identification import Settings
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    ResamplingPlan,
+    ResamplingSummary,
+    gram_blocks,
+    resample,
+    summarise,
+)
+from jointstiff.solver.robot import Robot
 
 __all__ = ["prepared", "run"]
 

@@ -7,28 +7,24 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
 from benchmarks.report import Figure, Section
-from examples.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm
-from examples.urdf import urdf_text
-from solver.geometry.axis import Axis
-from solver.geometry.base_frame import BaseConvention, find_base_frame
-from solver.geometry.circle_point import AngleUse, AxisFit, fit_axis
-from solver.geometry.identified_model import FlangeConvention, identify_model
-from solver.geometry.rigid_transform import RigidTransform
-from solver.geometry.sweep import Sweep, SweepSet
-from solver.geometry.sweep_bundle import refine_axes
-from solver.geometry.sweep_findings import sweep_findings
-from solver.geometry.swept_axes import SweptAxes, identify_axes
-from solver.geometry.wrist_centre import find_wrist_centre
-from solver.robot import JointMap
-from solver.urdf import read_urdf
+from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm
+from jointstiff.simulator.urdf import urdf_text
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry import Axis, AxisFit, RigidTransform, Sweep, SweepSet
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
+from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
+from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, fit_axis
+from jointstiff.solver.geometry.sweeps.findings import sweep_findings
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.robot import JointMap, read_urdf
 
 __all__ = ["run"]
 
-FloatArray = npt.NDArray[np.float64]
 
 SIGMA = 15e-6
 COUNT = 15

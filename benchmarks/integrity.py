@@ -15,11 +15,12 @@ import numpy as np
 from benchmarks.campaigns import default_robot, large_campaign
 from benchmarks.mistakes import MISTAKES, Mistake, Posted, clean_set, only_deflections
 from benchmarks.report import Figure, Section
-from examples.simulator import TARGETS, default_arm
-from solver.finding import Finding
-from solver.integrity import inspect
-from solver.measurements import Measurements
-from solver.robot import Robot
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import TARGETS
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.integrity import inspect
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["Tally", "clean_sets", "found", "run"]
 

@@ -9,20 +9,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns import default_robot, small_campaign
 from benchmarks.report import Figure, Section
-from examples.simulator import LOAD_POINT, SpringArm, default_arm
-from solver.measurements import Measurements
-from solver.pose import fit_displacement
-from solver.readings import Stage, pose_readings
-from solver.regressor import RegressorBlock, regressor_blocks
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import LOAD_POINT, SpringArm
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import (
+    RegressorBlock,
+    Stage,
+    fit_displacement,
+    pose_readings,
+    regressor_blocks,
+)
 
 __all__ = ["View", "complete_pose", "run", "views"]
 
-FloatArray = npt.NDArray[np.float64]
 
 LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Characteristic lengths [m]."""

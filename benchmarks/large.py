@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import Campaign, default_settings, large_campaign
 from benchmarks.peers import (
@@ -14,12 +13,12 @@ from benchmarks.peers import (
 )
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
-from solver.estimate import Estimate
-from solver.identification import identify
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Estimate
 
 __all__ = ["run"]
 
-FloatArray = npt.NDArray[np.float64]
 
 CONFIGURATIONS = 100_000
 OURS = "identify: angles → estimate"

@@ -13,30 +13,39 @@ from functools import cached_property
 
 import cvxpy as cp
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import default_robot
 from benchmarks.fanuc import CAMPAIGN, prepared
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
-from examples.arm import default_arm
-from examples.elastic_links import ElasticArm, beam_arm, elastic_positions
-from examples.experiment import TARGETS, plan_experiment
-from examples.simulator import simulate_positions
-from solver.cross_validation import FoldFit, Folds, Plan, chosen_weight, fit_fold, joints_only
-from solver.elastic_estimate import ElasticEstimate
-from solver.elastic_links import estimate_elastic
-from solver.elastic_model import MODELS, ElasticModel, ModelName, formulate
-from solver.exceptions import SolverError
-from solver.link_regressor import ElasticColumns, ElasticRows, elastic_blocks
-from solver.measurements import Measurements
-from solver.model_selection import select_model
-from solver.robot import Robot
-from solver.symmetric import entries, to_matrix, to_vector, weights
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import simulate_positions
+from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
+from jointstiff.simulator.experiment import TARGETS, plan_experiment
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.convex import entries, to_matrix, weights
+from jointstiff.solver.convex.semidefinite.symmetric import to_vector
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.links import (
+    MODELS,
+    ElasticColumns,
+    ElasticEstimate,
+    ElasticModel,
+    FoldFit,
+    Folds,
+    Plan,
+    estimate_elastic,
+    fit_fold,
+    select_model,
+)
+from jointstiff.solver.links.cross_validation import chosen_weight, joints_only
+from jointstiff.solver.links.model import ModelName, formulate
+from jointstiff.solver.links.regressor import ElasticRows, elastic_blocks
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["FixedLength", "held_out_compensation", "random_problem", "run", "simulated"]
 
-FloatArray = npt.NDArray[np.float64]
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=np.bool_)
@@ -291,7 +300,7 @@ class Peer:
         return np.diag(squares) if element is None else np.diag([1.0] * 3 + [squares[element]] * 3)
 
     @property
-    def _elements(self) -> list[tuple[int | None, npt.NDArray[np.intp]]]:
+    def _elements(self) -> list[tuple[int | None, IndexArray]]:
         columns = self.model.columns
         if self.model.name == "coupled_joints":
             return [(None, columns.coupling)]

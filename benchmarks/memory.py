@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmarks.campaigns import default_settings, large_campaign
 from benchmarks.report import Figure, Section
-from solver.identification import identify
-from solver.measurements import Measurements
+from jointstiff.solver.identification import identify
+from jointstiff.solver.readings import Measurements
 
 __all__ = ["run"]
 

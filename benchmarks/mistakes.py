@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.designs import Design
-from examples.imperfections import with_link_errors
-from examples.simulator import TARGETS, default_arm, plan_experiment
-from solver.finding import FindingCode
-from solver.measurements import Measurements
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import TARGETS, plan_experiment
+from jointstiff.simulator.imperfections import with_link_errors
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.finding import FindingCode
+from jointstiff.solver.readings import Measurements
 
 __all__ = ["MISTAKES", "Mistake", "Posted", "clean_set", "only_deflections"]
 
-FloatArray = npt.NDArray[np.float64]
 Generator = np.random.Generator
 
 SIGMA = 2e-5

@@ -14,8 +14,9 @@ import pinocchio as pin
 import qpsolvers
 from scipy.optimize import lsq_linear, nnls
 
-from solver.measurements import Measurements
-from solver.robot import Robot
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = [
     "bare_pinocchio_loop",
@@ -26,8 +27,6 @@ __all__ = [
     "scipy_nnls",
     "stacked_rows",
 ]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def cvxpy_clarabel(A: FloatArray, d: FloatArray) -> FloatArray:

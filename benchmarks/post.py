@@ -78,7 +78,7 @@ def _service() -> Iterator[str]:
     """A server process of our own on a new database; yields its address."""
     with tempfile.TemporaryDirectory(prefix="jointstiff-benchmark-") as folder:
         database = f"sqlite:///{Path(folder) / 'jointstiff.db'}"
-        command = [sys.executable, "-m", "service", "serve", "--port", "0", "--database", database]
+        command = [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", database]
         environment = os.environ | {"PYTHONUNBUFFERED": "1"}
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
             try:

@@ -1,6 +1,6 @@
 """A documented arm of the paper's kind, wrong in stated ways, and what a tracker reads on it.
 
-The arm is `examples.simulator.default_arm`: 240 kg class, stiffness like the paper's Table II, encoders on
+The arm is `simulator.campaign.default_arm`: 240 kg class, stiffness like the paper's Table II, encoders on
 the motors alone (inactive, as the paper calls the second ones) or behind the gears, too (active). 19
 configurations, 1500 N of dead weight. What is identified is always the nominal arm: that is what a user has.
 """
@@ -10,15 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from examples.imperfections import angles_with_elastic_links, misplaced, with_elastic_links, with_link_errors
-from examples.simulator import LOAD_POINT, TARGETS, Encoders, default_arm, deflections, plan_experiment
-from solver.measurements import Measurements
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, Encoders, deflections, plan_experiment
+from jointstiff.simulator.imperfections import (
+    angles_with_elastic_links,
+    misplaced,
+    with_elastic_links,
+    with_link_errors,
+)
+from jointstiff.solver.readings import Measurements
 
 __all__ = ["SOURCES", "STATED", "Imperfections", "avoided", "read"]
 
-FloatArray = npt.NDArray[np.float64]
 
 CONFIGURATIONS, FORCE = 19, 1500.0
 TRANSVERSE = (12e6, 12e6, 10e6, 3e6, 3e6, 3e6)

@@ -26,8 +26,9 @@ from benchmarks.resampled_ways import (
     over_arms,
     resampled,
 )
-from examples.simulator import Encoders, default_arm
-from solver.resampling_summary import ResamplingSummary
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import Encoders
+from jointstiff.solver.resampling import ResamplingSummary
 
 __all__ = ["run"]
 

@@ -6,17 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import default_robot
 from benchmarks.replicas import Imperfections, read
-from examples.simulator import Encoders, default_arm
-from solver.gram_blocks import GramBlocks, gram_blocks
-from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.resampling import ResamplingPlan, resample
-from solver.resampling_summary import ResamplingSummary, summarise
-from solver.settings import Method, Settings, Weighting
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import Encoders
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.fitting import Method, Settings, Weighting
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    ResamplingPlan,
+    ResamplingSummary,
+    gram_blocks,
+    resample,
+    summarise,
+)
 
 __all__ = [
     "DRAWN",
@@ -32,7 +38,6 @@ __all__ = [
     "resampled",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 
 DRAWN, SEED = 10, 0
 _ROBOT = default_robot(default_arm())

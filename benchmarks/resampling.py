@@ -6,21 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import nnls
 
 from benchmarks.campaigns import Campaign, small_campaign
 from benchmarks.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
-from solver.gram_blocks import GramBlocks, gram_blocks
-from solver.identification import Method, Settings
-from solver.problem import Bounds
-from solver.resampling import Resamples, ResamplingPlan, resample
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.identification import Method, Settings
+from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]
 
-FloatArray = npt.NDArray[np.float64]
 
 CONFIGURATIONS, DRAWN, REPETITIONS = 19, 10, 1000
 SAMPLE = 30

@@ -9,21 +9,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import default_robot
 from benchmarks.designs import SIGMA, planned_design
 from benchmarks.report import Figure, Section
-from examples.simulator import default_arm
-from solver.identification import identify
-from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.robot import Robot
-from solver.settings import Loss, Settings
+from jointstiff.simulator import default_arm
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Loss
+from jointstiff.solver.identification import identify
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["KINDS", "GrossErrors", "Shift", "run", "shifts", "spoiled"]
 
-FloatArray = npt.NDArray[np.float64]
 
 SHARE = 0.1
 """Of the readings, that are gross errors."""

@@ -37,7 +37,7 @@ class Service:
         """Start it, and wait until it answers."""
         self.port = port or _free_port()
         self.url = f"http://127.0.0.1:{self.port}"
-        command = [sys.executable, "-m", "service", "serve", "--port", str(self.port)]
+        command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(self.port)]
         command += ["--database", database, "--workers", str(workers)]
         with tempfile.TemporaryFile() as log:
             self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)

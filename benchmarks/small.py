@@ -6,19 +6,18 @@ from collections.abc import Callable
 from itertools import count
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import SIGMA, Campaign, default_settings, small_campaign
 from benchmarks.exact_nnls import exact_nnls
 from benchmarks.peers import bounded_least_squares, cvxpy_clarabel, proxqp, scipy_nnls, stacked_rows
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
-from solver.estimate import Estimate
-from solver.identification import identify
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Estimate
 
 __all__ = ["run"]
 
-FloatArray = npt.NDArray[np.float64]
 
 OURS = "identify: angles → estimate"
 NAIVE = "rows → fresh cvxpy + Clarabel"
@@ -99,11 +98,11 @@ def _first(sigma: float, fits: Callable[[Campaign], bool]) -> Campaign:
     return next(c for c in (small_campaign(sigma=sigma, seed=seed) for seed in count()) if fits(c))
 
 
-def _at_bound(campaign: Campaign) -> npt.NDArray[np.bool_]:
+def _at_bound(campaign: Campaign) -> BoolArray:
     return np.asarray(scipy_nnls(*stacked_rows(campaign.robot, campaign.measurements)) == 0.0)
 
 
-def _negative(campaign: Campaign) -> npt.NDArray[np.bool_]:
+def _negative(campaign: Campaign) -> BoolArray:
     A, d = stacked_rows(campaign.robot, campaign.measurements)
     return np.asarray(np.linalg.lstsq(A, d, rcond=None)[0] < 0.0)
 

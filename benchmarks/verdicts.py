@@ -6,20 +6,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.campaigns import default_robot
 from benchmarks.designs import Design
-from examples.simulator import default_arm
-from solver.estimate import Estimate
-from solver.identification import Method, Settings, identify
-from solver.measurements import Measurements
-from solver.problem import Bounds
-from solver.robot import Robot
+from jointstiff.simulator import default_arm
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.identification import Method, Settings, identify
+from jointstiff.solver.inference import Estimate
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["CONFIDENCE", "METHODS", "Campaign", "Outcome", "Verdicts", "Way", "judge"]
 
-FloatArray = npt.NDArray[np.float64]
 Campaign = tuple[Design, Measurements]
 
 CONFIDENCE = 0.95
@@ -105,29 +104,27 @@ class Verdicts:
     one_sided: FloatArray
 
     @property
-    def rigid(self) -> npt.NDArray[np.bool_]:
+    def rigid(self) -> BoolArray:
         """(K, n) joints of no compliance at all."""
-        rigid: npt.NDArray[np.bool_] = self.truth == 0.0
+        rigid: BoolArray = self.truth == 0.0
         return rigid
 
     @property
-    def covered(self) -> npt.NDArray[np.bool_]:
+    def covered(self) -> BoolArray:
         """(K, n) intervals that hold the truth; one that is not there, or NaN, does not."""
-        held: npt.NDArray[np.bool_] = (self.interval[..., 0] <= self.truth) & (
-            self.truth <= self.interval[..., 1]
-        )
+        held: BoolArray = (self.interval[..., 0] <= self.truth) & (self.truth <= self.interval[..., 1])
         return held
 
     @property
-    def above(self) -> npt.NDArray[np.bool_]:
+    def above(self) -> BoolArray:
         """(K, n) compliances as great as the one-sided bound says at least."""
-        held: npt.NDArray[np.bool_] = self.one_sided[..., 0] <= self.truth
+        held: BoolArray = self.one_sided[..., 0] <= self.truth
         return held
 
     @property
-    def below(self) -> npt.NDArray[np.bool_]:
+    def below(self) -> BoolArray:
         """(K, n) joints as stiff as the one-sided bound says at least."""
-        held: npt.NDArray[np.bool_] = self.truth <= self.one_sided[..., 1]
+        held: BoolArray = self.truth <= self.one_sided[..., 1]
         return held
 
     @property

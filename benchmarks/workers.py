@@ -19,10 +19,9 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
 from benchmarks.timing import Times, interleaved
-from schemas.resampling import MAX_REPETITIONS
-from service.supervisor import ONE_THREAD
-from solver.gram_blocks import gram_blocks
-from solver.resampling import ResamplingPlan, resample
+from jointstiff.schemas.run import MAX_REPETITIONS
+from jointstiff.service.workers import ONE_THREAD
+from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]
 

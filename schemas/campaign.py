@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from schemas.base import Message
-from schemas.measurement_set import MeasurementSetDocument
-from schemas.robot import RobotDocument
-from schemas.run_options import RunOptions
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import RunOptions
 
 __all__ = ["Campaign"]
 

@@ -6,13 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.base import Identifier, Message, Timestamp
-from schemas.job import JobState, Progress, Provenance
-from schemas.joint_result import JointResult
-from schemas.measurement_set import QualityWarning
-from schemas.problem import Problem
-from schemas.resampling import Resampling, ResamplingResult
-from schemas.run_options import Method, Weighting
+from jointstiff.schemas.fields import Identifier, Message, Timestamp
+from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.run import JointResult, Method, Resampling, ResamplingResult, Weighting
 
 __all__ = [
     "PAPER_METHODS",

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from schemas.base import Message
+from jointstiff.schemas.fields import Message
 
 __all__ = ["Health"]
 

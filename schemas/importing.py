@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import Message, Name
-from schemas.measurement_set import MAX_TARGETS, Units
+from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.measurement import MAX_TARGETS, Units
 
 __all__ = [
     "MAX_PREVIEW_ROWS",

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import Message, Name, Vector3
-from schemas.importing import ImportOptions, ImportPreview
-from schemas.measurement_set import MAX_TARGETS, MeasurementSetDocument, Noise
+from jointstiff.schemas.fields import Message, Name, Vector3
+from jointstiff.schemas.importing import ImportOptions, ImportPreview
+from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, Noise
 
 __all__ = ["ImportAnswer", "ImportRequest"]
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from schemas.base import Message, Timestamp
+from jointstiff.schemas.fields import Message, Timestamp
 
 __all__ = ["JobState", "Progress", "Provenance"]
 

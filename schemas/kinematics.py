@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
-from schemas.base import Identifier, Message, Name, Quantity
-from schemas.robot import MAX_JOINTS, RobotDocument
+from jointstiff.schemas.fields import Identifier, Message, Name, Quantity
+from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
 
 __all__ = ["Kinematics", "KinematicsRequest", "Posture"]
 

@@ -7,13 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 from pydantic.config import JsonDict
 
-from schemas.base import Identifier, Message, Name, Timestamp
-from schemas.job import JobState, Progress, Provenance
-from schemas.joint_result import JointResult
-from schemas.measurement_set import QualityWarning
-from schemas.problem import Problem
-from schemas.run import Certificate
-from schemas.run_options import RunOptions
+from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.run import Certificate, JointResult, RunOptions
 
 __all__ = [
     "AvoidedDeflection",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from schemas.base import Message
+from jointstiff.schemas.fields import Message
 
 __all__ = ["Problem", "ProblemItem"]
 

@@ -6,10 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.base import MAX_NAME_LENGTH, Message
-from schemas.job import JobState
-from schemas.links import Elasticity
-from schemas.run_options import Method, Weighting
+from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
+from jointstiff.schemas.job import JobState
+from jointstiff.schemas.run import Elasticity, Method, Weighting
 
 __all__ = [
     "MAX_PAGE",

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from schemas.base import Identifier, Message, Name, Quantity, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp
 
 __all__ = [
     "MAX_JOINTS",

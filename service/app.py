@@ -11,34 +11,33 @@ import anyio.to_thread
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
-from schemas.comparison import ComparisonRequest
-from schemas.geometry import GeometryRequest
-from schemas.imports import ImportRequest
-from schemas.kinematics import KinematicsRequest
-from schemas.measurement_set import MeasurementSetRequest
-from schemas.pair import PairRequest
-from schemas.problem import Problem
-from schemas.robot import RobotDocument, RobotRequest
-from schemas.run import RunRequest
-from service.api import (
+from jointstiff.schemas.comparison import ComparisonRequest
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.kinematics import KinematicsRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.robot import RobotDocument, RobotRequest
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.api import (
+    LARGE_BODIES,
+    Watches,
     comparisons,
     geometries,
     health,
     imports,
+    install_error_handlers,
+    install_page,
     kinematics,
     measurement_sets,
     pairs,
     robots,
     runs,
 )
-from service.api.bodies import LARGE_BODIES
-from service.api.errors import install_error_handlers
-from service.api.progress import Watches
-from service.jobs import Announce
-from service.page import install_page
-from service.parts import Parts
-from service.store import Store
-from service.versions import JOINTSTIFF_VERSION
+from jointstiff.service.jobs import Announce, Parts
+from jointstiff.service.store import Store
+from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["create_app"]
 

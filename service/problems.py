@@ -7,9 +7,9 @@ from http import HTTPStatus
 from types import MappingProxyType
 from typing import Any, Final
 
-from schemas.problem import Problem, ProblemItem
-from service.imports import FilesError
-from service.store_errors import (
+from jointstiff.schemas.problem import Problem, ProblemItem
+from jointstiff.service.resources import FilesError
+from jointstiff.service.store import (
     CursorError,
     DeletedError,
     IdempotencyConflictError,
@@ -19,7 +19,7 @@ from service.store_errors import (
     StoreUnavailableError,
     TooManyJobsError,
 )
-from solver.exceptions import (
+from jointstiff.solver.errors import (
     JointstiffError,
     MeasurementError,
     NotObservableError,

@@ -15,12 +15,11 @@ from typing import Final
 import uvicorn
 from sqlalchemy import make_url
 
-from service.app import create_app
-from service.ledger import Ledger
-from service.store import Store
-from service.supervisor import Supervisor
-from service.terminal import console
-from service.versions import JOINTSTIFF_VERSION
+from jointstiff.service.app import create_app
+from jointstiff.service.render import console
+from jointstiff.service.store import Store
+from jointstiff.service.versions import JOINTSTIFF_VERSION
+from jointstiff.service.workers import Ledger, Supervisor
 
 __all__ = ["ServerError", "run_server"]
 

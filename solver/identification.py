@@ -6,30 +6,31 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.complementary_stiffness import ComplementaryStiffness
-from solver.decoupled import DecoupledPartialPose
-from solver.estimate import Estimate, assemble
-from solver.exceptions import UnsupportedMethodError
-from solver.identifiability import Exposure
-from solver.measurements import Measurements
-from solver.methods import (
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting import (
     CompletePose,
+    DecoupledPartialPose,
     LengthOfLeastCondition,
+    Method,
     MethodAccumulator,
     PartialPose,
+    Pass,
+    Settings,
+    Weighting,
+    fit_pass,
+    neglected_shift,
+    until_still,
+    visible,
 )
-from solver.passes import Pass, fit_pass, neglected_shift, until_still, visible
-from solver.pose import refuse_unless_posed
-from solver.regressor import regressor_blocks
-from solver.robot import Robot
-from solver.settings import Method, Settings, Weighting
-from solver.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
+from jointstiff.solver.inference import Estimate, assemble
+from jointstiff.solver.observability import Exposure
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import ComplementaryStiffness, refuse_unless_posed, regressor_blocks
+from jointstiff.solver.robot import WRIST_JOINTS, WRIST_TOLERANCE, Robot, Wrist, find_wrist
 
 __all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported", "spherical_wrist"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
@@ -97,7 +98,7 @@ def _assembled(
     )
 
 
-def _known(estimate: Estimate) -> npt.NDArray[np.bool_]:
+def _known(estimate: Estimate) -> BoolArray:
     """(n,) joints with an estimate."""
     return np.array([joint.compliance is not None for joint in estimate.joints])
 

@@ -14,8 +14,8 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.requests import ClientDisconnect
 
-from service.parsing import MalformedError, parse
-from service.records import IdempotencyKey
+from jointstiff.service.conversion import MalformedError, parse
+from jointstiff.service.store import IdempotencyKey
 
 __all__ = [
     "LARGE_BODIES",

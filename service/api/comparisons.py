@@ -7,15 +7,23 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from schemas.base import Page
-from schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
-from schemas.query import ComparisonQuery
-from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from service.api.examples import COMPARISONS
-from service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
-from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
-from service.comparison_csv import comparison_csv
-from service.records import ComparisonEntry
+from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.query import ComparisonQuery
+from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import COMPARISONS
+from jointstiff.service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
+from jointstiff.service.api.parts import (
+    DELETED,
+    EVENT_STREAM,
+    LOCATION,
+    PartsOf,
+    accepted,
+    json_response,
+    problems,
+)
+from jointstiff.service.conversion import comparison_csv
+from jointstiff.service.store import ComparisonEntry
 
 __all__ = ["router"]
 

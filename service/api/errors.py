@@ -9,10 +9,10 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 
-from schemas.problem import Problem
-from service.problems import http_problem, invalid_request, problem_of
-from service.store_errors import StoreError
-from solver.exceptions import JointstiffError
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.problems import http_problem, invalid_request, problem_of
+from jointstiff.service.store import StoreError
+from jointstiff.solver.errors import JointstiffError
 
 __all__ = ["install_error_handlers"]
 

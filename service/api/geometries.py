@@ -6,14 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
 
-from schemas.base import Page
-from schemas.geometry import Geometry, GeometryRequest, GeometrySummary
-from schemas.query import GeometryQuery
-from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
-from service.api.examples import GEOMETRIES
-from service.api.jobs import JobId, delete, restore
-from service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
-from service.records import GeometryEntry
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
+from jointstiff.schemas.query import GeometryQuery
+from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import GEOMETRIES
+from jointstiff.service.api.jobs import JobId, delete, restore
+from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.store import GeometryEntry
 
 __all__ = ["router"]
 

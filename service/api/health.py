@@ -6,10 +6,10 @@ from datetime import timedelta
 
 from fastapi import APIRouter
 
-from schemas.health import Health
-from service.api.parts import PartsOf, problems
-from service.heartbeats import SILENT_SECONDS
-from service.versions import JOINTSTIFF_VERSION
+from jointstiff.schemas.health import Health
+from jointstiff.service.api.parts import PartsOf, problems
+from jointstiff.service.store import SILENT_SECONDS
+from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["router"]
 

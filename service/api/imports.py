@@ -9,16 +9,16 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import TypeAdapter, ValidationError
 
-from schemas.base import MAX_NAME_LENGTH, Name
-from schemas.imports import ImportAnswer, ImportRequest
-from service.api.bodies import MAX_SET_BYTES, SMALL_BYTES, read_content
-from service.api.examples import IMPORTS
-from service.api.multipart import Part, read_parts
-from service.api.parts import json_response, problems
-from service.importing import SourceFile
-from service.imports import import_files
-from service.parsing import MalformedError, parse
-from solver.exceptions import RequestError
+from jointstiff.schemas.fields import MAX_NAME_LENGTH, Name
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+from jointstiff.service.api.bodies import MAX_SET_BYTES, SMALL_BYTES, read_content
+from jointstiff.service.api.examples import IMPORTS
+from jointstiff.service.api.multipart import Part, read_parts
+from jointstiff.service.api.parts import json_response, problems
+from jointstiff.service.conversion import MalformedError, parse
+from jointstiff.service.importing import SourceFile
+from jointstiff.service.resources import import_files
+from jointstiff.solver.errors import RequestError
 
 __all__ = ["router"]
 

@@ -9,13 +9,12 @@ from fastapi import Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
-from schemas.query import WaitQuery
-from service.api.bodies import Body
-from service.api.parts import created, json_response
-from service.api.progress import wait_for_end
-from service.job_log import OPEN_STATES
-from service.jobs import AnyJobs
-from service.store_errors import NotFoundError, StoreUnavailableError
+from jointstiff.schemas.query import WaitQuery
+from jointstiff.service.api.bodies import Body
+from jointstiff.service.api.events import wait_for_end
+from jointstiff.service.api.parts import created, json_response
+from jointstiff.service.jobs import AnyJobs
+from jointstiff.service.store import OPEN_STATES, NotFoundError, StoreUnavailableError
 
 __all__ = ["Closing", "JobId", "Wait", "answer", "delete", "follow", "restore"]
 

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends
 
-from schemas.kinematics import Kinematics, KinematicsRequest
-from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
-from service.api.parts import PartsOf, problems
-from service.conversion import to_kinematics
+from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
+from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.parts import PartsOf, problems
+from jointstiff.service.conversion import to_kinematics
 
 __all__ = ["router"]
 

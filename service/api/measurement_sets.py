@@ -6,14 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
-from schemas.base import Page
-from schemas.measurement_set import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
-from schemas.query import SetQuery
-from service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
-from service.api.examples import MEASUREMENT_SETS
-from service.api.parts import LOCATION, PartsOf, created, json_response, problems
-from service.measurement_sets import assembled
-from service.records import MeasurementSetEntry
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
+from jointstiff.schemas.query import SetQuery
+from jointstiff.service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import MEASUREMENT_SETS
+from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.resources import assembled
+from jointstiff.service.store import MeasurementSetEntry
 
 __all__ = ["router"]
 

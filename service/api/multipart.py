@@ -12,7 +12,7 @@ from typing import Final
 
 from fastapi import HTTPException
 
-from solver.exceptions import RequestError
+from jointstiff.solver.errors import RequestError
 
 __all__ = ["MAX_HEADER_BYTES", "MAX_PARTS", "Part", "read_parts"]
 

@@ -6,14 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
 
-from schemas.base import Page
-from schemas.pair import Pair, PairRequest, PairSummary
-from schemas.query import PairQuery
-from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from service.api.examples import PAIRS
-from service.api.jobs import JobId, delete, restore
-from service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
-from service.records import PairEntry
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
+from jointstiff.schemas.query import PairQuery
+from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import PAIRS
+from jointstiff.service.api.jobs import JobId, delete, restore
+from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.store import PairEntry
 
 __all__ = ["router"]
 

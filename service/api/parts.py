@@ -7,8 +7,8 @@ from typing import Annotated, Any, Final, cast
 from fastapi import Depends, Request, Response
 from pydantic import BaseModel
 
-from schemas.problem import Problem
-from service.parts import Parts
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.jobs import Parts
 
 __all__ = [
     "DELETED",

@@ -6,13 +6,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
-from schemas.base import Page
-from schemas.query import RobotQuery
-from schemas.robot import Robot, RobotRequest, RobotSummary
-from service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
-from service.api.examples import ROBOTS
-from service.api.parts import LOCATION, PartsOf, created, json_response, problems
-from service.records import RobotRecord
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.query import RobotQuery
+from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
+from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.store import RobotRecord
 
 __all__ = ["router"]
 

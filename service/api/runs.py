@@ -7,14 +7,22 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from schemas.base import Page
-from schemas.query import RunQuery
-from schemas.run import Run, RunRequest, RunSummary
-from service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from service.api.examples import RUNS
-from service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
-from service.api.parts import DELETED, EVENT_STREAM, LOCATION, PartsOf, accepted, json_response, problems
-from service.records import RunEntry
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.query import RunQuery
+from jointstiff.schemas.run import Run, RunRequest, RunSummary
+from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.examples import RUNS
+from jointstiff.service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
+from jointstiff.service.api.parts import (
+    DELETED,
+    EVENT_STREAM,
+    LOCATION,
+    PartsOf,
+    accepted,
+    json_response,
+    problems,
+)
+from jointstiff.service.store import RunEntry
 
 __all__ = ["router"]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import typer
 
-from schemas.problem import Problem
-from service.terminal import console, problem_text
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.render import console, problem_text
 
 __all__ = ["failed", "refuse_existing", "refused", "warn", "write_text"]
 

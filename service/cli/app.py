@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from service.cli.geometry import geometry
-from service.cli.identify import compare, identify, pair
-from service.cli.imports import import_readings
-from service.cli.services import demo, post, serve, worker
-from service.cli.simulate import simulate
-from service.versions import JOINTSTIFF_VERSION
+from jointstiff.service.cli.geometry import geometry
+from jointstiff.service.cli.identify import compare, identify, pair
+from jointstiff.service.cli.imports import import_readings
+from jointstiff.service.cli.services import demo, post, serve, worker
+from jointstiff.service.cli.simulate import simulate
+from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 __all__ = ["app"]
 

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 
-from service.supervisor import ONE_THREAD
+from jointstiff.service.workers import ONE_THREAD
 
 __all__ = ["main"]
 
@@ -18,7 +18,7 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if sys.argv[1:2] == ["worker"]:
         os.environ.update(ONE_THREAD)
-    from service.cli.app import app  # here, as this is what takes long
+    from jointstiff.service.cli.app import app  # here, as this is what takes long
 
     if interruptible:
         signal.signal(signal.SIGINT, signal.default_int_handler)

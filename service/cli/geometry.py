@@ -10,17 +10,16 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from schemas.geometry import Geometry, GeometryRequest
-from schemas.robot import RobotDocument
-from service.campaigns import CampaignError, read_document
-from service.cli.answers import refuse_existing, refused, write_text
-from service.cli.options import AsJson
-from service.geometry_table import geometry_report
-from service.parts import Parts
-from service.problems import invalid_request, problem_of
-from service.store import Store
-from service.terminal import console
-from solver.exceptions import JointstiffError
+from jointstiff.schemas.geometry import Geometry, GeometryRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.cli.answers import refuse_existing, refused, write_text
+from jointstiff.service.cli.options import AsJson
+from jointstiff.service.jobs import Parts
+from jointstiff.service.library import CampaignError, read_document
+from jointstiff.service.problems import invalid_request, problem_of
+from jointstiff.service.render import console, geometry_report
+from jointstiff.service.store import Store
+from jointstiff.solver.errors import JointstiffError
 
 __all__ = ["geometry"]
 

@@ -8,13 +8,11 @@ from typing import Annotated, Final, TypeVar
 import typer
 from pydantic import ValidationError
 
-from schemas.comparison import Comparison, ComparisonOptions
-from schemas.pair import PairOptions
-from schemas.run_options import RunOptions
-from service import campaigns
-from service.campaigns import CampaignError, read_campaign
-from service.cli.answers import refused
-from service.cli.options import (
+from jointstiff.schemas.comparison import Comparison, ComparisonOptions
+from jointstiff.schemas.pair import PairOptions
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.cli.answers import refused
+from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
     ElasticityChoice,
@@ -33,11 +31,10 @@ from service.cli.options import (
     link_names,
     priors,
 )
-from service.comparison_csv import comparison_csv
-from service.comparison_table import comparison_table
-from service.pair_table import pair_report
-from service.problems import invalid_request
-from service.terminal import console, progress_bar, run_report
+from jointstiff.service.conversion import comparison_csv
+from jointstiff.service.library import CampaignError, campaigns, read_campaign
+from jointstiff.service.problems import invalid_request
+from jointstiff.service.render import comparison_table, console, pair_report, progress_bar, run_report
 
 __all__ = ["compare", "identify", "pair"]
 

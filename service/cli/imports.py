@@ -10,21 +10,19 @@ from typing import Annotated, Final
 import typer
 from pydantic import ValidationError
 
-from schemas.campaign import Campaign
-from schemas.imports import ImportAnswer, ImportRequest
-from schemas.measurement_set import MeasurementSetDocument
-from schemas.robot import RobotDocument
-from service.api.bodies import MAX_SET_BYTES
-from service.campaigns import CampaignError
-from service.cli.answers import refused
-from service.cli.options import AsJson, EncoderChoice
-from service.import_table import import_report
-from service.importing import SourceFile
-from service.importing.limits import MAX_FILE_BYTES
-from service.imports import FilesError, import_files
-from service.parsing import MalformedError, parse
-from service.problems import http_problem, invalid_request, problem_of
-from service.terminal import console
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.api import MAX_SET_BYTES
+from jointstiff.service.cli.answers import refused
+from jointstiff.service.cli.options import AsJson, EncoderChoice
+from jointstiff.service.conversion import MalformedError, parse
+from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
+from jointstiff.service.library import CampaignError
+from jointstiff.service.problems import http_problem, invalid_request, problem_of
+from jointstiff.service.render import console, import_report
+from jointstiff.service.resources import FilesError, import_files
 
 __all__ = ["import_readings"]
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from schemas.resampling import MAX_REPETITIONS
+from jointstiff.schemas.run import MAX_REPETITIONS
 
 __all__ = [
     "AsJson",

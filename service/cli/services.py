@@ -9,16 +9,15 @@ from typing import Annotated
 
 import typer
 
-from schemas.run import Run
-from service.campaigns import CampaignError, read_campaign
-from service.cli.answers import failed, refused, warn
-from service.cli.options import CampaignFile, DatabaseUrl
-from service.client import RefusedError, ServiceClient
-from service.demo import run_demo
-from service.server import ServerError, run_server
-from service.store_errors import StoreError
-from service.terminal import console, progress_bar, run_report
-from service.worker import run_worker
+from jointstiff.schemas.run import Run
+from jointstiff.service.cli.answers import failed, refused, warn
+from jointstiff.service.cli.demo import run_demo
+from jointstiff.service.cli.options import CampaignFile, DatabaseUrl
+from jointstiff.service.library import CampaignError, RefusedError, ServiceClient, read_campaign
+from jointstiff.service.render import console, progress_bar, run_report
+from jointstiff.service.server import ServerError, run_server
+from jointstiff.service.store import StoreError
+from jointstiff.service.workers import run_worker
 
 __all__ = ["demo", "post", "serve", "worker"]
 

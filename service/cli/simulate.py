@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from examples.simulator import default_arm, simulate_campaign
-from service.cli.answers import refuse_existing, write_text
-from service.cli.options import EncoderChoice, LoadChoice
-from service.terminal import console
+from jointstiff.service.cli.answers import refuse_existing, write_text
+from jointstiff.service.cli.options import EncoderChoice, LoadChoice
+from jointstiff.service.render import console
+from jointstiff.simulator import default_arm, simulate_campaign
 
 __all__ = ["simulate"]
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from schemas.measurement_set import EncoderReading, Observation
-from schemas.robot import MAX_JOINTS
-from schemas.run import EncoderResidual
-from solver.encoders import EncoderReadings
-from solver.exceptions import MeasurementError
+from jointstiff.schemas.measurement import EncoderReading, Observation
+from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.schemas.run import EncoderResidual
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings import EncoderReadings
 
 __all__ = ["EncoderArrays", "to_encoder_residuals"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _PREFIX = "encoder_"
 
@@ -34,7 +34,7 @@ class EncoderArrays:
     """
 
     joints: npt.NDArray[np.str_]
-    present: npt.NDArray[np.bool_]
+    present: BoolArray
     unloaded: FloatArray
     loaded: FloatArray
 
@@ -73,7 +73,7 @@ class EncoderArrays:
         ]
         return readings or None
 
-    def columns(self, joint_names: tuple[str, ...]) -> npt.NDArray[np.intp]:
+    def columns(self, joint_names: tuple[str, ...]) -> IndexArray:
         """(E,) the robot's joint of each encoder.
 
         Raises:

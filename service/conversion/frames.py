@@ -8,18 +8,16 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from schemas.frame import Frame, ResolvedFrame
-from schemas.measurement_set import MeasurementSetHeader
-from schemas.noise import Noise
-from service.conversion.point_noise import PointNoise
-from service.conversion.readings import ReadingArrays
-from service.conversion.units import LENGTH
-from solver.exceptions import MeasurementError
-from solver.geometry.rigid_transform import RigidTransform
+from jointstiff.schemas.measurement import Frame, MeasurementSetHeader, Noise, ResolvedFrame
+from jointstiff.service.conversion.point_noise import PointNoise
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry import RigidTransform
 
 __all__ = ["in_base", "stated_transform", "to_resolved"]
 
-FloatArray = npt.NDArray[np.float64]
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 ROTATION_TOLERANCE = 1e-5

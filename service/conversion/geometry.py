@@ -6,27 +6,29 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas import geometry_result as results
-from schemas.robot import DhRow, JointMap, RobotDocument, UrdfModel
-from service.conversion.geometry_evidence import to_goodness, to_pose_evidence, to_sweep_evidence
-from solver.geometry.axis import Axis
-from solver.geometry.base_drift import BaseDrift
-from solver.geometry.dh_identification import DhTable
-from solver.geometry.geometry_finding import GeometryFinding
-from solver.geometry.identified_axes import Geometry as Quantity
-from solver.geometry.identified_axes import IdentifiedAxes
-from solver.geometry.identified_model import LinkParameter
-from solver.geometry.rigid_transform import RigidTransform
-from solver.geometry.survey import Survey
-from solver.geometry.wrist_centre import CentreEstimate, WristCentre
-from solver.robot import JointMap as RobotJointMap
-from solver.wrist import WRIST_TOLERANCE
+from jointstiff.schemas.geometry import result as results
+from jointstiff.schemas.robot import DhRow, JointMap, RobotDocument, UrdfModel
+from jointstiff.service.conversion.geometry_evidence import to_goodness, to_pose_evidence, to_sweep_evidence
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry import (
+    Axis,
+    BaseDrift,
+    CentreEstimate,
+    DhTable,
+    GeometryFinding,
+    IdentifiedAxes,
+    LinkParameter,
+    RigidTransform,
+    Survey,
+    WristCentre,
+)
+from jointstiff.solver.geometry import Geometry as Quantity
+from jointstiff.solver.robot import WRIST_TOLERANCE
+from jointstiff.solver.robot import JointMap as RobotJointMap
 
 __all__ = ["rigid_message", "to_geometry_result"]
 
-FloatArray = npt.NDArray[np.float64]
 Severity = Literal["error", "warning", "note"]
 
 _SEVERITIES: Final[dict[str, Severity]] = {

@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas import geometry_result as results
-from solver.geometry.circle_point import AxisFit
-from solver.geometry.coupled_sweep import CoupledFit
-from solver.geometry.identified_axes import IdentifiedAxes
-from solver.geometry.kinematic_calibration import CalibratedAxes
-from solver.geometry.survey import Survey
+from jointstiff.schemas.geometry import result as results
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry import AxisFit, CalibratedAxes, CoupledFit, IdentifiedAxes, Survey
 
 __all__ = ["to_goodness", "to_pose_evidence", "to_sweep_evidence"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def to_sweep_evidence(survey: Survey, joints: Sequence[str]) -> list[results.SweepEvidence]:

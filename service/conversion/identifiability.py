@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from math import degrees, isfinite
 
-from schemas import identifiability as messages
-from solver.advice import Advice
-from solver.estimate import Estimate
-from solver.observability import observability_indices
+from jointstiff.schemas.run import identifiability as messages
+from jointstiff.solver.inference import Advice, Estimate
+from jointstiff.solver.observability import observability_indices
 
 __all__ = ["to_identifiability"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from schemas.joint_result import JointResult, OneSidedBounds
-from solver.estimate import JointCompliance
+from jointstiff.schemas.run import JointResult, OneSidedBounds
+from jointstiff.solver.inference import JointCompliance
 
 __all__ = ["to_joint"]
 

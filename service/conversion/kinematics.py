@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.kinematics import Kinematics, Posture
-from solver.exceptions import RequestError
-from solver.robot import Robot
-from solver.skeleton import Skeleton
+from jointstiff.schemas.kinematics import Kinematics, Posture
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import Robot, Skeleton
 
 __all__ = ["to_kinematics"]
 

@@ -7,22 +7,18 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas import links as messages
-from schemas.run_options import RunOptions
-from solver.certificate import Certificate
-from solver.cross_validation import WEIGHTS, Plan
-from solver.elastic_estimate import ElasticEstimate, LinkCompliance
-from solver.estimate import Estimate, JointCompliance
-from solver.exceptions import RequestError
-from solver.link_regressor import ElasticColumns
-from solver.model_selection import Selection
-from solver.robot import Robot
+from jointstiff.schemas.run import RunOptions
+from jointstiff.schemas.run import links as messages
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Certificate
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.inference import Estimate, JointCompliance
+from jointstiff.solver.links import WEIGHTS, ElasticColumns, ElasticEstimate, LinkCompliance, Plan, Selection
+from jointstiff.solver.robot import Robot
 
 __all__ = ["to_elastic_columns", "to_links_result", "to_plan", "to_selection", "with_links"]
 
-FloatArray = npt.NDArray[np.float64]
 
 LARGEST_SPREAD: Final = 0.5
 """Of a joint's compliance over the folds, relative to it, above which it is hardly known."""

@@ -6,22 +6,20 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas import measurement_set as sets
-from service.conversion.encoders import EncoderArrays
-from service.conversion.noise import to_noise
-from service.conversion.readings import ReadingArrays
-from service.conversion.units import ANGLE, LENGTH
-from solver.encoders import EncoderReadings
-from solver.exceptions import MeasurementError
-from solver.finding import Finding
-from solver.measurements import Measurements
-from solver.robot import Robot
+from jointstiff.schemas.measurement import measurement_set as sets
+from jointstiff.service.conversion.encoders import EncoderArrays
+from jointstiff.service.conversion.noise import to_noise
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.readings import EncoderReadings, Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["KGF", "to_measurements", "to_warnings"]
 
-FloatArray = npt.NDArray[np.float64]
 
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas.noise import Instrument as StatedInstrument
-from schemas.noise import Noise
-from service.conversion.point_noise import PointNoise
-from solver.exceptions import MeasurementError
-from solver.measurements import ISOTROPIC_DIFFERENCE, Measurements
-from solver.robot import Robot
-from solver.tracker_noise import DifferenceNoise, Instrument, places_in_base, refuse_no_covariance
+from jointstiff.schemas.measurement import Instrument as StatedInstrument
+from jointstiff.schemas.measurement import Noise
+from jointstiff.service.conversion.point_noise import PointNoise
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings import (
+    ISOTROPIC_DIFFERENCE,
+    DifferenceNoise,
+    Instrument,
+    Measurements,
+    places_in_base,
+    refuse_no_covariance,
+)
+from jointstiff.solver.robot import Robot
 
 __all__ = ["to_noise"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 def to_noise(

@@ -5,20 +5,23 @@ from __future__ import annotations
 from math import isfinite
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas import pair as pairs
-from schemas.run import Certificate
-from service.conversion.joints import to_joint
-from solver.avoided import PredictedDeflection, Share
-from solver.estimate import JointCompliance
-from solver.ordered_pair import OrderedFit
-from solver.pair import AvoidedDeflection, JointRatio, Pair
-from solver.pair_sides import PairSide
+from jointstiff.schemas import pair as pairs
+from jointstiff.schemas.run import Certificate
+from jointstiff.service.conversion.joints import to_joint
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference import JointCompliance
+from jointstiff.solver.paired import (
+    AvoidedDeflection,
+    JointRatio,
+    OrderedFit,
+    Pair,
+    PairSide,
+    PredictedDeflection,
+    Share,
+)
 
 __all__ = ["to_pair_result"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def to_pair_result(pair: Pair, first: PairSide, second: PairSide) -> pairs.PairResult:

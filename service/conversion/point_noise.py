@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from schemas.measurement_set import Reading
-from schemas.noise import Matrix3
-from solver.exceptions import MeasurementError
+from jointstiff.schemas.measurement import Matrix3, Reading
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
 
 __all__ = ["PointNoise"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _NAMES = ("sigma", "unloaded", "loaded")
 _PREFIX = "noise_"

@@ -14,17 +14,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from schemas.frame import ResolvedFrame
-from schemas.measurement_set import MAX_TARGETS, MeasurementSetHeader, Observation, Reading
-from schemas.noise import Noise
-from service.conversion.encoders import EncoderArrays
-from service.conversion.point_noise import PointNoise
-from solver.exceptions import MeasurementError
+from jointstiff.schemas.measurement import (
+    MAX_TARGETS,
+    MeasurementSetHeader,
+    Noise,
+    Observation,
+    Reading,
+    ResolvedFrame,
+)
+from jointstiff.service.conversion.encoders import EncoderArrays
+from jointstiff.service.conversion.point_noise import PointNoise
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
 
 __all__ = ["ReadingArrays", "content_hash"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

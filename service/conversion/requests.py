@@ -6,14 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from schemas.run_options import RunOptions
-from solver.constraints import Order
-from solver.exceptions import RequestError
-from solver.identification import Settings
-from solver.prior import Prior
-from solver.problem import Bounds
-from solver.robot import Robot
-from solver.robust import DEFAULT_THRESHOLD
+from jointstiff.schemas.run import RunOptions
+from jointstiff.solver.convex import Bounds, Order
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting import DEFAULT_THRESHOLD, Prior
+from jointstiff.solver.identification import Settings
+from jointstiff.solver.robot import Robot
 
 __all__ = ["to_settings"]
 

@@ -7,19 +7,16 @@ from math import isfinite
 
 import numpy as np
 
-from schemas import run as runs
-from schemas.joint_result import JointResult
-from schemas.measurement_set import QualityWarning
-from schemas.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
-from service.conversion.identifiability import to_identifiability
-from service.conversion.joints import to_joint
-from service.conversion.readings import ReadingArrays
-from service.conversion.robust_loss import to_robust_loss
-from solver.advice import Advice
-from solver.estimate import Estimate
-from solver.measurements import Measurements
-from solver.prediction import Prediction
-from solver.resampling_summary import ResamplingSummary
+from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
+from jointstiff.schemas.run import run as runs
+from jointstiff.service.conversion.identifiability import to_identifiability
+from jointstiff.service.conversion.joints import to_joint
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.robust_loss import to_robust_loss
+from jointstiff.solver.inference import Advice, Estimate, Prediction
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.resampling import ResamplingSummary
 
 __all__ = ["to_resampling_result", "to_result"]
 

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas import robot as robots
-from solver.chain import KinematicChain
-from solver.dh import DhRow, dh_chain
-from solver.robot import JointMap, Robot
-from solver.wrist import find_wrist
+from jointstiff.schemas import robot as robots
+from jointstiff.solver.robot import DhRow, JointMap, KinematicChain, Robot, dh_chain, find_wrist
 
 __all__ = ["build_robot", "describe_joints", "describe_wrist", "dh_kinematics"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from schemas import run as runs
-from service.conversion.readings import ReadingArrays
-from solver.estimate import Estimate
+from jointstiff.schemas.run import run as runs
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.solver.inference import Estimate
 
 __all__ = ["MAX_SUSPICIOUS", "to_robust_loss"]
 

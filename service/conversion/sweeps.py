@@ -6,21 +6,16 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition, TrackerSheet
-from service.conversion.units import ANGLE, LENGTH
-from solver.exceptions import MeasurementError
-from solver.geometry.poses import Poses
-from solver.geometry.survey import BaseTargets, Conventions
-from solver.geometry.sweep import Sweep, SweepSet
-from solver.robot import JointMap, Robot
-from solver.tracker_noise import Instrument
+from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition, TrackerSheet
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry import BaseTargets, Conventions, Poses, Sweep, SweepSet
+from jointstiff.solver.readings import Instrument
+from jointstiff.solver.robot import JointMap, Robot
 
 __all__ = ["common_base_targets", "to_base_targets", "to_conventions", "to_poses", "to_sweeps"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 class _Readings:

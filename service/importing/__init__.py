@@ -13,7 +13,17 @@ reading        files to readings: the way through
     └── workbook > sheet > archive    Excel
 """
 
-from service.importing.errors import ImportFileError, Place
-from service.importing.reading import Imported, SourceFile, read_files
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.limits import MAX_FILE_BYTES
+from jointstiff.service.importing.preview import missing_from
+from jointstiff.service.importing.reading import Imported, SourceFile, read_files
 
-__all__ = ["ImportFileError", "Imported", "Place", "SourceFile", "read_files"]
+__all__ = [
+    "MAX_FILE_BYTES",
+    "ImportFileError",
+    "Imported",
+    "Place",
+    "SourceFile",
+    "missing_from",
+    "read_files",
+]

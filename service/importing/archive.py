@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from typing import Final
 from xml.parsers import expat
 
-from service.importing.errors import ImportFileError, Place, shown
-from service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
 
 __all__ = ["Archive", "parse_part"]
 

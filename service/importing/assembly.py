@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
-from schemas.importing import State
-from schemas.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
-from service.importing.errors import ImportFileError, Place, shown
-from service.importing.header import Kind
-from service.importing.records import Point, Record, Vector
+from jointstiff.schemas.importing import State
+from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.header import Kind
+from jointstiff.service.importing.records import Point, Record, Vector
 
 __all__ = ["Assembly", "Gathered", "assemble"]
 

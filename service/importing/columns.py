@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from schemas.importing import ImportOptions, State
-from schemas.measurement_set import Units
-from schemas.robot import MAX_JOINTS
-from service.importing.errors import Fault, ImportFileError, Place, shown
-from service.importing.header import DIMENSIONS, Kind, Meaning, meaning_of
-from service.importing.units import Dimension
+from jointstiff.schemas.importing import ImportOptions, State
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.header import DIMENSIONS, Kind, Meaning, meaning_of
+from jointstiff.service.importing.units import Dimension
 
 __all__ = ["Columns", "Quantity", "understand"]
 

@@ -6,7 +6,7 @@ import codecs
 import re
 from typing import Final
 
-from service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import ImportFileError, Place
 
 __all__ = ["decode"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from schemas.importing import Delimiter, TableFormat
-from service.importing.errors import ImportFileError, Place, shown
-from service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
+from jointstiff.schemas.importing import Delimiter, TableFormat
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
 
 __all__ = ["COMMENT_MARKS", "CellKind", "Grid", "Row", "check_size"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
-from schemas.importing import State
-from service.importing.errors import Fault, shown
-from service.importing.units import UNITS, Dimension, unit_named
+from jointstiff.schemas.importing import State
+from jointstiff.service.importing.errors import Fault, shown
+from jointstiff.service.importing.units import UNITS, Dimension, unit_named
 
 __all__ = ["DIMENSIONS", "Kind", "Meaning", "is_key", "meaning_of", "state_named"]
 

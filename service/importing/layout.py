@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from schemas.importing import ImportOptions
-from service.importing.columns import Columns, understand
-from service.importing.errors import Fault, ImportFileError, Place, shown
-from service.importing.grid import CellKind, Grid, Row
-from service.importing.header import is_key, meaning_of
-from service.importing.numbers import looks_like_a_number
+from jointstiff.schemas.importing import ImportOptions
+from jointstiff.service.importing.columns import Columns, understand
+from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.grid import CellKind, Grid, Row
+from jointstiff.service.importing.header import is_key, meaning_of
+from jointstiff.service.importing.numbers import looks_like_a_number
 
 __all__ = ["Layout", "lay_out"]
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from schemas.base import MAX_NAME_LENGTH
-from schemas.importing import State
-from service.importing.errors import Fault, shown
-from service.importing.header import state_named
+from jointstiff.schemas.fields import MAX_NAME_LENGTH
+from jointstiff.schemas.importing import State
+from jointstiff.service.importing.errors import Fault, shown
+from jointstiff.service.importing.header import state_named
 
 __all__ = ["Naming", "Template", "check_name", "default_file", "default_point"]
 

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from schemas.base import MAX_MAGNITUDE
-from schemas.importing import DecimalMark
-from service.importing.errors import Fault, ImportFileError, Place, shown
-from service.importing.limits import MAX_NUMBER_LENGTH
+from jointstiff.schemas.fields import MAX_MAGNITUDE
+from jointstiff.schemas.importing import DecimalMark
+from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.limits import MAX_NUMBER_LENGTH
 
 __all__ = ["MarkedCell", "decide_mark", "looks_like_a_number", "read_number"]
 

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from schemas.importing import MAX_PREVIEW_ROWS, ColumnMeaning, DecimalMark, FilePreview, ImportPreview
-from service.importing.assembly import Assembly
-from service.importing.grid import Grid
-from service.importing.layout import Layout
+from jointstiff.schemas.importing import (
+    MAX_PREVIEW_ROWS,
+    ColumnMeaning,
+    DecimalMark,
+    FilePreview,
+    ImportPreview,
+)
+from jointstiff.service.importing.assembly import Assembly
+from jointstiff.service.importing.grid import Grid
+from jointstiff.service.importing.layout import Layout
 
 __all__ = ["missing_from", "preview_all", "preview_file"]
 

@@ -6,20 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
-from schemas.base import Vector3
-from schemas.importing import FilePreview, ImportOptions, ImportPreview
-from schemas.measurement_set import MeasurementSetDocument, Noise, Observation, Reading, Units
-from service.importing.assembly import Assembly, Gathered, assemble
-from service.importing.errors import ImportFileError, Place
-from service.importing.grid import Grid
-from service.importing.header import Kind
-from service.importing.layout import lay_out
-from service.importing.limits import MAX_FILE_BYTES, MAX_FILES
-from service.importing.preview import preview_all, preview_file
-from service.importing.records import Record, read_mark, read_records
-from service.importing.text import read_text
-from service.importing.units import Dimension
-from service.importing.workbook import XLSX_MAGIC, read_workbook
+from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.importing import FilePreview, ImportOptions, ImportPreview
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
+from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.grid import Grid
+from jointstiff.service.importing.header import Kind
+from jointstiff.service.importing.layout import lay_out
+from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
+from jointstiff.service.importing.preview import preview_all, preview_file
+from jointstiff.service.importing.records import Record, read_mark, read_records
+from jointstiff.service.importing.text import read_text
+from jointstiff.service.importing.units import Dimension
+from jointstiff.service.importing.workbook import XLSX_MAGIC, read_workbook
 
 __all__ = ["Imported", "SourceFile", "read_files"]
 

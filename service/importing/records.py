@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from schemas.importing import DecimalMark, ImportOptions, State
-from service.importing.errors import Fault, ImportFileError, Place, shown
-from service.importing.grid import Grid, Row
-from service.importing.header import Kind, state_named
-from service.importing.layout import Layout
-from service.importing.naming import Naming, Template, check_name, default_file, default_point
-from service.importing.numbers import MarkedCell, decide_mark, read_number
+from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
+from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.grid import Grid, Row
+from jointstiff.service.importing.header import Kind, state_named
+from jointstiff.service.importing.layout import Layout
+from jointstiff.service.importing.naming import Naming, Template, check_name, default_file, default_point
+from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
 
 __all__ = ["Point", "Record", "read_mark", "read_records"]
 

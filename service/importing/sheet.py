@@ -8,10 +8,10 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
-from service.importing.archive import Archive, parse_part
-from service.importing.errors import shown
-from service.importing.grid import CellKind, Row
-from service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
+from jointstiff.service.importing.archive import Archive, parse_part
+from jointstiff.service.importing.errors import shown
+from jointstiff.service.importing.grid import CellKind, Row
+from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
 
 __all__ = ["SheetReader"]
 

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from schemas.importing import Delimiter
-from service.importing.encoding import decode
-from service.importing.errors import ImportFileError, Place, shown
-from service.importing.grid import COMMENT_MARKS, Grid, Row, check_size
-from service.importing.limits import MAX_LINE_LENGTH, MAX_ROWS
-from service.importing.numbers import looks_like_a_number
+from jointstiff.schemas.importing import Delimiter
+from jointstiff.service.importing.encoding import decode
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.grid import COMMENT_MARKS, Grid, Row, check_size
+from jointstiff.service.importing.limits import MAX_LINE_LENGTH, MAX_ROWS
+from jointstiff.service.importing.numbers import looks_like_a_number
 
 __all__ = ["read_text"]
 

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from service.importing.archive import Archive, parse_part
-from service.importing.errors import ImportFileError, Place, shown
-from service.importing.grid import COMMENT_MARKS, CellKind, Grid, Row, check_size
-from service.importing.limits import MAX_CELL_LENGTH
-from service.importing.sheet import SheetReader
+from jointstiff.service.importing.archive import Archive, parse_part
+from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.grid import COMMENT_MARKS, CellKind, Grid, Row, check_size
+from jointstiff.service.importing.limits import MAX_CELL_LENGTH
+from jointstiff.service.importing.sheet import SheetReader
 
 __all__ = ["XLSX_MAGIC", "read_workbook"]
 

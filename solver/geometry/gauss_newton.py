@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.exceptions import MeasurementError
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
 
 __all__ = ["LinearFit", "minimise"]
 
-FloatArray = npt.NDArray[np.float64]
 State = TypeVar("State")
 
 MOST_STEPS = 60
@@ -88,7 +87,7 @@ class LinearFit:
         return np.asarray(self.inverse @ self.inverse.T)
 
     @property
-    def determined(self) -> npt.NDArray[np.bool_]:
+    def determined(self) -> BoolArray:
         """Which unknowns (p,) the readings determine one by one."""
         share = np.linalg.norm(self.unseen, axis=1) if self.unseen.size else np.zeros(len(self.scale))
         return np.asarray(share < _UNDETERMINED)

@@ -10,38 +10,48 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.chain import KinematicChain
-from solver.exceptions import InputError, MeasurementError
-from solver.geometry.axis import Axis
-from solver.geometry.base_drift import BaseDrift, find_drift
-from solver.geometry.base_frame import BaseConvention, BaseFrame, find_base_frame
-from solver.geometry.circle_point import AngleUse
-from solver.geometry.dh_identification import DhTable, dh_table
-from solver.geometry.geometry_finding import GeometryFinding
-from solver.geometry.identified_axes import IdentifiedAxes
-from solver.geometry.identified_model import (
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import InputError, MeasurementError
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.geometry.frames import (
+    BaseConvention,
+    BaseDrift,
+    BaseFrame,
+    CentreEstimate,
+    WristCentre,
+    find_base_frame,
+    find_drift,
+    find_wrist_centre,
+    nearest_to_axes,
+)
+from jointstiff.solver.geometry.model import (
+    DhTable,
     FlangeConvention,
     IdentifiedModel,
     LinkParameter,
+    Poses,
+    calibrate,
+    dh_table,
     identify_model,
     link_table,
+    refine_axes,
 )
-from solver.geometry.kinematic_calibration import calibrate
-from solver.geometry.poses import Poses
-from solver.geometry.sweep import SweepSet
-from solver.geometry.sweep_bundle import refine_axes
-from solver.geometry.sweep_findings import agreement_findings, angle_probability, geometry_findings
-from solver.geometry.swept_axes import SweptAxes, identify_axes
-from solver.geometry.wrist_axes import nearest_to_axes
-from solver.geometry.wrist_centre import CentreEstimate, WristCentre, find_wrist_centre
-from solver.wrist import WRIST_JOINTS
+from jointstiff.solver.geometry.sweeps import (
+    AngleUse,
+    Axis,
+    IdentifiedAxes,
+    SweepSet,
+    SweptAxes,
+    agreement_findings,
+    angle_probability,
+    geometry_findings,
+    identify_axes,
+)
+from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
 
 __all__ = ["BaseTargets", "Conventions", "Evidence", "Survey", "survey_poses", "survey_sweeps"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _DEGENERATE = "the readings leave it too uncertain to be found"
 

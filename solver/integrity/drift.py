@@ -6,17 +6,15 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import special
 
-from solver.finding import Finding, length_text
-from solver.integrity.thresholds import FALSE_ALARM, MODEL_ALLOWANCE
-from solver.integrity.view import View
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.thresholds import FALSE_ALARM, MODEL_ALLOWANCE
+from jointstiff.solver.integrity.view import View
 
 __all__ = ["inspect_drift"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 LEAST_ROWS: Final = 8
 SMALLEST_DRIFT: Final = 1e-4
@@ -65,7 +63,7 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         )
 
 
-def _model_errors(view: View, rows: npt.NDArray[np.intp], which: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _model_errors(view: View, rows: IndexArray, which: BoolArray) -> tuple[FloatArray, FloatArray]:
     """What the model may have wrong, and how far the barycentre is from its median place on the flange.
 
     Args:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.finding import FindingCode
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.finding import FindingCode
 
 __all__ = ["Hypothesis", "angle_hypotheses", "unit_hypotheses"]
 
-FloatArray = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,15 +7,13 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.integrity.springs import Springs
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.integrity.springs import Springs
 
 __all__ = ["Shift", "exchanged_pair", "find_shift"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 BETTER: Final = 0.5
 """Ratio of residuals, corrected to as posted, that speaks for a mistake in one row."""

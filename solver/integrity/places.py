@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.configuration import Configurations
-from solver.finding import Finding, length_text
-from solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
-from solver.integrity.view import View, seen_from_flange
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
+from jointstiff.solver.integrity.view import View, seen_from_flange
+from jointstiff.solver.robot import Configurations
 
 __all__ = ["LARGEST_MODEL_ERROR", "Places", "inspect_places"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Robots stand where their model says within millimetres; more [m] is a wrong frame, map, unit or angle."""

@@ -6,18 +6,16 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import special
 
-from solver.finding import Finding, length_text
-from solver.integrity.thresholds import FALSE_ALARM
-from solver.integrity.view import View
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.thresholds import FALSE_ALARM
+from jointstiff.solver.integrity.view import View
 
 __all__ = ["inspect_repeats"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 SAME_ANGLE: Final = 1e-5
 """Angles [rad] that are the same posture: 20 µm at 2 m."""

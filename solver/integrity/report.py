@@ -7,16 +7,16 @@ from dataclasses import replace
 from itertools import islice
 from typing import Final
 
-from solver.finding import Finding
-from solver.integrity.drift import inspect_drift
-from solver.integrity.places import inspect_places
-from solver.integrity.repeats import inspect_repeats
-from solver.integrity.response import inspect_response
-from solver.integrity.rigidity import inspect_rigidity
-from solver.integrity.values import inspect_values
-from solver.integrity.view import View
-from solver.measurements import Measurements
-from solver.robot import Robot
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.integrity.drift import inspect_drift
+from jointstiff.solver.integrity.places import inspect_places
+from jointstiff.solver.integrity.repeats import inspect_repeats
+from jointstiff.solver.integrity.response import inspect_response
+from jointstiff.solver.integrity.rigidity import inspect_rigidity
+from jointstiff.solver.integrity.values import inspect_values
+from jointstiff.solver.integrity.view import View
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
 
 __all__ = ["MAX_FINDINGS_PER_CODE", "inspect"]
 

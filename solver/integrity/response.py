@@ -11,22 +11,20 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.configuration import Configurations
-from solver.finding import Finding, length_text
-from solver.integrity.hypotheses import Hypothesis, angle_hypotheses
-from solver.integrity.order import Shift, exchanged_pair, find_shift
-from solver.integrity.springs import SpringModel, Springs
-from solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
-from solver.integrity.view import View
-from solver.measurements import Measurements
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses
+from jointstiff.solver.integrity.order import Shift, exchanged_pair, find_shift
+from jointstiff.solver.integrity.springs import SpringModel, Springs
+from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
+from jointstiff.solver.integrity.view import View
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Configurations
 
 __all__ = ["inspect_response"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 UNEXPLAINED: Final = 0.5
 """Of the median deflection. Joints explain four fifths of a real robot's, the paper's worst method a half."""

@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.finding import Finding, length_text
-from solver.integrity.steps import Step, find_step
-from solver.integrity.thresholds import MODEL_ALLOWANCE, length_scale, normal_quantile
-from solver.integrity.view import View
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.steps import Step, find_step
+from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, length_scale, normal_quantile
+from jointstiff.solver.integrity.view import View
 
 __all__ = ["inspect_rigidity"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Rows = npt.NDArray[np.intp]
+Rows = IndexArray
 
 LEAST_SIGMA: Final = 1e-6
 """Of a tracker's reading [m], where it is not stated and the distances say less."""

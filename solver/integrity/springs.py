@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.configuration import Configurations
-from solver.measurements import Measurements
-from solver.regressor import joint_torque
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import joint_torque
+from jointstiff.solver.robot import Configurations
 
 __all__ = ["SpringModel", "Springs"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9

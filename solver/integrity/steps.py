@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
 
 __all__ = ["Step", "find_step"]
 
-FloatArray = npt.NDArray[np.float64]
 
 LEAST_ROWS: Final = 4
 SMALLEST_STEP: Final = 1e-4
@@ -65,9 +64,7 @@ def find_step(places: FloatArray, allowance: float = 1.0) -> Step | None:
     return _most_significant(series, allowance)
 
 
-def _most_significant(
-    series: list[tuple[int, npt.NDArray[np.intp], FloatArray]], allowance: float
-) -> Step | None:
+def _most_significant(series: list[tuple[int, IndexArray, FloatArray]], allowance: float) -> Step | None:
     if not series:
         return None
     changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])

@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import special
+
+from jointstiff.solver.arrays import FloatArray
 
 __all__ = [
     "FALSE_ALARM",
@@ -22,7 +23,6 @@ __all__ = [
     "vector_scale",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 
 FALSE_ALARM: Final = 1e-6
 """Share of clean sets that a check calls suspicious by chance: a dozen checks, a set a day for centuries."""

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from solver.finding import Finding, length_text
-from solver.integrity.view import View
+from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.view import View
 
 __all__ = ["inspect_values"]
 

@@ -7,19 +7,15 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from solver.configuration import Configurations
-from solver.measurements import Measurements
-from solver.robot import Robot
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Configurations, Robot
 
 __all__ = ["View", "seen_from_flange"]
 
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from typing import Any
 
 import httpx
 import pytest
-from browsing import (
+from playwright.sync_api import Browser, sync_playwright
+from support.browsing import (
     ARGUMENTS,
     DASHBOARD,
     REQUIRE_CHROMIUM,
@@ -22,10 +23,9 @@ from browsing import (
     post,
     run_npm,
 )
-from playwright.sync_api import Browser, sync_playwright
 
-from examples.arm import default_arm
-from examples.document import robot_document
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.document import robot_document
 
 
 @pytest.fixture(scope="session")

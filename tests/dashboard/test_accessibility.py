@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from browsing import DASHBOARD, SIZES, VIEWS
 from playwright.sync_api import expect
+from support.browsing import DASHBOARD, SIZES, VIEWS
 
 AXE = DASHBOARD / "node_modules" / "axe-core" / "axe.min.js"
 CHECK = """async (rules) => {

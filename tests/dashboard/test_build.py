@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-from browsing import DASHBOARD, run_npm
+from support.browsing import DASHBOARD, run_npm
 
-from service.app import create_app
-from service.store import Store
+from jointstiff.service.app import create_app
+from jointstiff.service.store import Store
 
 
 def test_types_of_the_api_are_those_of_the_service(node_modules, tmp_path):

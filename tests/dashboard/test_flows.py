@@ -6,11 +6,11 @@ import json
 import re
 
 import pytest
-from browsing import campaign, post
 from playwright.sync_api import expect
+from support.browsing import campaign, post
 
-from examples.arm import default_arm
-from examples.urdf import urdf_text
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.urdf import urdf_text
 
 
 def file_of(document, name="campaign.json"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import re
 
-from browsing import campaign, post
 from playwright.sync_api import expect
+from support.browsing import campaign, post
 
 NAMES = [
     "<script>window.hacked=1</script>",

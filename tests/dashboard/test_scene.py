@@ -5,8 +5,8 @@ from __future__ import annotations
 import statistics
 
 import pytest
-from browsing import campaign, post
 from playwright.sync_api import expect
+from support.browsing import campaign, post
 
 FRAMES = "performance.getEntriesByName('jointstiff.frame').map((m) => m.duration)"
 MOST_MS = 8.0

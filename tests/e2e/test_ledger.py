@@ -10,14 +10,15 @@ import pytest
 from sqlalchemy import MetaData, create_engine, func, select
 from test_long_runs import until, working
 
-from examples.simulator import default_arm, simulate_campaign
-from schemas.measurement_set import MeasurementSetRequest
-from schemas.robot import RobotDocument
-from schemas.run import RunRequest
-from service import ledger as module
-from service.ledger import Ledger, engine_url, schema_of
-from service.parts import Parts
-from service.store import Store
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.jobs import Parts
+from jointstiff.service.store import Store
+from jointstiff.service.workers import Ledger
+from jointstiff.service.workers import queue as module
+from jointstiff.service.workers.queue import engine_url, schema_of
+from jointstiff.simulator import default_arm, simulate_campaign
 
 
 def rows_of(store, database):

@@ -22,14 +22,14 @@ import psycopg
 import pytest
 from sqlalchemy import func, select
 
-from examples.simulator import default_arm, simulate_campaign
-from schemas.campaign import Campaign
-from schemas.comparison import ComparisonOptions
-from schemas.resampling import MAX_REPETITIONS
-from service import campaigns
-from service.database import Database
-from service.records import RunRecord
-from service.tables import TABLES, job_steps
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.comparison import ComparisonOptions
+from jointstiff.schemas.run import MAX_REPETITIONS
+from jointstiff.service.library import campaigns
+from jointstiff.service.store import RunRecord
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.tables import TABLES, job_steps
+from jointstiff.simulator import default_arm, simulate_campaign
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc"
@@ -331,7 +331,7 @@ def working(database: str, name: str) -> Iterator[subprocess.Popen[str]]:
 def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A process of ours, which may not be ready yet."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "service", *arguments],
+        [sys.executable, "-m", "jointstiff", *arguments],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
@@ -359,7 +359,10 @@ def workers_of(database: str) -> list[int]:
             environment = (folder / "environ").read_bytes().split(b"\0")
         except OSError:  # it has ended meanwhile, or is another user's
             continue
-        if b"service.worker" in command and f"JOINTSTIFF_DATABASE={database}".encode() in environment:
+        if (
+            b"jointstiff.service.workers.worker" in command
+            and f"JOINTSTIFF_DATABASE={database}".encode() in environment
+        ):
             found.append(int(folder.name))
     return found
 

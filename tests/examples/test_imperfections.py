@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from examples.imperfections import (
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm, deflections, random_configurations
+from jointstiff.simulator.imperfections import (
     angles_with_elastic_links,
     misplaced,
     with_elastic_links,
     with_link_errors,
 )
-from examples.simulator import LOAD_POINT, TARGETS, SpringArm, default_arm, deflections, random_configurations
 
 POINTS = np.array(list(TARGETS.values()))
 NO_MOMENT = np.zeros(3)

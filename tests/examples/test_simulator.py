@@ -13,14 +13,13 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-import examples
-from examples.equilibrium import torque_derivative
-from examples.simulator import (
+import jointstiff.simulator
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import (
     LOAD_POINT,
     TARGETS,
     EquilibriumError,
     SpringArm,
-    default_arm,
     default_targets,
     deflections,
     equilibrium,
@@ -28,12 +27,12 @@ from examples.simulator import (
     linear_deflections,
     plan_experiment,
     random_configurations,
-    simulate_campaign,
     simulate_positions,
     torques,
     truth,
 )
-from examples.urdf import roll_pitch_yaw, urdf_text
+from jointstiff.simulator.equilibrium import torque_derivative
+from jointstiff.simulator.urdf import roll_pitch_yaw, urdf_text
 
 NOTHING = (0.0, 0.0, 0.0)
 POINTS = np.array(list(TARGETS.values()))
@@ -546,13 +545,16 @@ class TestTruth:
 
 
 def test_the_simulator_imports_nothing_that_it_tests():
-    allowed = {"__future__", "collections", "dataclasses", "examples", "math", "numpy", "types", "typing"}
-    for path in Path(examples.__file__).parent.glob("*.py"):
+    allowed = {"__future__", "collections", "dataclasses", "jointstiff", "math", "numpy", "types", "typing"}
+    for path in Path(jointstiff.simulator.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 assert {name.name.split(".")[0] for name in node.names} <= allowed, path
             if isinstance(node, ast.ImportFrom):
                 assert str(node.module).split(".")[0] in allowed, path
+                assert not str(node.module).startswith("jointstiff.s") or str(node.module).startswith(
+                    "jointstiff.simulator"
+                ), path
 
 
 def read_array(document, reading):

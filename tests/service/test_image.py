@@ -12,7 +12,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 HOOK = WHEEL["hooks"]["custom"].get("path", "hatch_build.py")
 NEEDED = [
-    *WHEEL["packages"],
+    *(name.split("/")[0] for name in WHEEL["only-include"]),
     HOOK,
     "dashboard",
     PROJECT["project"]["readme"],

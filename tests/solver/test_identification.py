@@ -6,21 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import METHODS, estimate, prepare, shared
+from support.campaigns import METHODS, estimate, prepare, shared
 
-from examples.equilibrium import deflections, linear_deflections
-from examples.simulator import TARGETS, default_arm, plan_experiment, simulate_campaign
-from solver import regressor
-from solver.chain import ChainJoint, KinematicChain
-from solver.configuration import Configurations
-from solver.exceptions import NotObservableError, UnsupportedMethodError
-from solver.measurements import Measurements
-from solver.pose import fit_displacement
-from solver.prediction import predict
-from solver.readings import Stage, pose_readings, target_readings
-from solver.regressor import regressor_blocks
-from solver.robot import Robot
-from solver.wrist import find_wrist
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS, plan_experiment
+from jointstiff.simulator.equilibrium import deflections, linear_deflections
+from jointstiff.solver.errors import NotObservableError, UnsupportedMethodError
+from jointstiff.solver.inference import predict
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import (
+    Stage,
+    fit_displacement,
+    pose_readings,
+    regressor,
+    regressor_blocks,
+    target_readings,
+)
+from jointstiff.solver.robot import ChainJoint, Configurations, KinematicChain, Robot, find_wrist
 
 FANUC_STIFFNESS = (861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549)
 FANUC_COMPENSATION = 0.810339

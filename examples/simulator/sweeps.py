@@ -1,0 +1,87 @@
+"""Sweeps: what a tracker that stands elsewhere reads while one joint after the other is turned.
+
+Springs play no part: the arm carries no load. Units are SI; readings are in the tracker's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointstiff.simulator.arm import FloatArray, SpringArm, default_arm
+
+__all__ = ["HOME", "SWEEPS", "SWEEP_TARGETS", "TrackedArm", "imperfect_arm", "rotation_by"]
+
+HOME = np.radians([10.0, -25.0, 20.0, 15.0, 40.0, -30.0])
+"""Controller angles [rad] of the joints that are at rest."""
+
+SWEEPS = np.radians([[-50, 50], [-35, 35], [-40, 40], [-80, 80], [-70, 70], [-150, 150]])
+"""First and last controller angle of each joint's sweep [rad], (6, 2)."""
+
+SWEEP_TARGETS = np.array([[0.10, 0.15, 0.0], [0.10, -0.10, 0.12], [0.12, -0.08, -0.13]])
+"""Targets in the flange frame [m], (3, 3)."""
+
+
+def rotation_by(axis: ArrayLike, angle: float) -> FloatArray:
+    """Rotation (3, 3) about an axis of any length by an angle [rad], by Rodrigues."""
+    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: FloatArray = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    return rotation
+
+
+def imperfect_arm(seed: int, size: float = 1e-3) -> SpringArm:
+    """The default arm as it might have been made: axes 2 to 6 are off.
+
+    Args:
+        seed: of the errors.
+        size: about this much in each coordinate [m], and exactly this angle [rad].
+    """
+    nominal, rng = default_arm(), np.random.default_rng([seed, 77])
+    points = nominal.axis_points + rng.normal(0.0, size, (6, 3))
+    directions = np.stack([rotation_by(rng.normal(size=3), size) @ a for a in nominal.axis_directions])
+    points[0], directions[0] = nominal.axis_points[0], nominal.axis_directions[0]
+    return SpringArm(
+        points, directions, nominal.flange_rotation, nominal.flange_translation, nominal.stiffnesses
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedArm:
+    """An arm, a tracker, targets on the flange, and a controller that may count in its own way.
+
+    Attributes:
+        arm: the arm; six axes.
+        rotation: (3, 3) from R0 to the tracker's frame.
+        translation: (3,) origin of R0 in the tracker's frame [m].
+        targets: (T, 3) in the flange frame [m].
+        matrix: (6, 6) angles of the arm by those of the controller.
+    """
+
+    arm: SpringArm = field(default_factory=default_arm)
+    rotation: FloatArray = field(default_factory=lambda: rotation_by([0.1, -0.05, 1.0], 2.1))
+    translation: FloatArray = field(default_factory=lambda: np.array([-2.4, 3.1, -0.35]))
+    targets: FloatArray = field(default_factory=lambda: SWEEP_TARGETS)
+    matrix: FloatArray = field(default_factory=lambda: np.eye(6))
+
+    def readings(self, controller: FloatArray) -> FloatArray:
+        """Exact readings (N, T, 3) [m] at controller angles (N, 6) [rad]."""
+        in_base = self.arm.posture(controller @ self.matrix.T).targets_to_base(self.targets)
+        readings: FloatArray = in_base @ self.rotation.T + self.translation
+        return readings
+
+    def sweep(self, joint: int, angles: ArrayLike, home: FloatArray = HOME) -> FloatArray:
+        """Controller angles (K, 6) while one joint takes these angles (K,) and the others rest [rad]."""
+        turned = np.asarray(angles, dtype=float)
+        rows = np.tile(home, (len(turned), 1))
+        rows[:, joint] = turned
+        return rows
+
+    def axis(self, joint: int, controller: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """A point on an axis [m] and its direction, tracker's frame, at controller angles (6,) [rad]."""
+        posture = self.arm.posture(self.matrix @ np.asarray(controller, dtype=float))
+        point: FloatArray = self.rotation @ posture.axis_points[joint] + self.translation
+        direction: FloatArray = self.rotation @ posture.axis_directions[joint]
+        return point, direction

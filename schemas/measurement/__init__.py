@@ -1,0 +1,49 @@
+"""Messages about measurement sets."""
+
+from __future__ import annotations
+
+from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import (
+    MAX_OBSERVATIONS,
+    MAX_TARGETS,
+    AngleUnit,
+    EncoderReading,
+    LengthUnit,
+    MeasurementSet,
+    MeasurementSetDocument,
+    MeasurementSetHeader,
+    MeasurementSetRequest,
+    MeasurementSetSummary,
+    Noise,
+    Observation,
+    QualityWarning,
+    Reading,
+    Units,
+    WarningCode,
+)
+from jointstiff.schemas.measurement.noise import Instrument, Matrix3, Sigma, Uncertainty
+
+__all__ = [
+    "MAX_OBSERVATIONS",
+    "MAX_TARGETS",
+    "AngleUnit",
+    "EncoderReading",
+    "Frame",
+    "Instrument",
+    "LengthUnit",
+    "Matrix3",
+    "MeasurementSet",
+    "MeasurementSetDocument",
+    "MeasurementSetHeader",
+    "MeasurementSetRequest",
+    "MeasurementSetSummary",
+    "Noise",
+    "Observation",
+    "QualityWarning",
+    "Reading",
+    "ResolvedFrame",
+    "Sigma",
+    "Uncertainty",
+    "Units",
+    "WarningCode",
+]

@@ -1,0 +1,64 @@
+"""The frame of a measurement set's positions, where it is not R0: a tracker's."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from pydantic.config import JsonDict
+
+from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+
+__all__ = ["Frame", "ResolvedFrame", "Rotation"]
+
+_LENGTH: JsonDict = {"unit": "m"}
+
+Rotation = tuple[Vector3, Vector3, Vector3]
+
+
+class Frame(Message):
+    """Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0."""
+
+    geometry_id: Identifier | None = Field(
+        default=None, description="A geometry by the same tracker at the same station, of the same robot."
+    )
+    rotation: Rotation | None = Field(
+        default=None, description="Row by row, tracker to R0. Dimensionless.", json_schema_extra={"unit": "1"}
+    )
+    translation: Vector3 | None = Field(
+        default=None, description="The tracker's origin in R0, in units.length."
+    )
+    base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
+        default=None,
+        description="With `geometry_id`: its base targets, read again with this set, in units.length. What "
+        "tracker and robot moved against each other since then is removed, and warned of.",
+    )
+    forces: Literal["base", "tracker"] = Field(
+        default="base",
+        description="Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight "
+        "pulls along the vertical of a levelled tracker.",
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Frame:
+        explicit = self.rotation is not None and self.translation is not None
+        partly = self.rotation is not None or self.translation is not None
+        if (self.geometry_id is not None) == partly or partly != explicit:
+            raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
+        if self.base_targets is not None and self.geometry_id is None:
+            raise ValueError("give `geometry_id` with `base_targets`: they are compared with the geometry's")
+        return self
+
+
+class ResolvedFrame(Message):
+    """What a frame meant when the set was stored; it holds though the geometry may be deleted."""
+
+    rotation: Rotation = Field(
+        description="Row by row, tracker to R0. Dimensionless.", json_schema_extra={"unit": "1"}
+    )
+    translation: Vector3 = Field(description="The tracker's origin in R0.", json_schema_extra=_LENGTH)
+    flange_targets: dict[Name, Vector3] = Field(
+        description="The geometry's targets in the flange frame, used for deflections of targets that the "
+        "set does not place; empty if it is of another flange frame.",
+        json_schema_extra=_LENGTH,
+    )

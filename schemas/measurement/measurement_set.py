@@ -1,0 +1,258 @@
+"""A measurement set: loads applied to the robot and what the tracker read before and after."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import FailFast, Field, model_validator
+
+from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
+from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
+from jointstiff.schemas.measurement.noise import Matrix3, Noise, Sigma, refuse_two_kinds
+from jointstiff.schemas.robot import MAX_JOINTS
+
+__all__ = [
+    "MAX_OBSERVATIONS",
+    "MAX_TARGETS",
+    "EncoderReading",
+    "MeasurementSet",
+    "MeasurementSetDocument",
+    "MeasurementSetHeader",
+    "MeasurementSetRequest",
+    "MeasurementSetSummary",
+    "Noise",
+    "Observation",
+    "QualityWarning",
+    "Reading",
+    "Severity",
+    "StoredMeasurementSet",
+    "Units",
+]
+
+MAX_OBSERVATIONS = 10_000
+MAX_TARGETS = 16
+
+LengthUnit = Literal["m", "mm"]
+AngleUnit = Literal["rad", "deg"]
+ForceUnit = Literal["N", "kN", "kgf"]
+MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
+
+
+class Units(Message):
+    """Units of every number in the set. Mandatory: kg instead of N cannot be found out later."""
+
+    length: LengthUnit = Field(description="Of positions, deflections, load points and sigma.")
+    angle: AngleUnit = Field(description="Of joint angles, encoder readings and encoder_sigma.")
+    force: ForceUnit = Field(description="Of forces; 1 kgf = 9.80665 N.")
+    moment: MomentUnit | None = Field(
+        default=None,
+        description="Of moments. May be absent where no moment is given, or where lengths are in "
+        "m: then it is the unit of force times m.",
+    )
+
+
+class Reading(Message):
+    """One target in one observation: two positions, or one deflection."""
+
+    target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
+    unloaded: Vector3 | None = Field(
+        default=None, description="Position in R0 before the load, in units.length."
+    )
+    loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
+    deflection: Vector3 | None = Field(
+        default=None,
+        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's place "
+        "in `flange_targets`.",
+    )
+    sigma: Sigma | None = Field(
+        default=None,
+        description="Standard uncertainty of one coordinate of either position of this reading, in "
+        "units.length. Where one reading states its own noise all do, and `noise` none of the tracker.",
+    )
+    unloaded_covariance: Matrix3 | None = Field(
+        default=None,
+        description="In place of `sigma`: covariance of the position before the load, axes of R0, in "
+        "units.length squared. A deflection is a difference of two positions, and states both, too.",
+    )
+    loaded_covariance: Matrix3 | None = Field(default=None, description="The same under load.")
+
+    @model_validator(mode="after")
+    def _one_kind_of_noise(self) -> Reading:
+        refuse_two_kinds(self.sigma, self.unloaded_covariance, self.loaded_covariance)
+        return self
+
+    @model_validator(mode="after")
+    def _either_positions_or_deflection(self) -> Reading:
+        both = self.unloaded is not None and self.loaded is not None
+        neither = self.unloaded is None and self.loaded is None
+        if not (both if self.deflection is None else neither):
+            raise ValueError("give either `unloaded` and `loaded`, or `deflection` alone")
+        return self
+
+
+class EncoderReading(Message):
+    """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
+
+    The motor's encoder closes the loop meanwhile, so the difference is how far the joint itself bent.
+    """
+
+    joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
+    unloaded: Quantity = Field(
+        description="Angle before the load, in units.angle, counted as the robot's model counts the joint: "
+        "with the sign of its axis, after the joint map. A constant offset does not matter."
+    )
+    loaded: Quantity = Field(description="The same under load, in units.angle.")
+
+
+_EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_length=MAX_JOINTS)]
+
+
+class Observation(Message):
+    """One configuration under one load."""
+
+    label: Name = Field(description="Unique in the set.", examples=["c01"])
+    joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
+        description="Angles as the controller shows them, in units.angle."
+    )
+    force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
+    moment: Vector3 | None = Field(
+        default=None,
+        description="Moment on the robot about the load point, axes of R0, in units.moment.",
+    )
+    load_point: Vector3 | None = Field(
+        default=None,
+        description="Where the force acts, flange frame, in units.length; the set's if absent.",
+    )
+    readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
+        description="What was read of each target, at most once a target."
+    )
+    encoder_readings: _EncoderReadings | None = Field(
+        default=None,
+        description="What secondary encoders read, at most once a joint. Not where they close the loop, as "
+        "they show no deflection then.",
+    )
+
+
+class MeasurementSetHeader(Message):
+    """What holds for all observations of a set."""
+
+    name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
+    units: Units
+    encoders: Literal["motor", "secondary"] = Field(
+        description="Which encoders close the position loop: those of the motors, or secondary "
+        "encoders behind the gearboxes."
+    )
+    noise: Noise | None = Field(
+        default=None,
+        description="If absent, and no reading states its own, sigma is estimated from the residuals.",
+    )
+    frame: Frame | None = Field(
+        default=None,
+        description="Where positions and deflections, and covariances and the tracker's station, are in a "
+        "tracker's frame; R0 if absent.",
+    )
+    flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
+        default_factory=dict,
+        description="Targets in the flange frame, in units.length; needed for deflections.",
+    )
+    load_point: Vector3 | None = Field(
+        default=None,
+        description="Where the force acts, flange frame, in units.length; an observation may give its own.",
+    )
+
+
+class MeasurementSetDocument(MeasurementSetHeader):
+    """A measurement set as it stands in a campaign file."""
+
+    observations: Annotated[
+        list[Observation], Field(min_length=1, max_length=MAX_OBSERVATIONS), FailFast()
+    ] = Field(description=f"One to {MAX_OBSERVATIONS} observations.")
+
+
+class MeasurementSetRequest(MeasurementSetDocument):
+    """A measurement set as it is posted."""
+
+    robot_id: Identifier = Field(description="The robot that was measured.")
+
+
+Severity = Literal["error", "warning", "note"]
+
+WarningCode = Literal[
+    "targets_not_rigid",
+    "target_moved",
+    "targets_swapped",
+    "target_off_model",
+    "observations_out_of_order",
+    "duplicated_observation",
+    "joint_sign_suspect",
+    "joints_swapped",
+    "length_unit_suspect",
+    "force_unit_suspect",
+    "force_sign_suspect",
+    "drift_in_time",
+    "repeated_readings",
+    "residual_outlier",
+    "deflections_unexplained",
+    "target_name_suspect",
+    "deflection_against_force",
+    "encoder_against_torque",
+    "encoder_deflection_implausibly_large",
+    "joint_outside_limits",
+    "angle_unit_suspect",
+    "deflection_implausibly_large",
+    "deflection_implausibly_small",
+    "deflection_below_noise",
+    "sigma_suspect",
+    "zero_load",
+    "residuals_exceed_sigma",
+    "sigma_overstated",
+    "prior_dominates",
+    "low_compensation",
+    "configurations_differ",
+    "robot_models_differ",
+    "base_drifted",
+    "base_target_moved",
+    "stiffness_implausible",
+    "complementary_stiffness_matters",
+]
+
+
+class QualityWarning(Message):
+    """Something suspicious but not impossible, in a set or in a fit. Shown on every run."""
+
+    code: WarningCode = Field(description="Kind of the suspicion.")
+    severity: Severity = Field(
+        default="warning",
+        description="`error`: almost certainly a mistake, mend it before trusting any number; `warning`: "
+        "look into it; `note`: good to know. Nothing is refused or changed for any of them.",
+    )
+    where: str | None = Field(description="Which observation or reading; null for the whole set.")
+    message: str = Field(description="What was seen, with its figure and unit.")
+    remedy: str = Field(description="What to check.")
+
+
+class MeasurementSetSummary(Message):
+    """A measurement set in a listing."""
+
+    id: Identifier
+    robot_id: Identifier
+    name: Name
+    encoders: Literal["motor", "secondary"]
+    observation_count: int
+    warning_count: int
+    created_at: Timestamp
+
+
+class StoredMeasurementSet(MeasurementSetHeader):
+    """A stored measurement set without its observations."""
+
+    robot_id: Identifier = Field(description="The robot that was measured.")
+    id: Identifier
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="What `frame` stands for.")
+    warnings: list[QualityWarning]
+    content_hash: str = Field(description="SHA-256 of everything that was posted.")
+    created_at: Timestamp
+
+
+class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
+    """A stored measurement set: what was posted, and what was noticed."""

@@ -1,0 +1,40 @@
+"""Messages about runs."""
+
+from __future__ import annotations
+
+from jointstiff.schemas.run.identifiability import Identifiability
+from jointstiff.schemas.run.joints import JointResult, OneSidedBounds
+from jointstiff.schemas.run.links import Elasticity, LinkCompliance, LinksResult, ModelSelection
+from jointstiff.schemas.run.options import Method, RunOptions, Weighting
+from jointstiff.schemas.run.resampling import (
+    MAX_REPETITIONS,
+    ResampledCompensation,
+    ResampledJoint,
+    Resampling,
+    ResamplingResult,
+)
+from jointstiff.schemas.run.run import Certificate, EncoderResidual, Run, RunRequest, RunResult, RunSummary
+
+__all__ = [
+    "MAX_REPETITIONS",
+    "Certificate",
+    "Elasticity",
+    "EncoderResidual",
+    "Identifiability",
+    "JointResult",
+    "LinkCompliance",
+    "LinksResult",
+    "Method",
+    "ModelSelection",
+    "OneSidedBounds",
+    "ResampledCompensation",
+    "ResampledJoint",
+    "Resampling",
+    "ResamplingResult",
+    "Run",
+    "RunOptions",
+    "RunRequest",
+    "RunResult",
+    "RunSummary",
+    "Weighting",
+]

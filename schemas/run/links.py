@@ -1,0 +1,160 @@
+"""Elastic links: what may bend beside the joints, and what is found of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.config import JsonDict
+
+from jointstiff.schemas.fields import Message, Name
+
+__all__ = [
+    "CrossValidation",
+    "Elasticity",
+    "ElementShare",
+    "LinkCertificate",
+    "LinkCompliance",
+    "LinksResult",
+    "ModelSelection",
+    "PrincipalCompliance",
+    "ScoredModel",
+]
+
+Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+
+_TRANSLATION: JsonDict = {"unit": "m/N"}
+_ROTATION: JsonDict = {"unit": "rad/(N.m)"}
+_ONE: JsonDict = {"unit": "1"}
+
+Matrix = list[list[float]]
+
+
+class CrossValidation(Message):
+    """How held-out configurations choose the penalty of the links, and compare the models."""
+
+    folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
+        default=5, description="Parts, each held out once; fewer where there are fewer postures."
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
+        default=0, description="Of the draw that shares out the configurations."
+    )
+    rule: Literal["best", "one_standard_error"] = Field(
+        default="best",
+        description="`best`: the penalty of least held-out residual. `one_standard_error`: the largest whose "
+        "residual is within one standard error of that.",
+    )
+
+
+class PrincipalCompliance(Message):
+    """Of the compliance to forces or to moments, in the axes of the joint's frame."""
+
+    value: float = Field(description="m/N of translation, rad/(N.m) of rotation.")
+    direction: tuple[float, float, float] = Field(description="Unit vector.", json_schema_extra=_ONE)
+
+
+class LinkCompliance(Message):
+    """The compliance of the link behind a joint, about the origin and in the axes of the joint's frame."""
+
+    joint: Name = Field(description="Whose frame moves with the near end of the link.")
+    matrix: Matrix = Field(
+        description="6 x 6, symmetric and positive semidefinite: displacement and rotation by force and "
+        "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
+    )
+    translation: list[PrincipalCompliance] = Field(
+        description="Of the block of force and displacement, largest first.", json_schema_extra=_TRANSLATION
+    )
+    rotation: list[PrincipalCompliance] = Field(
+        description="Of the block of moment and rotation, largest first.", json_schema_extra=_ROTATION
+    )
+    effective_freedom: float = Field(
+        description="How many of its numbers the readings determine; the penalty settles the others.",
+        json_schema_extra=_ONE,
+    )
+    parameters: int = Field(description="How many numbers it has.")
+
+
+class ElementShare(Message):
+    """How much of the measured deflection an element explains."""
+
+    kind: Literal["joint", "coupling", "link"]
+    joint: Name | None = Field(description="The joint, or the one that carries the link; null of coupling.")
+    share: float = Field(
+        description="Over the set: projection of its predicted deflections on the measured ones, over those; "
+        "all elements and what is left unexplained sum to 1.",
+        json_schema_extra=_ONE,
+    )
+    by_observation: list[float] = Field(
+        description="The same of each observation, in the order of the set.", json_schema_extra=_ONE
+    )
+
+
+class LinkCertificate(Message):
+    """Proof of optimality, recomputed from the data at the very numbers that are returned."""
+
+    least_eigenvalue: float = Field(
+        description="Of all matrices in SI units, and the least joint compliance; never negative. In the "
+        "unit of its matrix."
+    )
+    dual: float = Field(
+        description="How far the slack matrices are from positive semidefinite, over the penalty.",
+        json_schema_extra=_ONE,
+    )
+    gap: float = Field(
+        description="The fitted readings, all together and weighted, differ from those of the optimum by no "
+        "more than so many `scale`.",
+        json_schema_extra=_ONE,
+    )
+    scale: float = Field(
+        description="Sigma where it is given, otherwise the residual scale of joints alone.",
+        json_schema_extra={"unit": "m"},
+    )
+
+
+class LinksResult(Message):
+    """What bends beside the joints."""
+
+    model: Elasticity
+    penalty: float = Field(description="Weight of the penalty.", json_schema_extra=_ONE)
+    penalty_source: Literal["given", "cross_validation"]
+    coupled_joints: Matrix | None = Field(
+        description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
+        "joints that are not observable.",
+        json_schema_extra=_ROTATION,
+    )
+    links: list[LinkCompliance] = Field(description="Of the links that may bend.")
+    elements: list[ElementShare] = Field(description="What each joint and link explains.")
+    unexplained: float = Field(
+        description="Share of the measured deflection that no element explains.", json_schema_extra=_ONE
+    )
+    effective_freedom: float = Field(
+        description="How many numbers of the whole model the readings determine.", json_schema_extra=_ONE
+    )
+    parameters: int = Field(description="How many numbers the whole model has.")
+    certificate: LinkCertificate
+
+
+class ScoredModel(Message):
+    """How a model predicts configurations that it was not fitted to."""
+
+    model: Elasticity
+    penalty: float | None = Field(
+        description="Weight, chosen for this model or given; null of joints alone.", json_schema_extra=_ONE
+    )
+    compensation: float = Field(
+        description="Of held-out configurations, mean over the folds.", json_schema_extra=_ONE
+    )
+    standard_error: float = Field(
+        description="Of that mean, from the spread of the folds.", json_schema_extra=_ONE
+    )
+    by_fold: list[float] = Field(description="Compensation of each fold.", json_schema_extra=_ONE)
+
+
+class ModelSelection(Message):
+    """The models side by side, from simple to rich."""
+
+    models: list[ScoredModel]
+    best: Elasticity = Field(description="Of the greatest held-out compensation.")
+    simplest: Elasticity = Field(
+        description="The simplest within one standard error of the best: what the readings call for."
+    )

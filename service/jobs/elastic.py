@@ -1,0 +1,175 @@
+"""Elastic links as work: cross-validation cut into steps of a fraction of a second, and what it comes to."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.run import RunOptions, RunResult
+from jointstiff.service.conversion import (
+    to_elastic_columns,
+    to_links_result,
+    to_plan,
+    to_result,
+    to_selection,
+    to_settings,
+    to_warnings,
+    with_links,
+)
+from jointstiff.service.jobs.work import Span
+from jointstiff.service.resources import PreparedSet
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Estimate, judge
+from jointstiff.solver.links import (
+    MODELS,
+    ElasticModel,
+    FoldFit,
+    Folds,
+    Selection,
+    estimate_elastic,
+    fit_fold,
+    refuse_unsupported_elastic,
+    select_model,
+)
+
+__all__ = ["ElasticWork", "decode_fits", "encode_fits"]
+
+_WEIGHTS_A_STEP: Final = 4
+"""Of all models, in one fold: a tenth of a second to one."""
+
+
+class ElasticWork:
+    """One run beyond joints: each unit is a weight of the penalty in a fold, for all models.
+
+    A penalty that is given leaves one weight, which is quick: such work takes no steps.
+    """
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: the readings cannot support it, or something about a joint that is not there.
+        """
+        self._prepared, self._options = prepared, options
+        self._settings = to_settings(options, prepared.robot)
+        refuse_unsupported_elastic(prepared.measurements, self._settings)
+        if options.resampling is not None:
+            raise UnsupportedMethodError(
+                "resampling goes with elasticity joints",
+                where="resampling",
+                remedy="leave resampling out; cross-validation shows the spread",
+            )
+        self._columns = to_elastic_columns(options, prepared.robot)
+        self._plan = to_plan(options)
+        self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
+
+    def steps(self) -> tuple[Span, ...]:
+        """Weights of a fold after the other; none where the penalty is given."""
+        if self._options.link_penalty is not None:
+            return ()
+        count = len(self._plan.weights)
+        return tuple(
+            (fold * count + start, fold * count + min(start + _WEIGHTS_A_STEP, count))
+            for fold in range(self._fold_count)
+            for start in range(0, count, _WEIGHTS_A_STEP)
+        )
+
+    def compute(self, span: Span) -> list[FoldFit]:
+        """Fit all models for some of the weights of a fold.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        fold, start = divmod(span[0], len(self._plan.weights))
+        weights = self._plan.weights[start : start + span[1] - span[0]]
+        return [fit_fold(self._folds, model, fold, weights) for model in self._models]
+
+    def conclude(self, parts: Sequence[list[FoldFit]]) -> RunResult:
+        """Choose the penalty, fit the whole set, and report.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does, or an optimum is not certified.
+        """
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        spans = self.steps()
+        if not spans:
+            count = len(self._plan.weights)
+            spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
+            parts = [self.compute(span) for span in spans]
+        fits = {
+            model.name: self._by_fold(spans, [part[number] for part in parts])
+            for number, model in enumerate(self._models)
+        }
+        selection = select_model(robot, measurements, self._folds, fits, self._plan)
+        return self._result(selection)
+
+    @property
+    def _models(self) -> list[ElasticModel]:
+        return [ElasticModel(name, self._columns) for name in MODELS]
+
+    @cached_property
+    def _joints(self) -> Estimate:
+        """Of joints alone."""
+        return identify(self._prepared.robot, self._prepared.measurements, self._settings)
+
+    @cached_property
+    def _folds(self) -> Folds:
+        prepared = self._prepared
+        visible = ~self._joints.visibility.null
+        return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._plan)
+
+    def _by_fold(self, spans: Sequence[Span], fits: Sequence[FoldFit]) -> list[FoldFit]:
+        """The steps of one model, put together fold by fold."""
+        count = len(self._plan.weights)
+        of_fold: list[list[FoldFit]] = [[] for _ in range(self._fold_count)]
+        for (start, _), fit in zip(spans, fits, strict=True):
+            of_fold[start // count].append(fit)
+        return [
+            FoldFit(
+                np.concatenate([fit.compliances for fit in steps]),
+                np.concatenate([fit.error for fit in steps]),
+            )
+            for steps in of_fold
+        ]
+
+    def _result(self, selection: Selection) -> RunResult:
+        prepared, options = self._prepared, self._options
+        name = options.elasticity
+        scored = selection.of(name)
+        weight = scored.weight if scored.weight is not None else self._plan.weights[0]
+        elastic = estimate_elastic(
+            prepared.robot, prepared.measurements, self._folds, ElasticModel(name, self._columns), weight
+        )
+        estimate = with_links(self._joints, elastic, scored.jackknife)
+        warnings = prepared.warnings + to_warnings(judge(estimate, elastic.prediction), prepared.readings)
+        # No advice: what a further reading would bring is known for a model of joints alone.
+        result = to_result(
+            estimate, elastic.prediction, prepared.measurements, prepared.readings, warnings, ()
+        )
+        links = to_links_result(elastic, prepared.robot.joint_names, given=options.link_penalty is not None)
+        return result.model_copy(update={"links": links, "selection": to_selection(selection)})
+
+
+def encode_fits(fits: Sequence[FoldFit]) -> str:
+    """As text that an engine can keep."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        allow_pickle=False,
+        fold_compliances=np.array([fit.compliances for fit in fits]),
+        error=np.array([fit.error for fit in fits]),
+    )
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def decode_fits(text: str) -> list[FoldFit]:
+    """What `encode_fits` wrote."""
+    with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
+        pairs = zip(archive["fold_compliances"], archive["error"], strict=True)
+        return [FoldFit(compliances, error) for compliances, error in pairs]

@@ -1,0 +1,84 @@
+"""What was understood of files of readings, for people: each column, each assumption, what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from jointstiff.schemas.importing import FilePreview, ImportPreview
+from jointstiff.schemas.imports import ImportAnswer
+
+__all__ = ["import_report"]
+
+_VALUES_SHOWN = 2
+_LONGEST = 24
+_LINES_SHOWN = 8
+
+
+def import_report(answer: ImportAnswer) -> RenderableType:
+    """Each file with its columns, then all of them together, then what is missing."""
+    parts: list[RenderableType] = []
+    for file in answer.preview.files:
+        parts += [
+            Text(f"{file.file}: {_dialect(file)}", style="bold"),
+            _columns(file),
+            *_lines(file.assumptions, "assumed: "),
+        ]
+    parts += [_summary(answer.preview), *_lines(answer.preview.assumptions, "assumed: ")]
+    if answer.missing:
+        parts += [*_lines(answer.missing, "missing: ", "yellow")]
+    else:
+        parts.append(Text("  complete: a measurement set", style="green"))
+    return Group(*parts)
+
+
+def _columns(file: FilePreview) -> Table:
+    table = Table()
+    table.add_column("", justify="right")
+    for heading in ("header", "read as", "unit", "first values"):
+        table.add_column(heading)
+    for column in file.columns:
+        values = [row[column.column - 1] for row in file.first_rows if column.column <= len(row)]
+        shown = [_short(value) for value in values[:_VALUES_SHOWN]]
+        table.add_row(
+            str(column.column),
+            Text(_short(column.header)),
+            Text(_short(column.meaning)),
+            column.unit or "",
+            Text(", ".join(shown)),
+        )
+    return table
+
+
+def _dialect(file: FilePreview) -> str:
+    """How the file is written."""
+    rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
+    if file.format == "xlsx":
+        return f"Excel, sheet {file.sheet!r}, {rows}"
+    return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
+
+
+def _summary(preview: ImportPreview) -> Text:
+    joints = "no joint angles" if preview.joint_count is None else f"{preview.joint_count} joints"
+    targets = ", ".join(preview.targets) or "none"
+    states = ", ".join(preview.states) or "none"
+    more = ", …" if preview.observation_count > len(preview.first_labels) else ""
+    return Text(
+        f"  {preview.observation_count} observations ({', '.join(preview.first_labels)}{more}), {joints}, "
+        f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
+    )
+
+
+def _lines(texts: list[str], lead: str, style: str = "dim") -> Iterator[Text]:
+    for text in texts[:_LINES_SHOWN]:
+        yield Text(f"  {lead}{text}", style=style)
+    if len(texts) > _LINES_SHOWN:
+        yield Text(f"  {lead}{len(texts) - _LINES_SHOWN} more (--json shows all)", style=style)
+
+
+def _short(text: str) -> str:
+    printable = "".join(character if character.isprintable() else "�" for character in text)
+    return printable if len(printable) <= _LONGEST else printable[: _LONGEST - 1] + "…"

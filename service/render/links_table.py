@@ -1,0 +1,96 @@
+"""Tables of elastic links for people: which model the readings call for, and what each element explains."""
+
+from __future__ import annotations
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from jointstiff.schemas.run import LinkCompliance, LinksResult, ModelSelection
+
+__all__ = ["links_report"]
+
+_MODEL_NAMES = {
+    "joints": "joints",
+    "coupled_joints": "coupled joints",
+    "diagonal_links": "diagonal links",
+    "joints_and_links": "joints and links",
+}
+
+
+def links_report(links: LinksResult, selection: ModelSelection | None) -> list[RenderableType]:
+    """What bends beside the joints, in tables and lines."""
+    source = "given" if links.penalty_source == "given" else "by cross-validation"
+    certificate = links.certificate
+    parts: list[RenderableType] = [_elements_table(links)]
+    if links.links:
+        parts.append(_links_table(links))
+    if selection is not None:
+        parts.append(_selection_table(selection))
+    lines = (
+        f"penalty {links.penalty:.3g} ({source}); the readings determine {links.effective_freedom:.1f} of "
+        f"{links.parameters} numbers",
+        f"certified: within {certificate.gap:.1e} sigma of the optimum, no eigenvalue below zero",
+    )
+    return parts + [Text(f"  {line}", style="dim") for line in lines]
+
+
+def _elements_table(links: LinksResult) -> Table:
+    table = Table(title="Share of the measured deflection")
+    table.add_column("element")
+    table.add_column("overall", justify="right")
+    table.add_column("least", justify="right")
+    table.add_column("greatest", justify="right")
+    for element in links.elements:
+        name = element.kind if element.joint is None else element.joint
+        shares = (element.share, min(element.by_observation), max(element.by_observation))
+        label = f"link behind {name}" if element.kind == "link" else name
+        table.add_row(Text(label), *(_percent(share) for share in shares))
+    table.add_section()
+    table.add_row("unexplained", _percent(links.unexplained), "", "")
+    return table
+
+
+def _links_table(links: LinksResult) -> Table:
+    table = Table(
+        title=f"Links, {_MODEL_NAMES[links.model]}",
+        caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: how many "
+        "numbers the readings determine",
+    )
+    for heading in ("behind", "translation", "rotation", "freedom"):
+        table.add_column(heading, justify="left" if heading == "behind" else "right")
+    for link in links.links:
+        table.add_row(
+            Text(link.joint),
+            _principal(link, "translation"),
+            _principal(link, "rotation"),
+            f"{link.effective_freedom:.1f} of {link.parameters}",
+        )
+    return table
+
+
+def _principal(link: LinkCompliance, kind: str) -> str:
+    values = link.translation if kind == "translation" else link.rotation
+    rounding = 1e-9 * values[0].value
+    return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
+
+
+def _selection_table(selection: ModelSelection) -> Table:
+    table = Table(
+        title="Compensation of held-out configurations",
+        caption="mean over the folds and its standard error; the simplest within one of the best is named",
+    )
+    for heading in ("model", "compensation", "std. error", "penalty", ""):
+        table.add_column(heading, justify="left" if heading in {"model", ""} else "right")
+    for scored in selection.models:
+        verdict = "best" if scored.model == selection.best else ""
+        if scored.model == selection.simplest:
+            verdict = f"[green]simplest good enough[/]{', best' if verdict else ''}"
+        penalty = "—" if scored.penalty is None else f"{scored.penalty:.2g}"
+        cells = (_percent(scored.compensation), _percent(scored.standard_error), penalty, verdict)
+        table.add_row(_MODEL_NAMES[scored.model], *cells)
+    return table
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

@@ -1,0 +1,122 @@
+"""Measurement sets as resources: checked and inspected when they come in, never changed after."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from functools import lru_cache
+from uuid import uuid4
+
+from jointstiff.schemas.measurement import measurement_set as messages
+from jointstiff.service.conversion import ReadingArrays, content_hash, in_base, to_measurements, to_warnings
+from jointstiff.service.resources.frames import resolve_frame
+from jointstiff.service.resources.prepared import PreparedSet
+from jointstiff.service.resources.robots import Robots
+from jointstiff.service.store import IdempotencyKey, MeasurementSetRecord, NotFoundError, Store
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.inference import inspect_encoders
+from jointstiff.solver.integrity import inspect
+from jointstiff.solver.robot import Robot
+
+__all__ = ["MeasurementSets"]
+
+_CACHED = 16
+
+
+class MeasurementSets:
+    """The measurement sets of a store."""
+
+    def __init__(self, store: Store, robots: Robots) -> None:
+        self._store = store
+        self._robots = robots
+        self._prepared = lru_cache(_CACHED)(self._prepare)
+
+    def create(
+        self, request: messages.MeasurementSetRequest, key: IdempotencyKey | None
+    ) -> MeasurementSetRecord:
+        """Check a set, look for the usual mistakes, and store it with what was found.
+
+        Raises:
+            MeasurementError: the set cannot be used; with the place and the remedy.
+            RequestError: its frame names a geometry that is not there.
+            IdempotencyConflictError: the key came before with another body.
+        """
+        if key is not None and (before := self._store.find(MeasurementSetRecord, key)) is not None:
+            return before
+        robot = self._robot(request.robot_id)
+        readings = ReadingArrays.from_observations(request.observations)
+        resolved, drift = resolve_frame(self._store, request)
+        measurements = to_measurements(*in_base(request, readings, resolved), robot)
+        targets = tuple(readings.targets.tolist())
+        findings = inspect(robot, measurements, targets, degrees=request.units.angle == "deg")
+        findings += inspect_encoders(robot, measurements)
+        stored = messages.StoredMeasurementSet(
+            **request.model_dump(exclude={"observations"}),
+            id=uuid4().hex,
+            resolved_frame=resolved,
+            warnings=drift + to_warnings(findings, readings),
+            content_hash=content_hash(request, readings, resolved),
+            created_at=datetime.now(UTC),
+        )
+        return self._store.add(_record(stored, readings), key)
+
+    def document(self, set_id: str) -> messages.MeasurementSet:
+        """The set as it was posted, with what was noticed.
+
+        Raises:
+            NotFoundError: there is no such set.
+        """
+        return assembled(self._store.get(MeasurementSetRecord, set_id))
+
+    def prepared(self, set_id: str) -> PreparedSet:
+        """The set ready for computation.
+
+        Raises:
+            NotFoundError: there is no such set.
+        """
+        return self._prepared(set_id)
+
+    def _prepare(self, set_id: str) -> PreparedSet:
+        record = self._store.get(MeasurementSetRecord, set_id)
+        stored = messages.StoredMeasurementSet.model_validate_json(record.document)
+        readings = ReadingArrays.unpack(record.arrays)
+        robot, robot_hash = self._robots.load(stored.robot_id)
+        content = hashlib.sha256(f"{robot_hash} {stored.content_hash}".encode())
+        return PreparedSet(
+            robot=robot,
+            measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
+            readings=readings,
+            warnings=stored.warnings,
+            robot_id=stored.robot_id,
+            content=content.hexdigest(),
+        )
+
+    def _robot(self, robot_id: str) -> Robot:
+        try:
+            return self._robots.load(robot_id)[0]
+        except NotFoundError as error:
+            raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
+
+
+def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:
+    """The message of a stored set."""
+    stored = messages.StoredMeasurementSet.model_validate_json(record.document)
+    observations = ReadingArrays.unpack(record.arrays).observations()
+    parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
+    # Both parts were validated when they were stored.
+    return messages.MeasurementSet.model_construct(**parts, observations=observations)
+
+
+def _record(stored: messages.StoredMeasurementSet, readings: ReadingArrays) -> MeasurementSetRecord:
+    return MeasurementSetRecord(
+        id=stored.id,
+        robot_id=stored.robot_id,
+        name=stored.name,
+        encoders=stored.encoders,
+        observation_count=len(readings.labels),
+        warning_count=len(stored.warnings),
+        created_at=stored.created_at,
+        content_hash=stored.content_hash,
+        document=stored.model_dump_json(),
+        arrays=readings.pack(),
+    )

@@ -1,0 +1,123 @@
+"""Robots as resources: vetted when they come in, built when they are needed."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from functools import lru_cache
+from uuid import uuid4
+
+from jointstiff.schemas import robot as messages
+from jointstiff.service.conversion import build_robot, describe_joints, describe_wrist, dh_kinematics
+from jointstiff.service.resources.sandbox import vet_urdf
+from jointstiff.service.resources.stored_geometry import succeeded_geometry
+from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.robot import Robot, read_urdf
+
+__all__ = ["Robots"]
+
+_CACHED = 64
+
+
+class Robots:
+    """The robots of a store."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._stored = lru_cache(_CACHED)(self._load)
+
+    def create(
+        self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
+    ) -> RobotRecord:
+        """Vet a robot and store it.
+
+        Raises:
+            RobotError: the description cannot be used.
+            RequestError: there is no such geometry.
+            IdempotencyConflictError: the key came before with another body.
+        """
+        if key is not None and (before := self._store.find(RobotRecord, key)) is not None:
+            return before
+        document, geometry_id = self._described(request)
+        vetted, robot = _vetted(document)
+        created_at = datetime.now(UTC)
+        stored = messages.Robot(
+            **vetted.model_dump(exclude={"model"}),
+            model=vetted.model,
+            id=uuid4().hex,
+            joints=describe_joints(robot),
+            wrist=describe_wrist(robot),
+            geometry_id=geometry_id,
+            content_hash=_content_hash(vetted),
+            created_at=created_at,
+        )
+        record = RobotRecord(
+            id=stored.id,
+            name=stored.name,
+            created_at=created_at,
+            content_hash=stored.content_hash,
+            document=stored.model_dump_json(),
+        )
+        return self._store.add(record, key)
+
+    def load(self, robot_id: str) -> tuple[Robot, str]:
+        """The robot ready for computation, and the hash of its content.
+
+        Raises:
+            NotFoundError: there is no such robot.
+        """
+        return self._stored(robot_id)
+
+    def find(self, robot_id: str | None, document: messages.RobotDocument | None) -> Robot:
+        """A stored robot, or one that is described and stays unstored.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            RobotError: the description cannot be used.
+        """
+        if document is not None:
+            return _vetted(document)[1]
+        return self.load(robot_id or "")[0]
+
+    def _described(
+        self, request: messages.RobotDocument | messages.RobotRequest
+    ) -> tuple[messages.RobotDocument, str | None]:
+        """The robot that a request describes, and the geometry that found it."""
+        model = request.model
+        if isinstance(model, messages.GeometryModel):
+            where = "model.geometry_id"
+            _, result = succeeded_geometry(self._store, model.geometry_id, where)
+            return result.robot.model_copy(update={"name": request.name}), model.geometry_id
+        document = messages.RobotDocument(name=request.name, model=model, joint_map=request.joint_map)
+        return document, None
+
+    def _load(self, robot_id: str) -> tuple[Robot, str]:
+        record = self._store.get(RobotRecord, robot_id)
+        stored = messages.Robot.model_validate_json(record.document)
+        model = stored.model
+        if isinstance(model, messages.DhModel):
+            chain = dh_kinematics(model, stored.name)
+        else:  # vetted when it came in, and re-serialised by ourselves
+            chain = read_urdf(model.urdf, model.base, model.flange)
+        return build_robot(chain, stored.joint_map), record.content_hash
+
+
+def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, Robot]:
+    """The document as it was understood, and the robot it describes."""
+    model = document.model
+    if isinstance(model, messages.DhModel):
+        return document, build_robot(dh_kinematics(model, document.name), document.joint_map)
+    try:
+        chain = vet_urdf(model.urdf, model.base, model.flange)
+    except RobotError as error:
+        named = error.where in {"base", "flange"}
+        place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
+        raise RobotError(error.reason, remedy=error.remedy, where=place) from error
+    understood = model.model_copy(update={"urdf": chain.to_urdf()})
+    return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)
+
+
+def _content_hash(document: messages.RobotDocument) -> str:
+    """SHA-256 of the kinematics and the joint map, not of the name."""
+    return hashlib.sha256(document.model_dump_json(exclude={"name"}).encode()).hexdigest()

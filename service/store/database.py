@@ -1,0 +1,207 @@
+"""One open database, SQLite or PostgreSQL: how to connect to it, read it and write it."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Literal
+
+from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+
+from jointstiff.service.store.errors import StoreError, StoreUnavailableError
+
+__all__ = ["Database", "Dialect"]
+
+Dialect = Literal["sqlite", "postgresql"]
+
+_URLS = "give sqlite:///path/to/file.db or postgresql://user:password@host/database"
+_DIALECTS: dict[str, Dialect] = {
+    "sqlite": "sqlite",
+    "postgresql": "postgresql",
+    "postgres": "postgresql",
+    "postgresql+psycopg": "postgresql",
+}
+_BUSY_SECONDS = 20.0
+_CONNECTIONS = 16
+
+
+class Database:
+    """One open database. Safe to use from several threads; each block has its own connection.
+
+    Both engines share a pool and differ in how they begin. A *reader* takes each statement by
+    itself (autocommit), which saves two round trips. A *writer* is one transaction; on SQLite it
+    takes the write lock when it begins, as a lock that is taken later can fail at once (a snapshot
+    that has gone stale) whatever the timeout.
+
+    Attributes:
+        dialect: Which database it is.
+    """
+
+    def __init__(self, dialect: Dialect, reader: Engine, writer: Engine) -> None:
+        self.dialect = dialect
+        self._reader = reader
+        self._writer = writer
+        # SQLite has one writer at a time, and those who wait for it poll: threads queue here,
+        # which halves the time and takes the long waits away.
+        self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
+
+    @classmethod
+    def open(cls, url: str) -> Database:
+        """Connect to the database at `url`.
+
+        Args:
+            url: `sqlite:///path`, `sqlite://` (in memory, gone when closed) or `postgresql://…`.
+
+        Raises:
+            StoreError: The URL names no database that we know.
+            StoreUnavailableError: There is no answer.
+        """
+        parsed = _parse(url)
+        if _DIALECTS[parsed.drivername] == "sqlite":
+            database = cls("sqlite", *_sqlite_engines(parsed))
+            prepare = _switch_to_wal
+        else:
+            database = cls("postgresql", *_postgresql_engines(parsed))
+            prepare = _check_encoding
+        try:
+            with database.reading() as connection:
+                prepare(connection)
+        except BaseException:
+            database.close()
+            raise
+        return database
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._reader.dispose()
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A connection on which each statement stands by itself."""
+        with self._errors_translated(), self._reader.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """One transaction: committed at the end of the block, rolled back if it raises."""
+        with self._errors_translated(), self._turn(), self._writer.begin() as connection:
+            yield connection
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        if not self._turns.acquire(timeout=_BUSY_SECONDS):
+            raise PoolTimeoutError(f"others have been writing for {_BUSY_SECONDS:.0f} s")
+        try:
+            yield
+        finally:
+            self._turns.release()
+
+    @contextmanager
+    def _errors_translated(self) -> Iterator[None]:
+        """Let broken constraints pass, which the store explains; the rest is the database's."""
+        try:
+            yield
+        except IntegrityError:
+            raise
+        except (DBAPIError, PoolTimeoutError) as error:
+            cause = error.orig if isinstance(error, DBAPIError) else error
+            lines = str(cause).strip().splitlines() or [type(cause).__name__]
+            raise StoreUnavailableError(
+                f"the {self.dialect} database does not do its work ({lines[0][:200]})",
+                "see that the file can be written and its disk is not full"
+                if self.dialect == "sqlite"
+                else "see that the server runs and that its address, user and rights are right",
+            ) from error
+
+
+def _parse(url: str) -> URL:
+    try:
+        parsed = make_url(url)
+    except (ArgumentError, ValueError) as error:
+        raise StoreError("the URL of the database cannot be read", _URLS) from error
+    if parsed.drivername not in _DIALECTS:
+        raise StoreError(f"{parsed.drivername} is not a database that can be used here", _URLS)
+    if parsed.drivername == "sqlite" and parsed != URL.create("sqlite", database=parsed.database):
+        raise StoreError("the URL of an SQLite database has more than a path", _URLS)
+    return parsed
+
+
+def _sqlite_engines(url: URL) -> tuple[Engine, Engine]:
+    in_memory = url.database in {None, "", ":memory:"}
+    reader = create_engine(
+        url,
+        isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
+        connect_args={"timeout": _BUSY_SECONDS, "check_same_thread": False},
+        poolclass=QueuePool,
+        # A database in memory is its one connection, which its users take in turn.
+        pool_size=1 if in_memory else _CONNECTIONS,
+        max_overflow=0,
+    )
+    event.listen(reader, "connect", _configure_sqlite)
+    writer = reader.execution_options()
+    event.listen(writer, "begin", _begin_immediate)
+    return reader, writer
+
+
+def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
+    connection.execute("PRAGMA synchronous=FULL").close()
+    connection.execute("PRAGMA foreign_keys=ON").close()
+
+
+def _begin_immediate(connection: Connection) -> None:
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
+def _switch_to_wal(connection: Connection) -> None:
+    """Let readers and the writer pass each other.
+
+    The mode stays with the file. Changing it does not honour the busy timeout, so that a second
+    process opening the same new file must try again.
+    """
+    deadline = time.monotonic() + _BUSY_SECONDS
+    while True:
+        try:
+            mode = connection.exec_driver_sql("PRAGMA journal_mode=WAL").scalar_one()
+            break
+        except OperationalError as error:
+            if not _is_busy(error) or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+    if mode not in {"wal", "memory"}:
+        raise StoreUnavailableError(
+            f"the file system of the SQLite database has no write-ahead log (mode {mode})",
+            "put the file on a local disk, or use PostgreSQL",
+        )
+
+
+def _is_busy(error: OperationalError) -> bool:
+    code = getattr(error.orig, "sqlite_errorcode", 0)
+    return isinstance(code, int) and code & 0xFF == sqlite3.SQLITE_BUSY
+
+
+def _postgresql_engines(url: URL) -> tuple[Engine, Engine]:
+    connect_args: dict[str, Any] = {"client_encoding": "utf8"}
+    if "connect_timeout" not in url.query:
+        connect_args["connect_timeout"] = 10
+    writer = create_engine(
+        url.set(drivername="postgresql+psycopg"),
+        connect_args=connect_args,
+        pool_size=_CONNECTIONS,
+        max_overflow=0,
+        pool_pre_ping=True,  # a server that was restarted costs a reconnection, not an error
+    )
+    return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
+
+
+def _check_encoding(connection: Connection) -> None:
+    encoding = connection.exec_driver_sql("SHOW server_encoding").scalar_one()
+    if encoding != "UTF8":
+        raise StoreError(
+            f"the PostgreSQL database has the encoding {encoding}",
+            "create one with ENCODING 'UTF8'",
+        )

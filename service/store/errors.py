@@ -1,0 +1,148 @@
+"""What can go wrong with the store.
+
+StoreError                     a database that this software cannot work with: see the remedy
+├── StoreUnavailableError      the database does not answer: try again, or look at the server
+├── NotFoundError              no such record: check the id
+│   └── DeletedError           it was deleted: restore it
+├── NotEndedError              a job that goes on cannot be deleted: cancel it first
+├── TooManyJobsError           as many jobs wait as may: post again later
+├── IdempotencyConflictError   a key used again for another body: take a new key
+└── CursorError                not a cursor that a page gave: start from the first page
+"""
+
+from __future__ import annotations
+
+from jointstiff.service.store.records import AnyRecord
+
+__all__ = [
+    "CursorError",
+    "DeletedError",
+    "IdempotencyConflictError",
+    "NotEndedError",
+    "NotFoundError",
+    "StoreError",
+    "StoreUnavailableError",
+    "TooManyJobsError",
+]
+
+_MAX_SHOWN = 80
+
+
+def _shown(text: str) -> str:
+    """Text from outside, quoted, escaped and short enough for a message."""
+    return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
+
+
+def _restored(kind: type[StoreError], args: tuple[object, ...], state: dict[str, object]) -> StoreError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
+
+
+class StoreError(Exception):
+    """Base of the store's errors.
+
+    Attributes:
+        reason: What is wrong, in a sentence.
+        remedy: How to mend it.
+    """
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way from a worker process, whatever the arguments of a subclass were."""
+        return _restored, (type(self), self.args, dict(self.__dict__))
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(f"{reason}: {remedy}")
+        self.reason = reason
+        self.remedy = remedy
+
+
+class StoreUnavailableError(StoreError):
+    """The database does not answer, or refuses what the store must do."""
+
+
+class NotFoundError(StoreError):
+    """There is no such record.
+
+    Attributes:
+        kind: Type of the record that was looked for.
+        id: The id that nothing has; text from outside, of any length.
+    """
+
+    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+        super().__init__(
+            f"there is no {kind.title} {_shown(identifier)}",
+            f"check the id, or list the {kind.title}s",
+        )
+        self.kind = kind
+        self.id = identifier
+
+
+class DeletedError(NotFoundError):
+    """The record was deleted, and has not been removed yet."""
+
+    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+        super().__init__(kind, identifier)
+        self.reason = f"the {kind.title} {_shown(identifier)} was deleted"
+        self.remedy = f"bring it back with POST /v1/{kind.title}s/{identifier}/restore"
+        self.args = (f"{self.reason}: {self.remedy}",)
+
+
+class NotEndedError(StoreError):
+    """A job that goes on cannot be deleted.
+
+    Attributes:
+        kind: Type of its record.
+        id: Of the job.
+    """
+
+    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+        super().__init__(
+            f"the {kind.title} {_shown(identifier)} has not ended",
+            f"cancel it first with POST /v1/{kind.title}s/{identifier}/cancel, or wait for its end",
+        )
+        self.kind = kind
+        self.id = identifier
+
+
+class TooManyJobsError(StoreError):
+    """As many jobs of a kind go on as may."""
+
+    def __init__(self, kind: type[AnyRecord], most: int) -> None:
+        super().__init__(
+            f"{most:,} {kind.title}s have not ended", "post it again when some have, or cancel some"
+        )
+        self.kind = kind
+        self.most = most
+
+
+class IdempotencyConflictError(StoreError):
+    """An idempotency key came again with another body.
+
+    Attributes:
+        kind: Type of the record that the key created.
+        key: The key; text from outside, of any length.
+    """
+
+    def __init__(self, kind: type[AnyRecord], key: str) -> None:
+        super().__init__(
+            f"the idempotency key {_shown(key)} already created a {kind.title} from another body",
+            "send the first body again, or take a new key",
+        )
+        self.kind = kind
+        self.key = key
+
+
+class CursorError(StoreError):
+    """A cursor that no page gave.
+
+    Attributes:
+        cursor: The cursor; text from outside, of any length.
+    """
+
+    def __init__(self, cursor: str) -> None:
+        super().__init__(
+            f"{_shown(cursor)} is not a cursor",
+            "take `next` of the page before as it stands, or leave the cursor out",
+        )
+        self.cursor = cursor

@@ -1,0 +1,67 @@
+"""The workers that live, by the database's clock."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from sqlalchemy import Connection, delete, func, insert, select, update
+
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.tables import heartbeats
+
+__all__ = ["SILENT_SECONDS", "Heartbeats"]
+
+SILENT_SECONDS: Final = 30.0
+"""A worker not heard of for so long is taken for dead."""
+
+_FORGET: Final = 100
+"""Silences after which the row of an executor is removed."""
+
+
+class Heartbeats:
+    """Signs of life of the workers of a store."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def beat(self, executor: str, silence: timedelta) -> list[str]:
+        """An executor lives.
+
+        Args:
+            executor: its name.
+            silence: how long one may be silent and still count as living.
+
+        Returns:
+            Those that live, by the database's clock; no worker's own may be trusted.
+        """
+        mine = heartbeats.c.executor == executor
+        with self._database.writing() as connection:
+            now = self._now(connection)
+            if connection.execute(update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
+                connection.execute(insert(heartbeats).values(executor=executor, beat_at=now))
+            living = self._living(connection, now, silence)
+            connection.execute(delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * silence))
+        return living
+
+    def living(self, silence: timedelta) -> list[str]:
+        """The executors that live, none of them silent for longer than that."""
+        with self._database.reading() as connection:
+            return self._living(connection, self._now(connection), silence)
+
+    def forget(self, executor: str) -> None:
+        """An executor is about to end."""
+        with self._database.writing() as connection:
+            connection.execute(delete(heartbeats).where(heartbeats.c.executor == executor))
+
+    def _living(self, connection: Connection, now: datetime, silence: timedelta) -> list[str]:
+        # Nor later than now: a clock that was set back would keep the dead alive until it caught up.
+        living = heartbeats.c.beat_at.between(now - silence, now + silence)
+        rows = connection.execute(select(heartbeats.c.executor).where(living)).all()
+        return sorted(str(row.executor) for row in rows)
+
+    def _now(self, connection: Connection) -> datetime:
+        if self._database.dialect == "sqlite":  # all who use it share this machine's clock
+            return datetime.now(UTC)
+        now: datetime = connection.execute(select(func.now())).scalar_one()
+        return now

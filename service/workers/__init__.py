@@ -1,0 +1,9 @@
+"""Workers: the queue, recovery and supervision."""
+
+from __future__ import annotations
+
+from jointstiff.service.workers.queue import Ledger
+from jointstiff.service.workers.supervisor import ONE_THREAD, Supervisor
+from jointstiff.service.workers.worker import run_worker
+
+__all__ = ["ONE_THREAD", "Ledger", "Supervisor", "run_worker"]

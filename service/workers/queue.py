@@ -1,0 +1,196 @@
+"""The engine's tables: which jobs are announced, who carries them out, what became of them.
+
+They are DBOS's own, beside the store's in the same database; only its public client is asked.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from dbos import DBOS, DBOSClient, EnqueueOptions
+from sqlalchemy import Connection, make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from jointstiff.service.store import Store, StoreError
+
+__all__ = [
+    "APPLICATION",
+    "QUEUES",
+    "VERSION",
+    "Ledger",
+    "Outcome",
+    "as_store_errors",
+    "engine_url",
+    "job_of",
+    "schema_of",
+]
+
+VERSION: Final = 2
+"""Of the layout of workflows and steps: workers only carry on what has the same."""
+QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
+"""Queue of each kind of workflow."""
+APPLICATION: Final = "jointstiff"
+_JOBS: Final = ["job", "run"]
+"""Workflows that carry out a job, of this version and of earlier ones."""
+_ASKED: Final = 10_000
+"""Jobs asked for in one query: neither database takes one with any number of parameters."""
+_ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
+
+# The engine says on each start that a cloud service could be had, and on each retry what it does.
+logging.getLogger("dbos").setLevel(logging.CRITICAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of the workflow of a job.
+
+    Attributes:
+        status: the engine's word for it.
+        version: of the layout that it was announced with.
+    """
+
+    status: str
+    version: int
+
+    @property
+    def ended(self) -> bool:
+        """Whether it goes on no more."""
+        return self.status in _ENDED
+
+    @property
+    def outdated(self) -> bool:
+        """Whether it waits for a worker of an earlier version."""
+        return not self.ended and self.version < VERSION
+
+
+class Ledger:
+    """What the engine keeps of the jobs of a store."""
+
+    def __init__(self, store: Store, database: str) -> None:
+        """Connect to the engine's tables, making them if need be.
+
+        Args:
+            store: of the jobs.
+            database: its URL; the engine keeps its tables beside the store's.
+
+        Raises:
+            StoreError: the engine's tables cannot be made or used.
+        """
+        url, schema = engine_url(database), schema_of(store)
+        with as_store_errors():
+            DBOS.migrate(url, schema=schema)
+            self._client = DBOSClient(
+                system_database_url=url, dbos_system_schema=schema, application_name=APPLICATION
+            )
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._client.destroy()
+
+    def announce(self, connection: Connection, kind: str, job_id: str) -> None:
+        """Announce a job in the transaction that stores it: both are there, or neither is."""
+        self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
+
+    def pending(self) -> dict[str, tuple[str, str]]:
+        """Workflows of this version that a worker has taken and not ended: id → kind, executor."""
+        found = self._client.list_workflows(
+            status="PENDING", app_version=str(VERSION), load_input=False, load_output=False
+        )
+        return {each.workflow_id: (each.name, str(each.executor_id)) for each in found}
+
+    def resume(self, workflows: Iterable[tuple[str, str]]) -> None:
+        """Put workflows (id, kind) back into their queues; whoever still carries one out, loses it."""
+        for identifier, kind in workflows:
+            self._client.resume_workflows([identifier], queue_name=QUEUES[kind])
+
+    def outcomes(self, job_ids: list[str]) -> dict[str, Outcome]:
+        """What became of the workflows of some jobs; those that are not there are left out."""
+        found = {}
+        for first in range(0, len(job_ids), _ASKED):
+            some = job_ids[first : first + _ASKED]
+            for each in self._client.list_workflows(workflow_ids=some, load_input=False, load_output=False):
+                found[each.workflow_id] = Outcome(str(each.status), int(each.app_version or 0))
+        return found
+
+    def renew(self, kind: str, job_id: str) -> None:
+        """Announce a job anew, in this version's layout; what was computed of it is lost."""
+        self._client.delete_workflows([job_id], delete_children=True)
+        self._client.enqueue(_announcement(job_id), kind, job_id)
+
+    def forget_ended(self, age: timedelta, limit: int) -> list[str]:
+        """Remove what the steps of ended jobs computed.
+
+        Args:
+            age: how long ago their workflow ended, at least.
+            limit: jobs at most.
+
+        Returns:
+            Ids of the jobs.
+        """
+        found = self._client.list_workflows(
+            name=_JOBS,
+            status=_ENDED,
+            completed_before=(datetime.now(UTC) - age).isoformat(),
+            limit=limit,
+            load_input=False,
+            load_output=False,
+        )
+        identifiers = [each.workflow_id for each in found]
+        if identifiers:
+            self._client.delete_workflows(identifiers, delete_children=True)
+        return identifiers
+
+
+def _announcement(job_id: str) -> EnqueueOptions:
+    return {
+        "queue_name": QUEUES["job"],
+        "workflow_name": "job",
+        "workflow_id": job_id,
+        "app_version": str(VERSION),
+    }
+
+
+def job_of(workflow_id: str) -> str:
+    """The job that a workflow, of the job or of one of its parts, belongs to."""
+    return workflow_id.partition("-")[0]
+
+
+def engine_url(database: str) -> str:
+    """The store's URL as the engine reads it.
+
+    Raises:
+        StoreError: the database is in the memory of one process, and workers are others.
+    """
+    url = make_url(database)
+    if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
+        raise StoreError(
+            "a database in memory cannot be shared with workers",
+            "give a file: --database sqlite:///jointstiff.db",
+        )
+    if url.get_backend_name() == "postgresql":
+        url = url.set(drivername="postgresql")
+    return url.render_as_string(hide_password=False)
+
+
+def schema_of(store: Store) -> str:
+    """The engine's schema on PostgreSQL: one for each schema of a store, as jobs have no other namespace."""
+    schema = store.schema()
+    return "dbos" if schema in {None, "public"} else f"dbos_{schema}"
+
+
+@contextmanager
+def as_store_errors() -> Iterator[None]:
+    """Say in the store's words what is wrong with the engine's tables."""
+    try:
+        yield
+    except SQLAlchemyError as error:
+        cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
+        raise StoreError(
+            f"the tables for long jobs cannot be made or used ({cause[:200]})",
+            "give the database's user the right to create a schema in it",
+        ) from error

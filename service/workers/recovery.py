@@ -1,0 +1,167 @@
+"""Sees to it that every job ends: idle work is given to others, jobs that cannot go on are failed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from jointstiff.service.jobs import AnyJobs
+from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Heartbeats
+from jointstiff.service.workers.engine import ATTEMPTS, Engine
+from jointstiff.service.workers.queue import Outcome, job_of
+
+__all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "Janitor", "WorkerLostError"]
+
+BEAT_SECONDS: Final = 5.0
+"""Between two signs of life of a worker."""
+KEEP_SECONDS: Final = 3600.0
+"""What the steps of a job computed is kept for so long after its end."""
+_REMOVED: Final = 20
+"""Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+class WorkerLostError(Exception):
+    """The engine gave a job up."""
+
+
+class Janitor:
+    """Of one worker. It looks at every beat; what it does is safe to repeat, and others do the same."""
+
+    def __init__(
+        self,
+        heartbeats: Heartbeats,
+        jobs: Mapping[str, AnyJobs],
+        engine: Engine,
+        executor: str,
+        keep: timedelta = timedelta(seconds=KEEP_SECONDS),
+        now: Callable[[], datetime] = _now,
+    ) -> None:
+        """Look after the jobs of a store.
+
+        Args:
+            heartbeats: of its workers.
+            jobs: by the name of their kind.
+            engine: of this worker.
+            executor: name of this worker.
+            keep: for how long after the end of a job what its steps computed is kept.
+            now: tells the time, aware, by which deleted jobs are removed.
+        """
+        self._heartbeats = heartbeats
+        self._jobs = jobs
+        self._engine = engine
+        self._executor = executor
+        self._keep = keep
+        self._now = now
+        self._idle: set[str] = set()
+        self._lost: set[str] = set()
+        self._unknown: set[str] = set()
+
+    def look(self) -> None:
+        """Show a sign of life, and mend what is found.
+
+        Raises:
+            StoreUnavailableError: the database does not answer; look again later.
+        """
+        living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
+        pending = self._engine.ledger.pending()
+        duties = [lambda: self._take_up_idle(pending)]
+        if living and living[0] == self._executor:  # one of the living is enough
+            abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
+            duties += [
+                lambda: self._count_deaths(abandoned, pending),
+                lambda: self._resume(abandoned, pending),
+                self._look_after_jobs,
+                self._tidy,
+                self._purge,
+            ]
+        failures = [failure for failure in map(_failure, duties) if failure]  # none keeps from the others
+        if failures:
+            raise failures[0]
+
+    def hand_over(self) -> None:
+        """Leave what this worker has begun to the others, as it is about to end."""
+        pending = self._engine.ledger.pending()
+        self._resume({name for name, (_, executor) in pending.items() if executor == self._executor}, pending)
+        self._heartbeats.forget(self._executor)
+
+    def _take_up_idle(self, pending: dict[str, tuple[str, str]]) -> None:
+        """What this process took and does not carry out: its thread ended as the database was in the way."""
+        mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
+        idle = mine - set(self._engine.active)
+        self._resume(idle & self._idle, pending)
+        self._idle = idle
+
+    def _count_deaths(self, abandoned: set[str], pending: dict[str, tuple[str, str]]) -> None:
+        """Fail a job over which too many workers died, else it would take all others with it.
+
+        A worker dies over the job whose part it computes or whose result it puts together, not over those
+        that it waits for.
+        """
+        computed = {job_of(name) for name in abandoned if pending[name][0] == "part"}
+        for jobs in self._jobs.values():
+            for job_id in {job_of(name) for name in abandoned}:
+                if not jobs.goes_on(job_id) or not (job_id in computed or jobs.is_computed(job_id)):
+                    continue
+                if jobs.log.died(job_id) >= ATTEMPTS:
+                    jobs.fail(job_id, WorkerLostError(f"{ATTEMPTS} workers died over job {job_id}"))
+
+    def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
+        self._engine.ledger.resume((name, pending[name][0]) for name in names)
+
+    def _look_after_jobs(self) -> None:
+        lost, missing = set[str](), set[str]()
+        for kind, jobs in self._jobs.items():
+            open_jobs = jobs.log.open_jobs()
+            outcomes = self._engine.ledger.outcomes(open_jobs) if open_jobs else {}
+            unknown = set(open_jobs) - set(outcomes)
+            outdated = {job for job, outcome in outcomes.items() if outcome.outdated}
+            self._renew(kind, outdated | unknown & self._unknown)
+            lost |= self._fail_lost(jobs, outcomes)
+            missing |= unknown
+        self._lost, self._unknown = lost, missing
+
+    def _renew(self, kind: str, job_ids: set[str]) -> None:
+        """Announce again what waits for workers of an earlier version, as there will be none.
+
+        Also what the engine does not know: who did so before may have died half-way.
+        """
+        for job_id in job_ids:
+            self._jobs[kind].log.forget_steps([job_id])
+            self._engine.ledger.renew(kind, job_id)
+
+    def _fail_lost(self, jobs: AnyJobs, outcomes: dict[str, Outcome]) -> set[str]:
+        """End open jobs whose workflow has ended without ending them, two looks in a row.
+
+        Returns:
+            Those that look lost now.
+        """
+        lost = {job for job, outcome in outcomes.items() if outcome.ended}
+        for job_id in lost & self._lost:
+            jobs.fail(job_id, WorkerLostError(f"the engine gave job {job_id} up: {outcomes[job_id].status}"))
+        return lost
+
+    def _tidy(self) -> None:
+        """Remove the steps of jobs that ended a while ago: only the result is asked for from then on."""
+        ended = self._engine.ledger.forget_ended(self._keep, _REMOVED)
+        if ended:
+            for jobs in self._jobs.values():
+                jobs.log.forget_steps(ended)
+
+    def _purge(self) -> None:
+        """Remove for good what was deleted long ago."""
+        before = self._now() - KEEP_DELETED
+        for jobs in self._jobs.values():
+            jobs.deletions.purge(before, _REMOVED)
+
+
+def _failure(duty: Callable[[], None]) -> Exception | None:
+    try:
+        duty()
+    except Exception as failure:  # noqa: BLE001 - raised once all is done
+        return failure
+    return None

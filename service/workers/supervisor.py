@@ -1,0 +1,95 @@
+"""Worker processes of the service: started with it, replaced when they die, ended with it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from types import MappingProxyType, TracebackType
+from typing import Final
+
+__all__ = ["DATABASE_VARIABLE", "ONE_THREAD", "Supervisor"]
+
+DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
+"""Where a worker finds the URL of the store."""
+ONE_THREAD: Final = MappingProxyType(
+    dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
+"""Environment of a worker, read by numpy; with more threads N workers would fight for the processors."""
+_SHORT_LIFE_SECONDS: Final = 10.0
+_PAUSE_SECONDS: Final = 2.0
+"""Before a worker that did not live long is replaced, so that one that cannot start does not spin."""
+_END_SECONDS: Final = 10.0
+
+_logger = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
+
+    def __init__(self, database: str, workers: int, prefix: str) -> None:
+        """Start the workers.
+
+        Args:
+            database: URL of the store.
+            workers: how many; none is allowed.
+            prefix: what makes the names of these workers unlike those of other services, and the same as
+                those of an earlier start of this one.
+        """
+        self._stopping = threading.Event()
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._watchers = [
+            threading.Thread(target=self._keep, args=(database, f"{prefix}-{number}"), daemon=True)
+            for number in range(1, workers + 1)
+        ]
+        for watcher in self._watchers:
+            watcher.start()
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        for process in list(self._processes.values()):
+            process.terminate()
+        deadline = time.monotonic() + _END_SECONDS
+        for watcher in self._watchers:
+            watcher.join(max(0.0, deadline - time.monotonic()))
+
+    def _keep(self, database: str, name: str) -> None:
+        """Keep a worker of this name running."""
+        while not self._stopping.is_set():
+            began = time.monotonic()
+            try:
+                self._watch(database, name)
+            except OSError:
+                _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
+            if time.monotonic() - began < _SHORT_LIFE_SECONDS:
+                self._stopping.wait(_PAUSE_SECONDS)
+
+    def _watch(self, database: str, name: str) -> None:
+        """Start a worker, and wait for its end."""
+        with subprocess.Popen(
+            [sys.executable, "-m", "jointstiff.service.workers.worker", name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=_environment(database),
+            process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+        ) as process:
+            self._processes[name] = process
+            if self._stopping.is_set():  # it was started while all others were being ended
+                process.terminate()
+            status = process.wait()
+        if not self._stopping.is_set():
+            how = f"signal {-status}" if status < 0 else f"status {status}"
+            _logger.warning("worker %s ended with %s; starting it again", name, how)
+
+
+def _environment(database: str) -> dict[str, str]:
+    """With the database's URL, as the arguments of a process are for all to see."""
+    return os.environ | ONE_THREAD | {DATABASE_VARIABLE: database}

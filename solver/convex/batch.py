@@ -1,0 +1,197 @@
+"""Many small box-constrained least-squares problems at once, from their Gram matrices (METHOD.md §5).
+
+With G = AᵀA and h = Aᵀd the problem is ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``. The Gram
+matrix squares the condition number, so it is asked only where it can answer to about nine digits; whoever
+has the rows goes back to them for the rest. As in `solve` no answer leaves without a certificate,
+and where pivoting does not find it, `solve` does, one problem at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.convex.certificate import CERTIFICATE_TOLERANCE
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solve import solve
+from jointstiff.solver.errors import SolverError
+
+__all__ = ["LEAST_EIGENVALUE", "BatchSolution", "exactly_at_bounds", "solve_batch"]
+
+
+LEAST_EIGENVALUE = 1e-6
+"""Of an equilibrated Gram matrix. Rounding of 1e-16 in its entries grows to 1e-10 in the answer there."""
+
+_ROUNDING = 64 * np.finfo(float).eps
+"""Of a gradient, relative to the largest variable."""
+
+_FREE, _LOWER, _UPPER = 0, -1, 1
+
+_PIVOTS = 8
+"""Rounds of pivoting; nearly all problems settle in two or three."""
+
+
+@dataclass(frozen=True, eq=False)
+class BatchSolution:
+    """The optima of K problems over n parameters.
+
+    Attributes:
+        compliance: (K, n) [rad/(N·m)]; NaN where not certified.
+        active: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0.
+        certified: (K,) whether the optimality conditions hold to `CERTIFICATE_TOLERANCE`. False means
+            that the Gram matrix is singular or too ill-conditioned to answer.
+    """
+
+    compliance: FloatArray
+    active: Support
+    certified: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """K problems in equilibrated variables: A has a unit diagonal, the greatest entry of |b| is one."""
+
+    A: FloatArray  # (K, n, n)
+    b: FloatArray  # (K, n)
+    lower: FloatArray  # (K, n)
+    upper: FloatArray  # (K, n)
+
+    def select(self, which: IndexArray) -> _Scaled:
+        """Some of the problems."""
+        return _Scaled(self.A[which], self.b[which], self.lower[which], self.upper[which])
+
+
+def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSolution:
+    """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``.
+
+    Each problem is solved by itself, by operations of its own size: its numbers do not depend, to the
+    last bit, on which others are in the batch.
+
+    Args:
+        gram: (K, n, n) G = AᵀA, symmetric, in any unit.
+        moment: (K, n) h = Aᵀd.
+        bounds: on the n parameters of every problem.
+
+    Returns:
+        The optima, certified from G and h.
+
+    Raises:
+        SolverError: if a number is not finite, or `solve` finds no certificate either.
+    """
+    if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
+        raise SolverError(
+            "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
+        )
+    scaled, unit = _equilibrate(gram, moment, bounds)
+    sound = np.flatnonzero(np.linalg.eigvalsh(scaled.A)[:, 0] >= LEAST_EIGENVALUE)
+    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
+    x[sound], active[sound] = _optima(scaled.select(sound))
+    certified = np.zeros(len(moment), dtype=np.bool_)
+    certified[sound] = True
+    return BatchSolution(exactly_at_bounds(x * unit, active, bounds), active, certified)
+
+
+def exactly_at_bounds(c: FloatArray, active: Support, bounds: Bounds) -> FloatArray:
+    """Undo the rounding of a scaling, so that a zero is a zero and no compliance is below it.
+
+    Args:
+        c: (K, n) compliances [rad/(N·m)]; NaN stays NaN.
+        active: (K, n) as in `BatchSolution`.
+        bounds: on the n compliances.
+    """
+    c = np.where(active == _LOWER, bounds.lower, np.where(active == _UPPER, bounds.upper, c))
+    return np.clip(c, bounds.lower, bounds.upper)
+
+
+def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[_Scaled, FloatArray]:
+    """The scaled problems, and the units (K, n) with c = unit · x; zero columns are left as they are."""
+    diagonal = np.diagonal(gram, axis1=1, axis2=2)
+    norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    b = moment / norms
+    greatest = np.abs(b).max(axis=1, keepdims=True, initial=0.0)
+    size = np.where(greatest > 0, greatest, 1.0)
+    unit = size / norms
+    A = gram / (norms[:, :, None] * norms[:, None, :])
+    return _Scaled(A, b / size, bounds.lower / unit, bounds.upper / unit), unit
+
+
+def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
+    """Optimum and support of well-conditioned problems, by pivoting or else by the exact path."""
+    x = _snap(problems, _polish(problems, _pivot(problems)))
+    for k in np.flatnonzero(~_certified(problems, x)):
+        x[k] = _solve_alone(problems, k)
+    below, above = x == problems.lower, x == problems.upper
+    return x, np.where(below, _LOWER, np.where(above, _UPPER, _FREE)).astype(np.int8)
+
+
+def _snap(problems: _Scaled, x: FloatArray) -> FloatArray:
+    """Put on its bound what is beyond it, or not off it by more than rounding. Certified is the outcome."""
+    x = np.where(x - problems.lower <= CERTIFICATE_TOLERANCE, problems.lower, x)
+    return np.where(problems.upper - x <= CERTIFICATE_TOLERANCE, problems.upper, x)
+
+
+def _pivot(problems: _Scaled) -> Support:
+    """Block principal pivoting (Portugal, Júdice & Vicente 1994) on all problems not settled yet.
+
+    All parameters that break their condition change sides at once: a free one outside its bounds goes to
+    the bound, one at a bound with a multiplier of the wrong sign is freed. It may cycle; the certificate
+    finds that out.
+    """
+    active = np.zeros(problems.b.shape, dtype=np.int8)
+    unsettled = np.arange(len(active))
+    for _ in range(_PIVOTS):
+        part, side = problems.select(unsettled), active[unsettled]
+        x = _polish(part, side)
+        gradient = _gradient(part, x)
+        pull = np.where(side == _LOWER, gradient, np.where(side == _UPPER, -gradient, 1.0))
+        moved = np.where(pull < 0, _FREE, side)
+        moved = np.where(x < part.lower, _LOWER, np.where(x > part.upper, _UPPER, moved))
+        changed = (moved != side).any(axis=1)
+        unsettled = unsettled[changed]
+        active[unsettled] = moved[changed]
+        if not len(unsettled):
+            break
+    return active
+
+
+def _polish(problems: _Scaled, active: Support) -> FloatArray:
+    """Least squares on each support: rows and columns at a bound become those of the unit matrix.
+
+    The eigenvalues of what is left lie between those of A, so no system is singular.
+    """
+    free = active == _FREE
+    held = np.where(active == _LOWER, problems.lower, np.where(active == _UPPER, problems.upper, 0.0))
+    system = np.where(free[:, :, None] & free[:, None, :], problems.A, np.eye(free.shape[1]))
+    right = np.where(free, -_gradient(problems, held), held)
+    x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+    return np.where(free, x, held)
+
+
+def _gradient(problems: _Scaled, x: FloatArray) -> FloatArray:
+    """(K, n) A x − b, summed without BLAS, whose order of summation may depend on threads."""
+    product: FloatArray = (problems.A * x[:, None, :]).sum(axis=2)
+    return product - problems.b
+
+
+def _certified(problems: _Scaled, x: FloatArray) -> BoolArray:
+    """(K,) whether the conditions of Karush, Kuhn and Tucker hold at x, which keeps its bounds.
+
+    The gradient must vanish off the bounds, be positive at a lower bound and negative at an upper one. It
+    is known to the rounding of the terms that cancel in it.
+    """
+    gradient = _gradient(problems, x)
+    at_lower, at_upper = x <= problems.lower, x >= problems.upper
+    wrong = np.where(at_lower, -gradient, np.where(at_upper, gradient, np.abs(gradient)))
+    rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
+    holds: BoolArray = wrong.max(axis=1) <= CERTIFICATE_TOLERANCE + rounding
+    return holds
+
+
+def _solve_alone(problems: _Scaled, k: np.intp) -> FloatArray:
+    """One problem by `solve`, stated by a triangle R with RᵀR = A and z with Rᵀz = b."""
+    factor = np.linalg.cholesky(problems.A[k])
+    z = np.linalg.solve(factor, problems.b[k])
+    bounds = Bounds(problems.lower[k], problems.upper[k])
+    return solve(IdentificationProblem(factor.T, z, bounds)).compliance

@@ -1,0 +1,139 @@
+"""Semidefinite programs as data: a cone, a least-squares term, a penalty on traces (METHOD.md §7).
+
+minimise ‖R x − z‖² + λ Σ tr   subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0 for the blocks
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex.semidefinite.symmetric import diagonal, to_matrix, to_vector
+
+__all__ = ["Cone", "LeastSquares", "SemidefiniteProgram", "raised"]
+
+
+_NEAR_LEAST_SQUARES: Final = 1e-6
+"""Singular values below this part of the first are left out of the point the program is stated around."""
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Which parameters are what.
+
+    Attributes:
+        nonnegative: how many of the first are zero or positive.
+        sizes: of the blocks that follow, each a symmetric matrix as in `symmetric`.
+    """
+
+    nonnegative: int
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def dimension(self) -> int:
+        """Number of parameters."""
+        return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
+
+    def blocks(self) -> Iterator[tuple[int, slice]]:
+        """Size and place of each block."""
+        start = self.nonnegative
+        for size in self.sizes:
+            stop = start + size * (size + 1) // 2
+            yield size, slice(start, stop)
+            start = stop
+
+    def least(self, x: FloatArray) -> float:
+        """Least of the scalars and of the blocks' eigenvalues; inf of nothing."""
+        values = [
+            x[: self.nonnegative],
+            *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
+        ]
+        return float(min((value.min() for value in values if len(value)), default=np.inf))
+
+    def project(self, x: FloatArray) -> FloatArray:
+        """The nearest point of the cone, whose computed eigenvalues are not below zero either."""
+        out = np.maximum(x, 0.0)
+        for size, place in self.blocks():
+            eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
+            kept = np.maximum(eigenvalues, 0.0)
+            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
+        return out
+
+
+def raised(vector: FloatArray, size: int) -> FloatArray:
+    """A block with as much added to its diagonal as it takes for no computed eigenvalue to be negative.
+
+    It is rounding, of a few parts in 10¹⁶ of the greatest eigenvalue.
+    """
+    lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
+    raised_vector = vector
+    while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
+        raised_vector = vector.copy()
+        raised_vector[diagonal(size)] += lift
+        lift *= 2.0
+    return raised_vector
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """The quadratic part, shared by programs with other penalties.
+
+    Attributes:
+        R: (m, p) regressor; columns of parameters without a penalty have unit norm.
+        z: (m,) readings of unit norm.
+    """
+
+    R: FloatArray
+    z: FloatArray
+
+    @cached_property
+    def near(self) -> FloatArray:
+        """(p,) a point near the least-squares solution, of moderate size."""
+        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
+
+    @cached_property
+    def compressed(self) -> tuple[FloatArray, FloatArray]:
+        """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
+        p = self.R.shape[1]
+        both = np.asarray(np.linalg.qr(np.column_stack([self.R, self.z]), mode="r"), dtype=np.float64)
+        return both[:p, :p], both[:p, p]
+
+    def gradient_at(self, x: FloatArray) -> FloatArray:
+        """(p,) of ‖R x − z‖²."""
+        gradient: FloatArray = 2.0 * self.R.T @ (self.R @ x - self.z)
+        return gradient
+
+
+@dataclass(frozen=True, eq=False)
+class SemidefiniteProgram:
+    """The program as data.
+
+    Attributes:
+        fit: quadratic part.
+        cone: of the parameters.
+        weight: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`.
+        penalised: (nonnegative,) which of the scalars, the others' columns being independent.
+    """
+
+    fit: LeastSquares
+    cone: Cone
+    weight: float
+    penalised: BoolArray
+
+    @cached_property
+    def penalty(self) -> FloatArray:
+        """P (p,): λ for the penalised scalars and on the diagonals of the blocks."""
+        out = np.zeros(self.cone.dimension)
+        out[: self.cone.nonnegative][self.penalised] = self.weight
+        for size, place in self.cone.blocks():
+            out[place][diagonal(size)] = self.weight
+        return out
+
+    def slack(self, x: FloatArray) -> FloatArray:
+        """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
+        return self.fit.gradient_at(x) + self.penalty

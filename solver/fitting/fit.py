@@ -1,0 +1,47 @@
+"""The outcome of a method before sigma is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, Support
+from jointstiff.solver.convex import Certificate
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.observability import Combination, Identifiability
+
+__all__ = ["Fit"]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The outcome of a method before sigma is known.
+
+    Attributes:
+        compliance: (n,) optimum [rad/(N·m)]; zero for null columns.
+        active: (n,) -1 or 1 at a lower or upper bound, else 0.
+        tied: (n,) joints whose compliance an order makes equal to another's.
+        covariance: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns.
+        likelihood: of the compliances that the readings see, before any constraint.
+        parameters: how many the readings were asked for: the rank, less what a prior answered instead.
+        undetermined: groups of joints that neither the readings nor a prior tell apart.
+        identifiability: of each stage, by the readings alone.
+        certificates: of each stage.
+        alone: where a prior takes part, the fit of the readings alone.
+    """
+
+    compliance: FloatArray
+    active: Support
+    tied: BoolArray
+    covariance: FloatArray
+    likelihood: Likelihood
+    parameters: float
+    undetermined: tuple[Combination, ...]
+    identifiability: tuple[Identifiability, ...]
+    certificates: tuple[Certificate, ...]
+    alone: Fit | None = None
+
+    def inflated(self, factor: float) -> Fit:
+        """The same estimate, its variance greater by a factor."""
+        if factor == 1.0:
+            return self
+        return replace(self, covariance=factor * self.covariance, likelihood=self.likelihood.inflated(factor))

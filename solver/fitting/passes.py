@@ -1,0 +1,227 @@
+"""Fits of a whole set: one, or one after the other until the deflected configurations stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import NotObservableError, SolverError
+from jointstiff.solver.fitting.fit import Fit
+from jointstiff.solver.fitting.informed import fit_informed
+from jointstiff.solver.fitting.methods import MethodAccumulator
+from jointstiff.solver.fitting.prior import PriorRows
+from jointstiff.solver.fitting.robust import RobustFit, fit_huber
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.observability import Exposure, Visibility
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import (
+    BLOCK_LENGTH,
+    LargestStiffness,
+    RegressorBlock,
+    TargetRows,
+    neglected_readings,
+    regressor_blocks,
+)
+from jointstiff.solver.robot import Robot
+
+__all__ = ["MAX_ROUNDS", "NewMethod", "Pass", "fit_pass", "neglected_shift", "until_still", "visible"]
+
+
+MAX_ROUNDS = 20
+"""Fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness, mostly a thousandth."""
+_STILL = 1e-10
+"""Relative change of the compliances between two fits that ends them."""
+SHIFT_OBSERVATIONS = 2 * BLOCK_LENGTH
+"""As many tell how much K_c matters."""
+
+
+class NewMethod(Protocol):
+    """Makes an accumulator of the method that was asked for, empty."""
+
+    def __call__(self) -> MethodAccumulator:
+        """One for each fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """One fit of a whole set.
+
+    Attributes:
+        visibility: of the joints, in the unloaded configurations; the first pass settles it for all.
+        method: the rows that were fitted.
+        fit: the outcome.
+        largest_stiffness: K_c over the set.
+        robust: what the Huber loss made of the readings; None for the squared loss.
+        targets: the rows of that loss.
+        first_block: the first observations, with their regressors.
+    """
+
+    visibility: Visibility
+    method: MethodAccumulator
+    fit: Fit
+    largest_stiffness: LargestStiffness
+    robust: RobustFit | None
+    targets: TargetRows | None
+    first_block: RegressorBlock
+
+
+def fit_pass(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    new_method: NewMethod,
+    before: Pass | None = None,
+) -> Pass:
+    """Fit once.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: loss, constraints and prior.
+        new_method: method and weighting.
+        before: an earlier pass, by whose compliances the load bends the robot; None neglects K_c.
+
+    Returns:
+        The outcome.
+
+    Raises:
+        JointstiffError: as `jointstiff.solver.identification.identify`.
+    """
+    compliance = None if before is None else before.fit.compliance
+    exposure, method = Exposure(robot.joint_names), new_method()
+    largest, robust, targets = LargestStiffness(robot.n), None, None
+    if settings.loss == "huber":
+        targets, robust = _weights(robot, measurements, settings, before)
+        measurements = robust.weigh(measurements)
+    first_block = None
+    for block in regressor_blocks(robot, measurements, compliance):
+        exposure.add(block)
+        method.add(block)
+        largest.add(block)
+        first_block = first_block or block
+    if first_block is None:  # measurements hold at least one observation
+        raise SolverError("there is no observation", remedy="report this with the data")
+    visibility = visible(exposure) if before is None else before.visibility
+    fit = fit_informed(method, visibility, settings, measurements.sigma if robust is None else robust.sigma)
+    return Pass(visibility, method, fit, largest, robust, targets, first_block)
+
+
+def _weights(
+    robot: Robot, measurements: Measurements, settings: Settings, before: Pass | None
+) -> tuple[TargetRows, RobustFit]:
+    """Solve the Huber problem of this pass; a scale that is not known is settled by the first one."""
+    compliance = None if before is None else before.fit.compliance
+    sigma = measurements.sigma
+    if before is not None and before.robust is not None:
+        sigma = before.robust.sigma
+    exposure, targets = Exposure(robot.joint_names), TargetRows(robot.n)
+    for block in regressor_blocks(robot, measurements, compliance):
+        exposure.add(block)
+        targets.add(block)
+    null = (visible(exposure) if before is None else before.visibility).null
+    return targets, fit_huber(
+        targets,
+        null,
+        settings.constraints,
+        prior=settings.prior,
+        sigma=sigma,
+        threshold=settings.huber_threshold,
+    )
+
+
+def until_still(
+    robot: Robot, measurements: Measurements, settings: Settings, new_method: NewMethod, first: Pass
+) -> tuple[Pass, int]:
+    """Fit with K_c, again and again, until the compliances that bend the robot are those that are found.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: loss, constraints and prior.
+        new_method: method and weighting.
+        first: the fit without K_c.
+
+    Returns:
+        The last fit, and how many it took after the first.
+
+    Raises:
+        SolverError: the compliances do not settle within `MAX_ROUNDS`.
+    """
+    last = first
+    for rounds in range(1, MAX_ROUNDS + 1):
+        before, last = last, fit_pass(robot, measurements, settings, new_method, last)
+        change = np.abs(last.fit.compliance - before.fit.compliance)
+        size = np.maximum(np.abs(last.fit.compliance), first.visibility.reference_compliance)
+        if (change <= _STILL * size).all():
+            return last, rounds
+    raise SolverError(
+        f"the compliances still change by {(change / size).max():.1e} after {MAX_ROUNDS} fits with the "
+        "complementary stiffness",
+        where="complementary_stiffness",
+        remedy="neglect it, or add postures and loads that show every joint",
+    )
+
+
+def neglected_shift(
+    robot: Robot, measurements: Measurements, neglected: Pass, prior: PriorRows | None
+) -> FloatArray:
+    """How much including K_c would change the compliances, to first order.
+
+    The same estimator, linear where bounds stay as active as they are, of what the model left out. Of a set
+    beyond `SHIFT_OBSERVATIONS` as many stand for the whole, evenly spread. Where loads of all directions
+    make the observations' shares cancel, that overstates it: by the root of the set's size over theirs.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        neglected: the fit without K_c.
+        prior: as in that fit.
+
+    Returns:
+        (n,) change [rad/(N·m)], zero for joints at a bound.
+    """
+    fit = neglected.fit
+    estimated = np.flatnonzero(~neglected.visibility.null & (fit.active == 0))
+    shift, share = np.zeros(robot.n), min(1.0, SHIFT_OBSERVATIONS / len(measurements))
+    for block in _even_part(robot, measurements, neglected):
+        left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
+        shift += neglected.method.response(left_out, estimated, prior)
+    return shift / share
+
+
+def _even_part(robot: Robot, measurements: Measurements, neglected: Pass) -> Iterator[RegressorBlock]:
+    """At most `SHIFT_OBSERVATIONS` of the observations, as they were weighted in the fit."""
+    if len(measurements) <= BLOCK_LENGTH:
+        yield neglected.first_block
+        return
+    weighed = measurements if neglected.robust is None else neglected.robust.weigh(measurements)
+    if len(weighed) > SHIFT_OBSERVATIONS:
+        weighed = weighed[np.linspace(0, len(weighed) - 1, SHIFT_OBSERVATIONS).astype(np.intp)]
+    yield from regressor_blocks(robot, weighed)
+
+
+def visible(exposure: Exposure) -> Visibility:
+    """What the readings see.
+
+    Raises:
+        NotObservableError: nothing at all.
+    """
+    visibility = exposure.visibility()
+    if not exposure.anything_moved:
+        raise NotObservableError(
+            "no target moved at all, so nothing can be said of any joint",
+            where="observations",
+            remedy="check that the loaded readings were taken under load",
+        )
+    if visibility.null.all():
+        reasons = "; ".join(str(reason).split(":")[0] for reason in visibility.reasons)
+        raise NotObservableError(
+            f"the readings determine no joint: {reasons}",
+            where="observations",
+            remedy="add loads that twist the joints, and targets away from their axes",
+        )
+    return visibility

@@ -1,0 +1,76 @@
+"""What is known of the compliances before anything is measured: a data sheet's value with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+
+__all__ = ["Prior", "PriorRows"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent Gaussian priors of the compliances (METHOD.md §5).
+
+    Attributes:
+        mean: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known.
+        standard_uncertainty: (n,) s₀ [rad/(N·m)], positive; inf for the same joints.
+
+    Raises:
+        RequestError: if a known joint's uncertainty is not positive and finite.
+    """
+
+    mean: FloatArray
+    standard_uncertainty: FloatArray
+
+    def __post_init__(self) -> None:
+        known = self.known
+        if (
+            not (self.standard_uncertainty[known] > 0).all()
+            or not np.isfinite(self.standard_uncertainty[known]).all()
+        ):
+            raise RequestError(
+                "a prior's standard uncertainty is not positive",
+                where="priors",
+                remedy="give a positive stiffness and its standard uncertainty",
+            )
+
+    @property
+    def known(self) -> BoolArray:
+        """(n,) joints of which something is known."""
+        return np.isfinite(self.mean)
+
+    def rows(self, sigma: float) -> PriorRows:
+        """The prior as readings of the compliances beside those of the targets.
+
+        Args:
+            sigma: standard uncertainty of one coordinate of one reading [m], the unit of weighted rows.
+        """
+        known = self.known
+        weight = np.where(known, sigma / self.standard_uncertainty, 0.0)
+        return PriorRows(weight, np.where(known, self.mean, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PriorRows:
+    """One row ``(sigma/s₀) c_j = (sigma/s₀) c₀`` for each joint of which something is known.
+
+    Attributes:
+        weight: (n,) sigma/s₀ [m / (rad/(N·m))]; zero where nothing is known.
+        mean: (n,) c₀ [rad/(N·m)].
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+
+    def select(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """The rows (k, p) that say something of p joints, and their right-hand side (k,)."""
+        weight = self.weight[joints]
+        known = np.flatnonzero(weight)
+        rows = np.zeros((len(known), len(joints)))
+        rows[np.arange(len(known)), known] = weight[known]
+        return rows, weight[known] * self.mean[joints][known]

@@ -1,0 +1,272 @@
+"""Huber's loss on the targets' residuals, and the weights of the readings at its optimum (METHOD.md §5).
+
+    minimise  Σ_i ρ(‖W_i (d_i − A_i c)‖) + ½ ‖rows of encoders and prior‖²  under the constraints,
+    ρ(t) = t²/2 up to the threshold, linear beyond,
+
+over the targets i, each with its three coordinates (Huber, *Robust estimation of a location parameter*,
+1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
+``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
+the weights are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three
+targets, then *are* the Huber estimate, and every other method and weighting is as robust as they make it.
+
+The optimum is proposed by rounds of weighted least squares, damped between Newton's step and reweighting,
+each solved by `convex.solve`, and certified from the data: with the weights that its own residuals give,
+it satisfies the optimality conditions of weighted least squares. All rows of all targets are kept
+meanwhile: 24 (n + 1) bytes a reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex import Certificate, Constraints, IdentificationProblem, certify, solve
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fitting.prior import Prior
+from jointstiff.solver.observability import Spectrum
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import Compression, TargetRows
+
+__all__ = ["DEFAULT_THRESHOLD", "SUSPICIOUS_NORM", "RobustFit", "fit_huber"]
+
+
+DEFAULT_THRESHOLD = 2.8
+"""In units of sigma: 95 % of good readings of three coordinates stay below (χ of three degrees: 2.796)."""
+SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
+"""4.03 sigma: one good reading of three coordinates in a thousand lies beyond."""
+
+_MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
+"""1.538: median of the norm of three standard normal coordinates."""
+_LEAST_SCALE = 1e-6
+"""Of the rms deflection: no tracker measures better, and exact readings have no scale at all."""
+_SCALE_TOLERANCE = 1e-6
+_SCALE_ROUNDS = 100
+_ROUNDS = 200
+_LEAST_DAMPING = 1e-8
+_NO_DESCENT = 1e-12
+"""Relative increase of the objective that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """What the Huber loss makes of N observations of T targets.
+
+    Attributes:
+        threshold: norm beyond which a reading counts less, in units of sigma.
+        sigma: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale.
+        weight: (N, T) of the readings; 1 where a target was not read.
+        residual_norm: (N, T) of the whitened residuals in units of sigma; 0 where a target was not read.
+            They are those of the Huber estimate, whatever the method.
+        certificate: of the optimum of the Huber problem.
+    """
+
+    threshold: float
+    sigma: float
+    weight: FloatArray
+    residual_norm: FloatArray
+    certificate: Certificate
+
+    @property
+    def suspicious(self) -> IndexArray:
+        """(K, 2) observation and target of the readings that are hardly good ones, worst first.
+
+        Those of less than full weight whose residual exceeds `SUSPICIOUS_NORM`.
+        """
+        beyond = np.argwhere((self.weight < 1.0) & (self.residual_norm > SUSPICIOUS_NORM))
+        order = np.argsort(-self.residual_norm[beyond[:, 0], beyond[:, 1]], kind="stable")
+        return beyond[order]
+
+    @property
+    def inflation(self) -> float:
+        """Variance of a Huber estimate over that of least squares with its weights taken as known.
+
+        Huber's asymptotic ``a / b²`` beside ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), a the mean of
+        ``(w ‖r‖)²`` a coordinate and b that of the derivative: 1 for a reading below the threshold; beyond it
+        w across the residual's direction and 0 along it. Readings below the threshold count as their sigma
+        says, not as they came out. It is 1.0 for good readings and 1.26 where a tenth are 20 sigma off;
+        never taken below 1.
+        """
+        half = 0.5 * self.threshold**2
+        below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3
+        w = self.weight[self.residual_norm > 0]
+        if not len(w):
+            return 1.0
+        a = float(np.mean(np.where(w < 1.0, self.threshold**2 / 3.0, below)))
+        b = float(np.mean(np.where(w < 1.0, 2.0 * w / 3.0, 1.0)))
+        return max(1.0, a * float(np.mean(w)) / b**2)
+
+    def weigh(self, measurements: Measurements) -> Measurements:
+        """The same readings with the covariances Σ/w that their weights stand for."""
+        covariance = measurements.covariance / self.weight[..., None, None]
+        return replace(measurements, covariance=covariance, weight=self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class _HuberProblem:
+    """Lengths are in units of the threshold: ρ turns linear at 1."""
+
+    A: FloatArray  # (K, 3, p)
+    d: FloatArray  # (K, 3)
+    squared: FloatArray  # (q, p + 1)
+    constraints: Constraints
+
+    def residual(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K, 3) residuals and (K,) their norms."""
+        residual = self.d - self.A @ c
+        return residual, np.linalg.norm(residual, axis=1)
+
+    def objective(self, c: FloatArray) -> float:
+        norm = self.residual(c)[1]
+        squared = self.squared[:, :-1] @ c - self.squared[:, -1]
+        return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
+
+    def posed(self, R: FloatArray, z: FloatArray) -> IdentificationProblem:
+        """Least squares under the constraints."""
+        return IdentificationProblem(R, z, self.constraints.bounds, self.constraints.inequalities)
+
+    def step(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
+        """Minimum under the bounds of a quadratic model of the objective at c.
+
+        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, u the direction of
+        its residual: Newton's for damping 0; for 1 that of reweighting, which never goes up.
+        """
+        residual, norm = self.residual(c)
+        weight = _weight(norm)
+        u = residual / np.maximum(norm, 1.0)[:, None]
+        along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
+        curved = self.A - along[:, None, None] * u[..., None] * (u[:, None] @ self.A)
+        model = Compression(len(c))
+        model.add(np.sqrt(weight)[:, None, None] * curved)
+        model.add(self.squared[:, :-1])
+        gradient = -np.einsum("kij,ki->j", self.A, weight[:, None] * residual)
+        gradient += self.squared[:, :-1].T @ (self.squared[:, :-1] @ c - self.squared[:, -1])
+        spectrum = Spectrum(model.triangle)
+        target = model.triangle @ c - spectrum.inverse.T @ gradient
+        solution = solve(self.posed(spectrum.determined, target))
+        return solution.compliance, solution.certificate
+
+    def certificate(self, c: FloatArray, solver: Certificate) -> Certificate:
+        """Of weighted least squares with the weights of the residuals at c: of the Huber problem."""
+        root = np.sqrt(_weight(self.residual(c)[1]))[:, None]
+        rows = Compression(len(c) + 1)
+        rows.add(np.concatenate([root[..., None] * self.A, (root * self.d)[..., None]], axis=2))
+        rows.add(self.squared)
+        return certify(self.posed(rows.matrix, rows.rhs), c, solver.solved_by)
+
+
+def fit_huber(
+    targets: TargetRows,
+    null: BoolArray,
+    constraints: Constraints,
+    *,
+    prior: Prior | None,
+    sigma: float | None,
+    threshold: float,
+) -> RobustFit:
+    """Solve the Huber problem of all targets.
+
+    Where sigma is unknown a robust scale takes its place: the median norm of the whitened residuals over
+    that of χ with three degrees of freedom, times √(rows/(rows − parameters)) because a fit shrinks its
+    residuals, brought to convergence together with the fit, then fixed.
+
+    Args:
+        targets: the rows.
+        null: (n,) joints that the readings do not see.
+        constraints: on all n compliances.
+        prior: of the n compliances; its loss stays squared.
+        sigma: as stated with the readings [m], or None.
+        threshold: in units of sigma.
+
+    Returns:
+        The weights of the readings, with the certificate of the optimum.
+
+    Raises:
+        UnsupportedMethodError: sigma is unknown, and too few readings are left to estimate it.
+        SolverError: optimality could not be certified.
+    """
+    joints = np.flatnonzero(~null)
+    rows = targets.rows
+    problem = _HuberProblem(
+        A=rows[..., joints],
+        d=rows[..., -1],
+        squared=targets.squared.triangle[:, [*joints, -1]],
+        constraints=constraints.select(joints),
+    )
+    if sigma is None:
+        sigma = _robust_scale(problem, threshold)
+    if prior is not None:
+        rows, known = prior.rows(sigma).select(joints)
+        problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, known])]))
+    problem = _in_units_of(problem, threshold * sigma)
+    compliance, certificate = _minimise(problem)
+    norm = problem.residual(compliance)[1]
+    present = targets.present
+    weights, norms = np.ones(present.shape), np.zeros(present.shape)
+    weights[present], norms[present] = _weight(norm), threshold * norm
+    return RobustFit(threshold, sigma, weights, norms, certificate)
+
+
+def _weight(norm: FloatArray) -> FloatArray:
+    return 1.0 / np.maximum(norm, 1.0)
+
+
+def _in_units_of(problem: _HuberProblem, length: float) -> _HuberProblem:
+    A, d, squared = (part / length for part in (problem.A, problem.d, problem.squared))
+    return replace(problem, A=A, d=d, squared=squared)
+
+
+def _least_squares(problem: _HuberProblem) -> FloatArray:
+    """Optimum of the squared loss, where the rounds start."""
+    rows = Compression(problem.A.shape[2] + 1)
+    rows.add(np.concatenate([problem.A, problem.d[..., None]], axis=2))
+    rows.add(problem.squared)
+    spectrum = Spectrum(rows.matrix)
+    return solve(problem.posed(spectrum.determined, rows.rhs)).compliance
+
+
+def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
+    """Optimum and its certificate."""
+    compliance, damping = _least_squares(problem), 1.0
+    objective = problem.objective(compliance)
+    for _ in range(_ROUNDS):
+        proposed, solver = problem.step(compliance, damping)
+        value = problem.objective(proposed)
+        if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
+            damping = 1.0
+            continue
+        compliance, objective = proposed, value
+        damping = max(0.1 * damping, _LEAST_DAMPING)
+        certificate = problem.certificate(compliance, solver)
+        if certificate.holds:
+            return compliance, certificate
+    raise SolverError(
+        f"the Huber loss finds no optimum that satisfies its conditions (primal {certificate.primal:.1e}, "
+        f"dual {certificate.dual:.1e})",
+        where="loss",
+        remedy="use loss squared, and report this with the data",
+    )
+
+
+def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
+    """Scale of the residuals [m], brought to convergence round by round with the fit."""
+    compliance = _least_squares(problem)
+    rows = problem.d.size
+    freedom = rows - len(compliance)
+    if freedom < 1:
+        raise UnsupportedMethodError(
+            "the Huber loss must know what a good reading is, and there are no more readings than joints",
+            where="loss",
+            remedy="state noise, or measure more",
+        )
+    unit = np.sqrt(rows / freedom) / _MEDIAN_NORM
+    least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.d**2)))
+    scale = np.inf
+    for _ in range(_SCALE_ROUNDS):
+        before, scale = scale, max(least, unit * float(np.median(problem.residual(compliance)[1])))
+        if abs(scale - before) <= _SCALE_TOLERANCE * scale:
+            break
+        compliance, _ = _in_units_of(problem, threshold * scale).step(compliance, 1.0)
+    return scale

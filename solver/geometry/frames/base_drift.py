@@ -1,0 +1,182 @@
+"""Whether tracker and robot moved against each other, from targets on the robot's base read twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.finding import length_text
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.gauss_newton import minimise
+from jointstiff.solver.regression import whitener
+
+__all__ = ["SIGNIFICANCE", "BaseDrift", "find_drift"]
+
+
+SIGNIFICANCE = 1e-4
+"""Probability of chance below which a drift, or a base target that moved, is reported."""
+
+_COLLINEAR = 1e-3  # least ratio of the width of the targets' spread to its length
+
+
+@dataclass(frozen=True, eq=False)
+class BaseDrift:
+    """Motion of the base between two readings of its targets, as the tracker sees it.
+
+    Attributes:
+        transform_after_to_before: brings later readings back; apply it to remove the drift.
+        displacement: (3,) of the point asked for, later less earlier, tracker's frame [m].
+        displacement_covariance: (3, 3) [m²].
+        rotation: (3,) rotation vector, tracker's frame [rad].
+        probability: that tracker noise alone does this.
+        deformation_probability: that noise alone leaves these residuals to a rigid motion.
+        residuals: (B, 3) later reading less the moved earlier one [m].
+        moved_targets: indices of targets that moved on the base, each tested alone.
+    """
+
+    transform_after_to_before: RigidTransform
+    displacement: FloatArray
+    displacement_covariance: FloatArray
+    rotation: FloatArray
+    probability: float
+    deformation_probability: float
+    residuals: FloatArray
+    moved_targets: tuple[int, ...]
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is a drift beyond noise."""
+        return self.probability < SIGNIFICANCE
+
+    def findings(self) -> tuple[GeometryFinding, ...]:
+        """What a user should know."""
+        found = []
+        size = float(np.linalg.norm(self.displacement))
+        if self.significant:
+            direction = self.displacement / max(size, 1e-300)
+            spread = float(np.sqrt(direction @ self.displacement_covariance @ direction))
+            found.append(
+                GeometryFinding(
+                    "base_drifted",
+                    "base_targets",
+                    size,
+                    "m",
+                    f"between the two readings of the base the tracker or the robot moved by "
+                    f"{length_text(size)} ± {length_text(spread)} at the robot, and turned by "
+                    f"{np.linalg.norm(self.rotation) * 1e6:.0f} µrad",
+                    "remove the drift from later readings by the transform given, or measure again",
+                )
+            )
+        for target in self.moved_targets:
+            left = float(np.linalg.norm(self.residuals[target]))
+            found.append(
+                GeometryFinding(
+                    "base_target_moved",
+                    f"base_targets[{target}]",
+                    left,
+                    "m",
+                    f"this base target moved against the others, by about {length_text(left)}",
+                    "leave it out, and fix it better",
+                )
+            )
+        return tuple(found)
+
+
+def find_drift(
+    before: FloatArray,
+    after: FloatArray,
+    *,
+    sigma: float,
+    at: FloatArray,
+    covariance: FloatArray | None = None,
+) -> BaseDrift:
+    """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
+
+    Args:
+        before: (B, 3) first readings of at least three targets on the base, tracker's frame [m].
+        after: (B, 3) later readings of the same.
+        sigma: standard uncertainty of one coordinate of one reading [m].
+        at: (3,) point of interest, such as the middle of the measured points [m].
+        covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma²; isotropic if None.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, or the targets lie on a line.
+    """
+    _check(before, after)
+    one = np.eye(3) if covariance is None else covariance
+    W = np.broadcast_to(whitener(2.0 * sigma**2 * one), (len(before), 3, 3))
+    motion = _fit(before, after, W)
+    S = RigidTransform.sensitivity(motion.apply(before))
+    whitened = (W @ S).reshape(-1, 6)
+    left = (W @ (after - motion.apply(before))[..., None]).ravel()
+    C = np.asarray(np.linalg.inv(whitened.T @ whitened), dtype=np.float64)
+    unmoved = (W @ (after - before)[..., None]).ravel()
+    gain = float(unmoved @ unmoved - left @ left)
+    at_point = RigidTransform.sensitivity(at)
+    certain = RigidTransform(motion.rotation, motion.translation, C)
+    return BaseDrift(
+        transform_after_to_before=certain.inverse(),
+        displacement=motion.apply(at) - at,
+        displacement_covariance=at_point @ C @ at_point.T,
+        rotation=Rotation.from_matrix(motion.rotation).as_rotvec(),
+        probability=float(stats.chi2.sf(gain, 6)),
+        deformation_probability=float(stats.chi2.sf(left @ left, left.size - 6)),
+        residuals=after - motion.apply(before),
+        moved_targets=_moved_targets(whitened, left),
+    )
+
+
+def _check(before: FloatArray, after: FloatArray) -> None:
+    if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3 or len(before) < 3:
+        raise MeasurementError(
+            f"base targets of shape {before.shape} before and {after.shape} after",
+            where="base_targets",
+            remedy="read the same three or more targets on the base both times",
+        )
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        raise MeasurementError(
+            "a number is not finite", where="base_targets", remedy="remove or repeat the reading"
+        )
+    spread = np.linalg.svd(before - before.mean(axis=0), compute_uv=False)
+    if spread[1] <= _COLLINEAR * spread[0]:
+        raise MeasurementError(
+            "the base targets lie on a line, so they do not show a rotation about it",
+            where="base_targets",
+            remedy="place them as a triangle",
+        )
+
+
+def _fit(before: FloatArray, after: FloatArray, W: FloatArray) -> RigidTransform:
+    centre = before.mean(axis=0)
+    turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - centre)
+    R = turn.as_matrix()
+    found, _ = minimise(
+        RigidTransform(R, after.mean(axis=0) - R @ centre),
+        lambda motion: np.asarray((W @ (after - motion.apply(before))[..., None]).ravel()),
+        lambda motion: np.asarray((W @ RigidTransform.sensitivity(motion.apply(before))).reshape(-1, 6)),
+        lambda motion, step: motion.displaced(step),
+        where="base_targets",
+    )
+    return found
+
+
+def _moved_targets(whitened: FloatArray, left: FloatArray) -> tuple[int, ...]:
+    """Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
+
+    With three targets a rigid motion leaves three numbers, which do not tell which one moved.
+    """
+    Q, _ = np.linalg.qr(whitened)
+    moved, count = [], len(left) // 3
+    for target in range(count if count > 3 else 0):
+        rows = slice(3 * target, 3 * target + 3)
+        free = np.eye(3) - Q[rows] @ Q[rows].T
+        gain = float(left[rows] @ np.linalg.lstsq(free, left[rows], rcond=1e-9)[0])
+        if stats.chi2.sf(gain, 3) * count < SIGNIFICANCE:
+            moved.append((gain, target))
+    return (max(moved)[1],) if moved else ()

@@ -1,0 +1,94 @@
+"""A rigid transform between two frames, with the covariance of its six numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.regression import skew
+
+__all__ = ["RigidTransform"]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidTransform:
+    """``y = R x + t``: coordinates x in one frame become y in the other. Arrays are read-only.
+
+    It is uncertain by a small motion in the frame of y: ``y = (I + [φ]×)(R x + t) + δ``.
+
+    Attributes:
+        rotation: (3, 3) R.
+        translation: (3,) t [m].
+        covariance: (6, 6) of (δ, φ) [m, rad]; zero for a transform that is exact by definition.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+
+    def __post_init__(self) -> None:
+        for array in (self.rotation, self.translation, self.covariance):
+            array.setflags(write=False)
+
+    @classmethod
+    def identity(cls) -> RigidTransform:
+        """The exact transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Transform points (..., 3) [m]."""
+        return np.asarray(points @ self.rotation.T + self.translation)
+
+    def apply_with_covariance(
+        self, points: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Transform points whose uncertainty is independent of the transform's.
+
+        Args:
+            points: (..., 3) [m].
+            covariance: (..., 3, 3) of these [m²].
+
+        Returns:
+            Points, and their covariance, each by itself: points transformed together share φ and δ.
+        """
+        moved = self.apply(points)
+        S = self.sensitivity(moved)
+        turned = self.rotation @ covariance @ self.rotation.T
+        return moved, np.asarray(turned + S @ self.covariance @ np.swapaxes(S, -1, -2))
+
+    @staticmethod
+    def sensitivity(moved: FloatArray) -> FloatArray:
+        """Displacement (..., 3, 6) of transformed points y (..., 3) by (δ, φ)."""
+        eye = np.broadcast_to(np.eye(3), (*moved.shape, 3))
+        return np.concatenate([eye, -skew(moved)], axis=-1)
+
+    def inverse(self) -> RigidTransform:
+        """From y to x; its uncertainty is a motion in the frame of x."""
+        back = self.rotation.T
+        translation = -back @ self.translation
+        S = np.zeros((6, 6))
+        S[:3, :3] = S[3:, 3:] = -back
+        S[:3, 3:] = back @ skew(self.translation)
+        return RigidTransform(back, translation, S @ self.covariance @ S.T)
+
+    def after(self, first: RigidTransform) -> RigidTransform:
+        """This transform after another one, the two uncertain independently of each other."""
+        S = np.zeros((6, 6))
+        S[:3, :3] = S[3:, 3:] = self.rotation
+        S[:3, 3:] = skew(self.translation) @ self.rotation
+        covariance = self.covariance + S @ first.covariance @ S.T
+        return RigidTransform(self.rotation @ first.rotation, self.apply(first.translation), covariance)
+
+    def chart(self, other: RigidTransform) -> FloatArray:
+        """The motion (δ, φ) (6,) that makes this transform the other one."""
+        turn = other.rotation @ self.rotation.T
+        shift = other.translation - turn @ self.translation
+        return np.concatenate([shift, Rotation.from_matrix(turn).as_rotvec()])
+
+    def displaced(self, motion: FloatArray) -> RigidTransform:
+        """The transform after a motion (δ, φ) (6,); inverse of `chart`. The covariance is kept."""
+        turn = Rotation.from_rotvec(motion[3:]).as_matrix()
+        return RigidTransform(turn @ self.rotation, turn @ self.translation + motion[:3], self.covariance)

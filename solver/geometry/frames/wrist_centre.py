@@ -1,0 +1,248 @@
+"""The wrist centre in three ways, how far they agree, and whether the wrist's axes meet.
+
+* **sphere**: with the arm at rest, every target runs on a sphere about the centre, whichever wrist joint
+  turns;
+* **axes**: the point nearest to the last three axes, each weighted by its uncertainty there;
+* **trilateration**: at each position from three targets (`trilateration`), at the distances that the spheres
+  found.
+
+All use the same readings, so their errors are related. Each way keeps its derivative by the readings, from
+which covariances and those of differences are exact to first order. The combination weights each by the
+inverse of its own covariance: a way that is ill-conditioned counts little, and none has a negative weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.finding import length_text
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.geometry.frames.base_frame import BaseFrame
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.frames.sphere_fit import SphereFit, fit_spheres
+from jointstiff.solver.geometry.frames.trilateration import trilaterate
+from jointstiff.solver.geometry.frames.wrist_axes import WristMiss, nearest_to_axes
+from jointstiff.solver.geometry.sweeps import STILL, IdentifiedAxes, SweptAxes
+from jointstiff.solver.robot import WRIST_JOINTS
+
+__all__ = ["CentreEstimate", "CentreWay", "Disagreement", "WristCentre", "find_wrist_centre"]
+
+CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
+
+DISAGREEMENT = 1e-4
+"""Probability of chance below which two ways count as contradicting each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class CentreEstimate:
+    """The wrist centre by one way.
+
+    Attributes:
+        way: which.
+        centre: (3,) tracker's frame, arm as in the wrist's sweeps [m].
+        covariance: (3, 3) [m²].
+        influence: (3, m) derivative by the whitened readings, in units of sigma.
+        weight: (3, 3) its weight in the combination; the weights add up to the unit matrix.
+    """
+
+    way: CentreWay
+    centre: FloatArray
+    covariance: FloatArray
+    influence: FloatArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two ways beside each other.
+
+    Attributes:
+        first: one way.
+        second: the other.
+        distance: between their centres [m].
+        probability: that noise alone does this.
+    """
+
+    first: CentreWay
+    second: CentreWay
+    distance: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class WristCentre:
+    """The wrist centre of the sweeps.
+
+    Attributes:
+        estimates: by each way that was possible.
+        combined: their weighted mean.
+        disagreements: of each two of them.
+        miss: of the axes.
+        posture: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad].
+    """
+
+    estimates: tuple[CentreEstimate, ...]
+    combined: CentreEstimate
+    disagreements: tuple[Disagreement, ...]
+    miss: WristMiss
+    posture: FloatArray
+
+    def in_base(
+        self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes
+    ) -> tuple[FloatArray, FloatArray]:
+        """A centre (3,) in R0 [m] and its covariance (3, 3), relation of centre and base frame included."""
+        T = base.transform_tracker_to_base
+        centre = T.apply(estimate.centre)
+        through_base = RigidTransform.sensitivity(centre) @ base.jacobian @ identified.influence
+        influence = T.rotation @ estimate.influence + through_base
+        return centre, identified.sigma**2 * influence @ influence.T
+
+    def findings(self) -> tuple[GeometryFinding, ...]:
+        """Ways that contradict each other beyond noise."""
+        return tuple(
+            GeometryFinding(
+                "wrist_centres_disagree",
+                "sweeps",
+                pair.distance,
+                "m",
+                f"the wrist centres by {pair.first} and by {pair.second} are {length_text(pair.distance)} "
+                f"apart, which noise does with probability {pair.probability:.1g}",
+                "check the sweeps of the wrist; axes that do not meet have no common centre",
+            )
+            for pair in self.disagreements
+            if pair.probability < DISAGREEMENT
+        )
+
+
+def find_wrist_centre(identified: SweptAxes) -> WristCentre:
+    """Find the wrist centre by each way that the sweeps allow.
+
+    Args:
+        identified: at least three axes.
+
+    Raises:
+        MeasurementError: fewer than three axes, or the last three are nearly parallel.
+    """
+    if identified.n < WRIST_JOINTS:
+        raise MeasurementError(
+            f"{identified.n} axes have no wrist", where="sweeps", remedy="sweep all joints of the robot"
+        )
+    posture = _arm_posture(identified)
+    by_axes, miss = nearest_to_axes(identified, posture)
+    ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
+    sphere = fit_spheres(identified, _wrist_sweeps(identified, posture))
+    if sphere is not None:
+        ways.append(("sphere", sphere.centre, sphere.influence[:3]))
+        found = _by_trilateration(identified, sphere, by_axes[0])
+        if found is not None:
+            ways.append(("trilateration", *found))
+    estimates = _weighted(ways, identified.sigma)
+    combined = _combination(estimates, identified.sigma)
+    return WristCentre(estimates, combined, _disagreements(estimates, identified.sigma), miss, posture)
+
+
+def _arm_posture(identified: SweptAxes) -> FloatArray:
+    """Model angles (n,) in the last axis's sweep, those of the wrist set to zero."""
+    sweeps = identified.sweeps
+    last = next(s for s in sweeps.sweeps if min(sweeps.turning(s)) == identified.n - 1)
+    posture = sweeps.model_angles(last).mean(axis=0)
+    posture[-WRIST_JOINTS:] = 0.0
+    return np.asarray(posture)
+
+
+def _wrist_sweeps(identified: SweptAxes, posture: FloatArray) -> tuple[int, ...]:
+    """IndexArray of sweeps that leave the arm where the last one has it."""
+    arm = slice(0, identified.n - WRIST_JOINTS)
+    angles = [identified.sweeps.model_angles(sweep)[:, arm] for sweep in identified.sweeps.sweeps]
+    return tuple(
+        index
+        for index, shown in enumerate(angles)
+        if not shown.size or np.abs(shown - posture[arm]).max() <= STILL
+    )
+
+
+def _by_trilateration(
+    identified: SweptAxes, sphere: SphereFit, near: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Weighted mean over all positions with the three targets, and its influence."""
+    if len(sphere.radii) < 3:
+        return None
+    chosen = _widest_triangle(identified.targets, sphere.seen)
+    total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere.influence[:3])
+    if chosen is None:
+        return None
+    radii = sphere.radii[list(chosen)]
+    by_radius = sphere.influence[[3 + t for t in chosen]]
+    for position in sphere.positions(chosen):
+        try:
+            found = trilaterate(position.points, radii, near)
+        except MeasurementError:
+            continue
+        row = found.by_distance @ by_radius
+        row[:, position.columns] += np.einsum("itj,tjk->itk", found.by_target, position.factors).reshape(
+            3, -1
+        )
+        weight = np.linalg.inv(found.covariance(position.covariances, by_radius @ by_radius.T))
+        total += weight
+        centre += weight @ found.centre
+        influence += weight @ row
+    if not total.any():
+        return None
+    mean = np.linalg.inv(total)
+    return mean @ centre, mean @ influence
+
+
+def _widest_triangle(targets: FloatArray, seen: BoolArray) -> tuple[int, int, int] | None:
+    """IndexArray of the three targets that span the largest triangle."""
+    best, largest = None, 0.0
+    for i, j, k in combinations(np.flatnonzero(seen).tolist(), 3):
+        area = float(np.linalg.norm(np.cross(targets[j] - targets[i], targets[k] - targets[i])))
+        if area > largest:
+            best, largest = (i, j, k), area
+    return best
+
+
+def _weighted(
+    ways: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
+) -> tuple[CentreEstimate, ...]:
+    covariances = [sigma**2 * influence @ influence.T for _, _, influence in ways]
+    informations = [np.linalg.inv(covariance) for covariance in covariances]
+    mean = np.linalg.inv(np.sum(informations, axis=0))
+    return tuple(
+        CentreEstimate(way, centre, covariance, influence, mean @ information)
+        for (way, centre, influence), covariance, information in zip(
+            ways, covariances, informations, strict=True
+        )
+    )
+
+
+def _combination(estimates: Sequence[CentreEstimate], sigma: float) -> CentreEstimate:
+    centre = np.sum([estimate.weight @ estimate.centre for estimate in estimates], axis=0)
+    influence = np.sum([estimate.weight @ estimate.influence for estimate in estimates], axis=0)
+    return CentreEstimate("combined", centre, sigma**2 * influence @ influence.T, influence, np.eye(3))
+
+
+def _disagreements(estimates: Sequence[CentreEstimate], sigma: float) -> tuple[Disagreement, ...]:
+    out = []
+    for first, second in combinations(estimates, 2):
+        gap = first.centre - second.centre
+        influence = sigma * (first.influence - second.influence)
+        s, U = _spectrum(influence)
+        seen = s > 1e-6 * max(s[0], 1e-300)
+        statistic = float(np.sum(((U.T @ gap)[seen] / s[seen]) ** 2))
+        probability = float(stats.chi2.sf(statistic, int(seen.sum())))
+        out.append(Disagreement(first.way, second.way, float(np.linalg.norm(gap)), probability))
+    return tuple(out)
+
+
+def _spectrum(influence: FloatArray) -> tuple[FloatArray, FloatArray]:
+    U, s, _ = np.linalg.svd(influence, full_matrices=False)
+    return s, U

@@ -1,0 +1,284 @@
+"""The robot as it was measured: a kinematic chain, its targets, and its links beside the nominal ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, RobotError
+from jointstiff.solver.geometry.frames import BaseFrame, RigidTransform, chain_axes, perpendicular_frame
+from jointstiff.solver.geometry.model.link_parameters import link_geometry, near_parallel, perpendicular_signs
+from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
+from jointstiff.solver.robot import ChainJoint, KinematicChain
+
+__all__ = ["FlangeConvention", "IdentifiedModel", "LinkParameter", "identify_model", "link_table"]
+
+LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
+
+_NAME = "identified"
+
+
+@dataclass(frozen=True, eq=False)
+class FlangeConvention:
+    """Where the flange frame is on the last link, which no axis shows.
+
+    Attributes:
+        by: `axes`: it stands in the perpendicular frame of the last axis and the one before
+            (`axis_frame`), at model angle zero; `targets`: in the frame of three targets, origin at the
+            first, x towards the second, y towards the third.
+        frame_from_flange: how it stands there.
+        targets: indices of the three targets.
+    """
+
+    by: Literal["axes", "targets"]
+    frame_from_flange: RigidTransform
+    targets: tuple[int, int, int] = (0, 1, 2)
+
+    @classmethod
+    def of_chain(cls, chain: KinematicChain) -> FlangeConvention:
+        """As a nominal model has it, from its last two axes.
+
+        Raises:
+            MeasurementError: there are fewer than two axes, or they are nearly parallel.
+        """
+        axes, flange = chain_axes(chain)
+        _refuse_fewer_than_two(axes)
+        return cls("axes", perpendicular_frame(axes[-1], axes[-2]).inverse().after(flange))
+
+    @classmethod
+    def of_axes(cls) -> FlangeConvention:
+        """The perpendicular frame itself: of a spherical wrist, z is the last axis, the origin its centre."""
+        return cls("axes", RigidTransform.identity())
+
+    @classmethod
+    def of_targets(cls, targets: tuple[int, int, int] = (0, 1, 2)) -> FlangeConvention:
+        """The frame of three targets."""
+        return cls("targets", RigidTransform.identity(), targets)
+
+    def place(self, axes: Sequence[Axis], targets: FloatArray) -> RigidTransform:
+        """From the flange frame at angle zero to the frame of axes and targets.
+
+        Raises:
+            MeasurementError: the axes are nearly parallel, or the targets lie on a line.
+        """
+        if self.by == "axes":
+            _refuse_fewer_than_two(axes)
+            return perpendicular_frame(axes[-1], axes[-2]).after(self.frame_from_flange)
+        return _target_frame(targets[list(self.targets)]).after(self.frame_from_flange)
+
+
+@dataclass(frozen=True)
+class LinkParameter:
+    """A length or an angle of the robot, nominal and identified.
+
+    Attributes:
+        quantity: see `link_parameters`.
+        joint: index of the axis, or of the first of the two neighbours.
+        nominal: [m] or [rad].
+        identified: the same.
+        standard_uncertainty: of the identified one; infinite if the readings do not determine it.
+        unit: of all three.
+    """
+
+    quantity: LinkQuantity
+    joint: int
+    nominal: float
+    identified: float
+    standard_uncertainty: float
+    unit: Literal["m", "rad"]
+
+    @property
+    def difference(self) -> float:
+        """Identified less nominal; angles within ±π."""
+        gap = self.identified - self.nominal
+        return gap if self.unit == "m" else float(np.arctan2(np.sin(gap), np.cos(gap)))
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedModel:
+    """An identified robot.
+
+    Attributes:
+        chain: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero
+            all link frames are parallel to R0, with their origins on the axes.
+        base: where R0 is.
+        targets_in_flange: (T, 3) [m].
+        targets_covariance: (3 T, 3 T) [m²].
+        target_names: of these.
+    """
+
+    chain: KinematicChain
+    base: BaseFrame
+    targets_in_flange: FloatArray
+    targets_covariance: FloatArray
+    target_names: tuple[str, ...]
+
+
+def identify_model(
+    identified: IdentifiedAxes,
+    base: BaseFrame,
+    flange: FlangeConvention,
+    *,
+    nominal: KinematicChain | None = None,
+    name: str = _NAME,
+) -> IdentifiedModel:
+    """Turn axes into a kinematic chain.
+
+    Args:
+        identified: the axes at model angle zero.
+        base: where R0 is.
+        flange: where the flange frame is.
+        nominal: gives names, limits, and where on the axes the link frames lie; not needed.
+        name: of the robot.
+
+    Raises:
+        RobotError: the nominal model has another number of joints, or a name is unfit.
+        MeasurementError: the flange cannot be placed.
+    """
+    T = base.transform_tracker_to_base
+    axes = _slid(tuple(axis.moved(T.rotation, T.translation) for axis in identified.axes), nominal)
+    placed = RigidTransform(T.rotation, T.translation).after(
+        flange.place(identified.axes, identified.targets)
+    )
+
+    def in_flange(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+        return flange.place(moved, points).inverse().apply(points).ravel()
+
+    return IdentifiedModel(
+        chain=_chain(axes, placed, nominal, name),
+        base=base,
+        targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
+        targets_covariance=identified.covariance_of(in_flange),
+        target_names=identified.names,
+    )
+
+
+def link_table(
+    identified: IdentifiedAxes, base: BaseFrame, flange: FlangeConvention, nominal: KinematicChain
+) -> tuple[LinkParameter, ...]:
+    """Links of the nominal model beside the identified ones.
+
+    Numbers that are conventions (where R0 is along and about axis 1, and the flange along and about the
+    last axis) are left out: a nominal model gives them, no measurement.
+
+    Raises:
+        RobotError: the nominal model has another number of joints.
+    """
+    axes, nominal_flange = chain_axes(nominal)
+    _refuse_other_count(axes, identified.n)
+    parallel = near_parallel(axes)
+    signs = perpendicular_signs(axes, parallel)
+
+    def measured(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+        T = base.place(moved)
+        in_base = [axis.moved(T.rotation, T.translation) for axis in moved]
+        placed = RigidTransform(T.rotation, T.translation).after(flange.place(moved, points))
+        return _numbers(in_base, placed, parallel, signs)
+
+    found = measured(identified.axes, identified.targets)
+    J = identified.jacobian_of(lambda moved, points: _wrapped(measured(moved, points) - found))
+    spread = identified.standard_uncertainties(J)
+    expected = _numbers(axes, nominal_flange, parallel, signs)
+    rows = []
+    for (quantity, joint), value, other, uncertainty in zip(
+        _labels(len(axes)), found, expected, spread, strict=True
+    ):
+        if _is_convention(quantity, joint, parallel):
+            continue
+        unit: Literal["m", "rad"] = "m" if quantity in ("a", "d") else "rad"
+        rows.append(LinkParameter(quantity, joint, float(other), float(value), float(uncertainty), unit))
+    return tuple(rows)
+
+
+def _numbers(
+    axes: Sequence[Axis], flange: RigidTransform, parallel: Sequence[bool], signs: Sequence[float]
+) -> FloatArray:
+    g = link_geometry(axes, flange, parallel, signs)
+    return np.concatenate([g.a, g.alpha, g.beta, g.d, g.theta])
+
+
+def _labels(n: int) -> list[tuple[LinkQuantity, int]]:
+    between: list[tuple[LinkQuantity, int]] = [
+        (quantity, i) for quantity in ("a", "alpha", "beta") for i in range(n - 1)
+    ]
+    return [*between, *(("d", i) for i in range(n)), *(("theta", i) for i in range(n))]
+
+
+def _is_convention(quantity: LinkQuantity, joint: int, parallel: Sequence[bool]) -> bool:
+    n = len(parallel) + 1
+    if quantity == "beta":
+        return not parallel[joint]
+    if quantity == "d" and joint < n - 1 and parallel[joint]:
+        return True  # zero by definition
+    return quantity in ("d", "theta") and joint in (0, n - 1)
+
+
+def _wrapped(gap: FloatArray) -> FloatArray:
+    """Differences over ±π are angles at the seam; lengths never differ by that much between two steps."""
+    return np.asarray(np.where(np.abs(gap) > np.pi, gap - 2.0 * np.pi * np.sign(gap), gap))
+
+
+def _chain(
+    axes: Sequence[Axis], flange: RigidTransform, nominal: KinematicChain | None, name: str
+) -> KinematicChain:
+    names = [f"joint_{i + 1}" for i in range(len(axes))]
+    links = [f"link_{i + 1}" for i in range(len(axes))]
+    limits: list[tuple[float, float] | None] = [None] * len(axes)
+    base, end = "base", "flange"
+    if nominal is not None:
+        names, links = list(nominal.joint_names), [joint.child for joint in nominal.revolute]
+        limits, base, end = [joint.limits for joint in nominal.revolute], nominal.base, nominal.flange
+        links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
+    joints, origin = [], np.zeros(3)
+    for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
+        step = axis.point - origin
+        joints.append(ChainJoint(joint, "revolute", np.eye(3), step, axis.direction, limit, link))
+        origin = axis.point
+    z = np.array([0.0, 0.0, 1.0])
+    step = flange.translation - origin
+    joints.append(ChainJoint(f"{names[-1]}_flange", "fixed", flange.rotation, step, z, None, end))
+    return KinematicChain(name, base, end, tuple(joints))
+
+
+def _slid(axes: tuple[Axis, ...], nominal: KinematicChain | None) -> tuple[Axis, ...]:
+    """The same lines, stated where the nominal model has its joints."""
+    if nominal is None:
+        return axes
+    expected, _ = chain_axes(nominal)
+    _refuse_other_count(expected, len(axes))
+    return tuple(axis.slid_to(other.point) for axis, other in zip(axes, expected, strict=True))
+
+
+def _target_frame(points: FloatArray) -> RigidTransform:
+    x, side = points[1] - points[0], points[2] - points[0]
+    normal = np.cross(x, side)
+    if np.linalg.norm(normal) <= 1e-3 * float(x @ x):
+        raise MeasurementError(
+            "the three targets lie on a line and define no flange frame",
+            where="targets",
+            remedy="choose three that span a triangle",
+        )
+    x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
+    return RigidTransform(np.column_stack([x, np.cross(z, x), z]), points[0])
+
+
+def _refuse_other_count(axes: Sequence[Axis], n: int) -> None:
+    if len(axes) != n:
+        raise RobotError(
+            f"the nominal model has {len(axes)} moving joints, the sweeps show {n} axes",
+            where="nominal",
+            remedy="give the nominal model of this robot",
+        )
+
+
+def _refuse_fewer_than_two(axes: Sequence[Axis]) -> None:
+    if len(axes) < 2:
+        raise MeasurementError(
+            "one axis alone does not place a flange frame",
+            where="sweeps",
+            remedy="define the flange by three targets",
+        )

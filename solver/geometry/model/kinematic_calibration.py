@@ -1,0 +1,217 @@
+"""Calibration of a nominal model from unloaded poses, for robots without sweeps.
+
+The fit is `pose_fit`: all axes as lines and all targets, in the tracker's frame, starting from the nominal
+model. It has no redundant unknowns, so that what remains undetermined is the poses' fault (a joint that never
+moved, too few poses), not the parametrisation's; such combinations keep their nominal values and are
+named. Tracker to base, offsets of joint angles and link parameters follow from the axes as they do from
+those of sweeps (`base_frame`, `identified_model.link_table`), with their uncertainties.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, NotObservableError
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.geometry.frames import RigidTransform, chain_axes
+from jointstiff.solver.geometry.gauss_newton import LinearFit
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps import IdentifiedAxes, PoseReadings, PoseState, fit_poses, posed
+from jointstiff.solver.regression import whitener
+from jointstiff.solver.robot import KinematicChain
+
+__all__ = ["CalibratedAxes", "calibrate"]
+
+
+_NAMED = 0.1  # least share of an unknown in a combination for which it is named
+_CHART_NAMES = ("across u", "across v", "about u", "about v")
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedAxes(IdentifiedAxes):
+    """Axes from a calibration.
+
+    Attributes:
+        residuals: (N, T, 3) reading less prediction [m]; zero where absent.
+        rank: number of combinations of unknowns that were determined, of 4 n + 3 T.
+        only_together: for each combination that was not, the names of the unknowns in it.
+    """
+
+    residuals: FloatArray
+    rank: int
+    only_together: tuple[tuple[str, ...], ...]
+
+    def findings(self) -> tuple[GeometryFinding, ...]:
+        """What was not determined."""
+        return tuple(
+            GeometryFinding(
+                "parameters_not_identified",
+                "poses",
+                float(len(names)),
+                "",
+                "the poses do not determine "
+                + ("a combination of " if len(names) > 1 else "")
+                + ", ".join(names),
+                "add poses in which all joints turn, over most of their range",
+            )
+            for names in self.only_together
+        )
+
+
+def calibrate(
+    nominal: KinematicChain, poses: Poses, *, start: RigidTransform | None = None
+) -> CalibratedAxes:
+    """Calibrate a nominal model.
+
+    Args:
+        nominal: within some centimetres and degrees of the truth.
+        poses: more readings than unknowns; 20 or more poses over the whole workspace are good practice.
+        start: rough transform from base to tracker; found from the poses if None.
+
+    Raises:
+        MeasurementError: the model has another number of joints, or the fit does not converge.
+        NotObservableError: fewer coordinates than combinations that they should determine.
+    """
+    axes, _ = chain_axes(nominal)
+    if len(axes) != poses.joint_map.n:
+        raise MeasurementError(
+            f"the nominal model has {len(axes)} moving joints, the poses {poses.joint_map.n} angles",
+            where="poses",
+            remedy="give the nominal model of this robot",
+        )
+    angles = poses.joint_map.model_angles(poses.angles)
+    motions = [posed(axes, q)[1:] for q in angles]
+    T, at_zero = _rough(motions, poses) if start is None else _with_start(motions, poses, start)
+    first = PoseState(
+        tuple(axis.moved(T.rotation, T.translation) for axis in axes),
+        T.apply(at_zero),
+        np.zeros(len(angles)),
+    )
+    readings = _readings(angles, poses)
+    state, linear = fit_poses(readings, first, where="poses")
+    return _evidence(state, linear, poses, readings)
+
+
+def _evidence(state: PoseState, linear: LinearFit, poses: Poses, readings: PoseReadings) -> CalibratedAxes:
+    coordinates = 3 * int(poses.present.sum())
+    if coordinates <= len(linear.scale):
+        raise NotObservableError(
+            f"{coordinates} coordinates for {len(linear.scale)} unknowns",
+            where="poses",
+            remedy="record more poses, or more targets in each",
+        )
+    dof = coordinates - linear.rank
+    rss = float(linear.residual @ linear.residual)
+    sigma = float(np.sqrt(rss / dof)) if poses.sigma is None else poses.sigma
+    unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
+    return CalibratedAxes(
+        axes=state.axes,
+        targets=state.targets,
+        names=poses.targets,
+        covariance=sigma**2 * linear.covariance,
+        influence=linear.pseudo_inverse,
+        sigma=sigma,
+        rss=rss,
+        dof=dof,
+        residuals=unwhitened[..., 0],
+        rank=linear.rank,
+        only_together=_only_together(linear, len(state.axes), poses.targets),
+        unseen=linear.unseen / linear.scale[:, None],
+    )
+
+
+def _readings(angles: FloatArray, poses: Poses) -> PoseReadings:
+    present = poses.present[..., None]
+    return PoseReadings(
+        angles=angles,
+        points=np.where(present, poses.points, 0.0),
+        weight=np.where(present[..., None], whitener(poses.covariance), 0.0),
+        slopes=np.zeros_like(angles),
+        basis=np.zeros((len(angles), 0)),
+    )
+
+
+def _rough(
+    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses
+) -> tuple[RigidTransform, FloatArray]:
+    """Base to tracker, and targets at angle zero in R0, by linear least squares.
+
+    ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t; Q is then made a
+    rotation.
+    """
+    rows, right = [], []
+    count = len(poses.targets)
+    for k, t in np.argwhere(poses.present).tolist():
+        R, shift = motions[k]
+        row = np.zeros((3, 12 + 3 * count))
+        row[:, :9] = np.kron(np.eye(3), poses.points[k, t])
+        row[:, 9:12] = np.eye(3)
+        row[:, 12 + 3 * t : 15 + 3 * t] = -R
+        rows.append(row)
+        right.append(shift)
+    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    U, _, Vt = np.linalg.svd(solution[:9].reshape(3, 3))
+    Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    turned = RigidTransform(Q.T, np.zeros(3))
+    return _translated(motions, poses, turned)
+
+
+def _translated(
+    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses, turned: RigidTransform
+) -> tuple[RigidTransform, FloatArray]:
+    """The same with the rotation known: ``Q p = R_k x_t + t_k − s`` in x_t and s."""
+    rows, right = [], []
+    for k, t in np.argwhere(poses.present).tolist():
+        R, shift = motions[k]
+        row = np.zeros((3, 3 + 3 * len(poses.targets)))
+        row[:, :3] = -np.eye(3)
+        row[:, 3 + 3 * t : 6 + 3 * t] = R
+        rows.append(row)
+        right.append(turned.rotation.T @ poses.points[k, t] - shift)
+    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    translation = -turned.rotation @ solution[:3]
+    return RigidTransform(turned.rotation, translation), solution[3:].reshape(-1, 3)
+
+
+def _with_start(
+    motions: Sequence[tuple[FloatArray, FloatArray]], poses: Poses, start: RigidTransform
+) -> tuple[RigidTransform, FloatArray]:
+    back = start.inverse()
+    targets = np.zeros((len(poses.targets), 3))
+    for t in range(len(targets)):
+        seen = np.flatnonzero(poses.present[:, t]).tolist()
+        local = [motions[k][0].T @ (back.apply(poses.points[k, t]) - motions[k][1]) for k in seen]
+        targets[t] = np.mean(local, axis=0) if local else 0.0
+    return start, targets
+
+
+def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Names of the unknowns in each undetermined combination, as sparse as a rotation makes them."""
+    names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
+    names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
+    out = []
+    for combination in _reduced(linear.unseen).T:
+        share = np.abs(combination) / np.abs(combination).max()
+        out.append(tuple(name for name, part in zip(names, share, strict=True) if part > _NAMED))
+    return tuple(out)
+
+
+def _reduced(unseen: FloatArray) -> FloatArray:
+    """Gauss-Jordan with full pivoting: each combination gets an unknown of its own."""
+    M = unseen.copy()
+    taken: list[int] = []
+    for column in range(M.shape[1]):
+        candidates = np.abs(M[:, column:])
+        candidates[taken] = 0.0
+        row, offset = np.unravel_index(int(np.argmax(candidates)), candidates.shape)
+        M[:, [column, column + int(offset)]] = M[:, [column + int(offset), column]]
+        M[:, column] /= M[row, column]
+        for other in range(M.shape[1]):
+            if other != column:
+                M[:, other] -= M[row, other] * M[:, column]
+        taken.append(int(row))
+    return M

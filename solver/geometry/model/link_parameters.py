@@ -1,0 +1,154 @@
+"""Lengths and angles between neighbouring axes, as Denavit and Hartenberg name them.
+
+For neighbours i and i+1: distance a_i and twist alpha_i along and about their common perpendicular x_i; for
+each axis, offset d_i and angle theta_i from x_{i-1} to x_i along and about z_i (Craig, Introduction to
+Robotics, ch. 3). The foot of the perpendicular runs away as axes become parallel. Between axes that are
+meant to be parallel x_i therefore starts where x_{i-1} ended (d_i = 0), and their small angle has a
+second component beta_i, about z_i × x_i (Hayati 1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry.frames import LEAST_SINE, RigidTransform, common_feet
+from jointstiff.solver.geometry.sweeps import Axis
+
+__all__ = ["LinkGeometry", "link_geometry", "near_parallel", "perpendicular_signs"]
+
+
+_SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
+_NO_DIRECTION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry:
+    """A serial chain of n axes in numbers.
+
+    Attributes:
+        a: (n - 1,) distances of neighbours along x [m], signed.
+        alpha: (n - 1,) twists about x [rad].
+        beta: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others.
+        d: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m].
+        theta: (n,) angles about the axes at model angle zero, likewise [rad].
+        base: from frame 0, whose z is axis 1, to the frame in which the axes are given.
+        tool: from the flange frame to frame n, whose z is axis n.
+    """
+
+    a: FloatArray
+    alpha: FloatArray
+    beta: FloatArray
+    d: FloatArray
+    theta: FloatArray
+    base: RigidTransform
+    tool: RigidTransform
+
+
+def near_parallel(axes: Sequence[Axis]) -> tuple[bool, ...]:
+    """Which neighbours (n - 1) count as meant to be parallel."""
+    return tuple(
+        bool(np.linalg.norm(np.cross(first.direction, second.direction)) < LEAST_SINE)
+        for first, second in pairwise(axes)
+    )
+
+
+def perpendicular_signs(axes: Sequence[Axis], parallel: Sequence[bool]) -> tuple[float, ...]:
+    """Senses (n - 1) of the perpendiculars: towards the next axis, or near the last one's if they meet."""
+    signs: list[float] = []
+    plain = [1.0] * (len(axes) - 1)
+    frames = _perpendiculars(axes, plain, parallel)
+    before = frames.x[0]
+    for x, a in zip(frames.x[1:-1], frames.lengths, strict=True):
+        sign = np.sign(a) if abs(a) > _SHORT else np.sign(x @ before)
+        signs.append(float(sign) or 1.0)
+        before = signs[-1] * x
+    return tuple(signs)
+
+
+def link_geometry(
+    axes: Sequence[Axis], flange: RigidTransform, parallel: Sequence[bool], signs: Sequence[float]
+) -> LinkGeometry:
+    """Measure a chain of axes.
+
+    Args:
+        axes: n at model angle zero, in R0.
+        flange: from flange frame to R0 there.
+        parallel: which neighbours are meant to be parallel.
+        signs: sense of each perpendicular beside z_i × z_{i+1}, or between parallel axes beside the
+            direction from one to the other.
+    """
+    found = _perpendiculars(axes, signs, parallel)
+    z = [axis.direction for axis in axes]
+    last_x, last_foot = _flange_on(axes[-1], flange)
+    x, starts = [*found.x[:-1], last_x], [*found.starts, last_foot]
+    angles = [_angle(z[i], z[i + 1], x[i + 1]) for i in range(len(axes) - 1)]
+    tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
+    frame_n = RigidTransform(np.column_stack([last_x, np.cross(z[-1], last_x), z[-1]]), last_foot)
+    frame_0 = RigidTransform(np.column_stack([x[0], np.cross(z[0], x[0]), z[0]]), found.ends[0])
+    exact = RigidTransform(flange.rotation, flange.translation)
+    return LinkGeometry(
+        a=np.array(found.lengths),
+        alpha=np.array(angles),
+        beta=np.arcsin(np.clip(tilts, -1.0, 1.0)),
+        d=np.array([(starts[i] - found.ends[i]) @ z[i] for i in range(len(axes))]),
+        theta=np.array([_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
+        base=frame_0,
+        tool=frame_n.inverse().after(exact),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Perpendiculars:
+    x: list[FloatArray]  # x_0 … x_n-1, then a place for x_n
+    starts: list[FloatArray]  # foot of perpendicular i on axis i, i = 1 … n-1
+    ends: list[FloatArray]  # origin of frame 0, then foot of perpendicular i on axis i+1
+    lengths: list[float]
+
+
+def _perpendiculars(
+    axes: Sequence[Axis], signs: Sequence[float], parallel: Sequence[bool]
+) -> _Perpendiculars:
+    x = [_across(np.eye(3)[0], axes[0].direction, np.eye(3)[1])]
+    ends, starts, lengths = [axes[0].at(axes[0].foot(np.zeros(3)))], [], []
+    for i, (first, second) in enumerate(pairwise(axes)):
+        if parallel[i]:
+            start = ends[-1]
+            end = second.at(second.foot(start))
+            gap = (end - start) - first.direction * float((end - start) @ first.direction)
+            along = gap / np.linalg.norm(gap) if np.linalg.norm(gap) > _NO_DIRECTION else x[-1]
+        else:
+            here, there = common_feet(first, second)
+            start, end = first.at(here), second.at(there)
+            along = np.cross(first.direction, second.direction)
+            along = along / np.linalg.norm(along)
+        x.append(signs[i] * along)
+        starts.append(start)
+        ends.append(end)
+        lengths.append(float((end - start) @ x[-1]))
+    return _Perpendiculars([*x, x[-1]], starts, ends, lengths)
+
+
+def _flange_on(axis: Axis, flange: RigidTransform) -> tuple[FloatArray, FloatArray]:
+    """x_n and the origin of frame n on the last axis: as near to the flange frame as they can be."""
+    x = _across(flange.rotation[:, 0], axis.direction, flange.rotation[:, 1])
+    return x, axis.at(axis.foot(flange.translation))
+
+
+def _across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
+    """Unit vector of the part normal to another; of a second vector where the first is nearly along it."""
+    part = vector - normal * float(vector @ normal)
+    if np.linalg.norm(part) < 0.5:
+        part = instead - normal * float(instead @ normal)
+    return np.asarray(part / np.linalg.norm(part))
+
+
+def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
+    """Angle [rad] from one vector to another about a unit vector."""
+    return float(
+        np.arctan2(np.cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
+    )

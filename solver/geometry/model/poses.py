@@ -1,0 +1,65 @@
+"""Unloaded poses of a robot, as a tracker reads them, for its calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.robot import JointMap
+
+__all__ = ["Poses"]
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Unloaded readings in N configurations, T targets. Arrays are checked and made read-only.
+
+    Attributes:
+        angles: (N, n) as the controller shows them [rad].
+        points: (N, T, 3) tracker's frame [m]; anything where absent.
+        present: (N, T) which targets were read.
+        targets: names of the T targets.
+        joint_map: from controller to model angles.
+        sigma: standard uncertainty of one coordinate [m]; None if unknown.
+        covariance: (3, 3) or (N, T, 3, 3) of the readings in units of sigma².
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
+    """
+
+    angles: FloatArray
+    points: FloatArray
+    present: BoolArray
+    targets: tuple[str, ...]
+    joint_map: JointMap
+    sigma: float | None = None
+    covariance: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        count = len(self.angles)
+        shape = (count, len(self.targets))
+        if (
+            self.angles.shape != (count, self.joint_map.n)
+            or self.present.shape != shape
+            or self.points.shape != (*shape, 3)
+            or self.covariance.shape not in {(3, 3), (*shape, 3, 3)}
+        ):
+            raise MeasurementError(
+                f"angles {self.angles.shape}, readings {self.points.shape}, for {self.joint_map.n} joints "
+                f"and {len(self.targets)} targets",
+                where="poses",
+                remedy="give all joint angles and a reading of each target for each pose",
+            )
+        if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
+            raise MeasurementError(
+                "a number is not finite", where="poses", remedy="remove or repeat the reading"
+            )
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
+            raise MeasurementError(
+                f"sigma is {self.sigma}", where="noise.sigma", remedy="give a positive length"
+            )
+        for array in (self.angles, self.points, self.present, self.covariance):
+            array.setflags(write=False)

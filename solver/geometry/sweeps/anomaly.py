@@ -1,0 +1,186 @@
+"""What does not fit a sweep: a tracker that was bumped, a position or a reading that is off.
+
+Each suspicion is a hypothesis with columns of its own: from position s on, the tracker sees everything
+displaced by one rigid motion; one position is displaced; one reading is. What a hypothesis would take
+off the sum of squares, with the fit repeated (to first order) beside it, is tested by F against what it
+would leave. That needs no sigma and blames no neighbour: a bump in the middle also spoils the readings
+around it, but a bump explains them all with six numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.geometry.gauss_newton import LinearFit
+from jointstiff.solver.geometry.sweeps.sweep import Sweep
+from jointstiff.solver.regression import skew, whitener
+
+__all__ = ["FALSE_ALARM", "MOST_ANOMALIES", "Anomaly", "AnomalyKind", "find_anomalies"]
+
+
+AnomalyKind = Literal["bump", "position", "reading"]
+
+FALSE_ALARM = 1e-6
+"""Probability that a clean sweep raises any suspicion."""
+
+MOST_ANOMALIES = 5
+"""Most suspicions of one sweep; with more, the sweep as a whole is wrong."""
+
+_HIDDEN = 1e-8
+"""Share of a hypothesis that the fit leaves visible (squared), below which it cannot be told from the fit."""
+
+_CLEAR = 3.0
+"""Standard uncertainties by which a component of a displacement must differ from zero to be stated."""
+
+_EDGE = 2  # a bump has at least two positions on either side; else it is one position
+
+
+@dataclass(frozen=True, eq=False)
+class Anomaly:
+    """A suspicion about one sweep.
+
+    Attributes:
+        kind: `bump` displaces all readings from `position` on, `position` those there, `reading` one.
+        position: index of the (first) position.
+        target: index of the target of a reading; None for the others.
+        displacement: (3,) estimated displacement of these readings, tracker's frame [m], without components
+            that the fit could as well take for another axis or angle.
+        probability: that chance alone does this to any of the hypotheses tested.
+    """
+
+    kind: AnomalyKind
+    position: int
+    target: int | None
+    displacement: FloatArray
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypothesis:
+    kind: AnomalyKind
+    position: int
+    target: int | None
+    readings: BoolArray  # (K, T)
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    log_probability: float  # by chance, of this hypothesis alone
+    displacement: FloatArray  # (3,)
+    directions: FloatArray  # (columns of the hypothesis, rank), orthonormal once projected
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What is explained so far: an orthonormal basis (K, T, 3, p), the residual (K, T, 3) normal to it."""
+
+    basis: FloatArray
+    residual: FloatArray
+    dof: int
+
+    def with_columns(self, columns: FloatArray) -> _Fit:
+        """The fit beside further orthonormal columns (K, T, 3, rank), normal to the basis."""
+        explained = np.einsum("ktip,kti->p", columns, self.residual)
+        basis = np.concatenate([self.basis, columns], axis=-1)
+        return _Fit(basis, self.residual - columns @ explained, self.dof - columns.shape[-1])
+
+
+def find_anomalies(linear: LinearFit, sweep: Sweep) -> tuple[Anomaly, ...]:
+    """Find what does not fit, one after the other, the likeliest first.
+
+    Args:
+        linear: the fit of the sweep at its minimum; rows are (K, T, 3) in order.
+        sweep: its readings.
+
+    Returns:
+        At most `MOST_ANOMALIES`.
+    """
+    present = sweep.present
+    points = np.where(present[..., None], sweep.points, 0.0)
+    weight = np.where(present[..., None, None], whitener(sweep.covariance), 0.0)
+    normal = linear.residual - linear.left @ (linear.left.T @ linear.residual)
+    fit = _Fit(
+        linear.left.reshape(*points.shape, -1),
+        normal.reshape(points.shape),
+        3 * int(present.sum()) - linear.rank,
+    )
+    hypotheses = _hypotheses(present)
+    found: list[Anomaly] = []
+    while hypotheses and len(found) < MOST_ANOMALIES:
+        tests = [_test(h, fit, weight, points) for h in hypotheses]
+        best = min(range(len(tests)), key=lambda index: tests[index].log_probability)
+        log_probability = tests[best].log_probability + np.log(len(tests))
+        if log_probability > np.log(FALSE_ALARM):
+            break
+        h = hypotheses.pop(best)
+        displacement = tests[best].displacement
+        found.append(Anomaly(h.kind, h.position, h.target, displacement, float(np.exp(log_probability))))
+        fit = fit.with_columns(_projected(h, tests[best], fit, weight, points))
+    return tuple(found)
+
+
+def _hypotheses(present: BoolArray) -> list[_Hypothesis]:
+    count, targets = present.shape
+    position, target = np.arange(count)[:, None], np.arange(targets)[None, :]
+    out = [_Hypothesis("bump", s, None, present & (position >= s)) for s in range(_EDGE, count - _EDGE + 1)]
+    for k in range(count):
+        if present[k].sum() > 1:
+            out.append(_Hypothesis("position", k, None, present & (position == k)))
+        out.extend(
+            _Hypothesis("reading", k, int(t), present & (position == k) & (target == t))
+            for t in np.flatnonzero(present[k])
+        )
+    return out
+
+
+def _columns(h: _Hypothesis, weight: FloatArray, points: FloatArray) -> FloatArray:
+    """Whitened displacement of the hypothesis's M readings by its motion (M, 3, 3 or 6).
+
+    A translation, for positions with a rotation about the readings' mean, in units of their spread, too.
+    """
+    W = weight[h.readings]
+    if h.kind == "reading":
+        return W
+    arms = points[h.readings] - points[h.readings].mean(axis=0)
+    spread = max(float(np.sqrt(np.mean(arms**2))), 1e-9)
+    return np.concatenate([W, -W @ skew(arms) / spread], axis=-1)
+
+
+def _test(h: _Hypothesis, fit: _Fit, weight: FloatArray, points: FloatArray) -> _Test:
+    """F-test of a hypothesis by its normal equations, which only its own readings enter."""
+    columns = _columns(h, weight, points)
+    seen = np.einsum("mip,miq->pq", fit.basis[h.readings], columns)
+    square = np.einsum("mip,miq->pq", columns, columns)
+    values, vectors = np.linalg.eigh(square - seen.T @ seen)
+    kept = values > _HIDDEN * np.trace(square)
+    directions = vectors[:, kept] / np.sqrt(values[kept])
+    explained = directions.T @ np.einsum("mip,mi->p", columns, fit.residual[h.readings])
+    rank, left = int(kept.sum()), fit.dof - int(kept.sum())
+    if rank == 0 or left < 1:
+        return _Test(0.0, np.zeros(3), directions)
+    gain = float(explained @ explained)
+    remaining = max(float(np.sum(fit.residual**2)) - gain, 1e-300)
+    log_probability = float(stats.f.logsf(gain / rank / (remaining / left), rank, left))
+    return _Test(log_probability, _translation(h, fit, weight, remaining / left), directions)
+
+
+def _translation(h: _Hypothesis, fit: _Fit, weight: FloatArray, variance: float) -> FloatArray:
+    """Displacement (3,) of the hypothesis's readings by a translation, of what stands out from noise only."""
+    W, residual, basis = weight[h.readings], fit.residual[h.readings], fit.basis[h.readings]
+    seen = np.einsum("mip,miq->pq", basis, W)
+    values, vectors = np.linalg.eigh(np.einsum("mip,miq->pq", W, W) - seen.T @ seen)
+    explained = vectors.T @ np.einsum("mip,mi->p", W, residual)
+    clear = explained**2 > _CLEAR**2 * variance * np.maximum(values, 1e-300)
+    return np.asarray(vectors[:, clear] @ (explained[clear] / values[clear]))
+
+
+def _projected(h: _Hypothesis, test: _Test, fit: _Fit, weight: FloatArray, points: FloatArray) -> FloatArray:
+    """Orthonormal columns (K, T, 3, rank) of a hypothesis, normal to the fit's basis."""
+    raw = np.zeros((*points.shape, test.directions.shape[1]))
+    raw[h.readings] = _columns(h, weight, points) @ test.directions
+    return np.asarray(raw - fit.basis @ np.einsum("ktip,ktiq->pq", fit.basis, raw))

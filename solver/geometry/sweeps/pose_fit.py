@@ -1,0 +1,130 @@
+"""All axes and targets at once, from readings in many configurations, by maximum likelihood.
+
+    p_kt = E_1(q_k1) E_2(q_k2) … E_n(q_kn) x_t
+
+with E_i the rotation about axis i as it lies at model angle zero, and x_t the target there, both in the
+tracker's frame. With four numbers for each axis and three for each target the model is complete and has no
+number too many: offsets of joint angles, base and flange frame are conventions that are laid on it
+afterwards. Angles are the controller's, but for corrections that a caller may free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
+from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
+
+__all__ = ["PoseReadings", "PoseState", "fit_poses"]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseReadings:
+    """Readings in N configurations, whitened.
+
+    Attributes:
+        angles: (N, n) of the model [rad].
+        points: (N, T, 3) tracker's frame [m]; zero where absent.
+        weight: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent.
+        slopes: (N, n) of the model angles by the correction of a configuration.
+        basis: (N, F) the corrections that are free [rad]; F may be 0.
+    """
+
+    angles: FloatArray
+    points: FloatArray
+    weight: FloatArray
+    slopes: FloatArray
+    basis: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseState:
+    """What the fit looks for.
+
+    Attributes:
+        axes: n at angle zero, tracker's frame.
+        targets: (T, 3) at angle zero, tracker's frame [m].
+        corrections: (N,) of the angles [rad].
+    """
+
+    axes: tuple[Axis, ...]
+    targets: FloatArray
+    corrections: FloatArray
+
+
+def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[PoseState, LinearFit]:
+    """Fit axes, targets and free corrections.
+
+    Unknowns are in this order: charts (4 n), targets (3 T), corrections (F). Where the readings leave a
+    combination of them undetermined, it stays as it was at the start.
+
+    Args:
+        readings: in at least two configurations.
+        first: where to start from.
+        where: for messages.
+
+    Raises:
+        MeasurementError: no convergence.
+    """
+    charts = CHART_SIZE * len(first.axes)
+    kept = charts + first.targets.size
+
+    def stepped(state: PoseState, step: FloatArray) -> PoseState:
+        moves = step[:charts].reshape(-1, CHART_SIZE)
+        axes = tuple(axis.displaced(move) for axis, move in zip(state.axes, moves, strict=True))
+        targets = state.targets + step[charts:kept].reshape(-1, 3)
+        return PoseState(axes, targets, state.corrections + readings.basis @ step[kept:])
+
+    def residual(state: PoseState) -> FloatArray:
+        gaps = readings.points - _Motion(state, readings).stages[0]
+        return np.asarray((readings.weight @ gaps[..., None]).ravel())
+
+    def jacobian(state: PoseState) -> FloatArray:
+        J = readings.weight @ _Motion(state, readings).jacobian(readings)
+        return np.asarray(J.reshape(readings.points.size, -1))
+
+    return minimise(first, residual, jacobian, stepped, where=where)
+
+
+class _Motion:
+    """Targets after the last i joints, and the rotations of the first i joints, for all configurations.
+
+    Attributes:
+        state: at which they are taken.
+        turns: n of (N, 3, 3), each joint's own rotation.
+        before: n + 1 of (N, 3, 3), product of the rotations of the joints before i.
+        stages: n + 1 of (N, T, 3): targets turned by joints i and beyond [m]; stage 0 is the prediction.
+    """
+
+    def __init__(self, state: PoseState, readings: PoseReadings) -> None:
+        angles = readings.angles + state.corrections[:, None] * readings.slopes
+        self.state = state
+        self.turns = [axis.turns(angles[:, i]) for i, axis in enumerate(state.axes)]
+        self.before = [np.broadcast_to(np.eye(3), (len(angles), 3, 3))]
+        for turn in self.turns:
+            self.before.append(self.before[-1] @ turn)
+        stage = np.broadcast_to(state.targets, readings.points.shape)
+        self.stages = [stage]
+        for axis, turn in zip(reversed(state.axes), reversed(self.turns), strict=True):
+            stage = axis.turned(turn, stage)
+            self.stages.insert(0, stage)
+
+    def jacobian(self, readings: PoseReadings) -> FloatArray:
+        """Derivative (N, T, 3, 4 n + 3 T + F) of the prediction."""
+        count, targets, _ = readings.points.shape
+        charts = CHART_SIZE * len(self.state.axes)
+        kept = charts + 3 * targets
+        J = np.zeros((count, targets, 3, kept + readings.basis.shape[1]))
+        spin = np.zeros(readings.points.shape)
+        for i, axis in enumerate(self.state.axes):
+            by_chart = axis.turned_by_chart(self.turns[i], self.stages[i + 1])
+            J[..., CHART_SIZE * i : CHART_SIZE * (i + 1)] = self.before[i][:, None] @ by_chart
+            swing = np.cross(axis.direction, self.stages[i] - axis.point)
+            spin += readings.slopes[:, i, None, None] * (swing @ np.swapaxes(self.before[i], -1, -2))
+        for t in range(targets):
+            J[:, t, :, charts + 3 * t : charts + 3 * t + 3] = self.before[-1]
+        J[..., kept:] = spin[..., None] * readings.basis[:, None, None, :]
+        return J

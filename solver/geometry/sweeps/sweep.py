@@ -1,0 +1,239 @@
+"""Sweeps: one joint turned alone while a tracker follows the targets on the flange."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.robot import JointMap
+
+__all__ = ["MIN_POSITIONS", "SHORTEST_ARC", "SMALLEST_MOTION", "STILL", "Sweep", "SweepSet"]
+
+
+MIN_POSITIONS = 4
+"""Three points lie on a circle whatever they are; the fourth is the first that can disagree."""
+
+STILL = 1e-4
+"""Greatest range of the angle of a joint that stands still [rad]: 0.2 mm at 2 m."""
+
+SHORTEST_ARC = np.radians(5.0)
+"""Least arc [rad]: below it a circle differs from its tangent by less than 0.1 % of its radius."""
+
+SMALLEST_MOTION = 1e-3
+"""Least way of the target that moves most [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """K positions of one sweep, T targets. Arrays are checked and made read-only.
+
+    Attributes:
+        name: of the controller's joint that was turned, for messages.
+        joint: its index, 0 to n - 1.
+        angles: (K, n) as the controller shows them [rad].
+        points: (K, T, 3) readings in the tracker's frame [m]; anything where absent.
+        present: (K, T) which targets were read.
+        covariance: (3, 3) or (K, T, 3, 3) of the readings in units of sigma².
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, fewer than `MIN_POSITIONS` positions, a
+            position without any reading, the joint did not move, or its targets did not.
+    """
+
+    name: str
+    joint: int
+    angles: FloatArray
+    points: FloatArray
+    present: BoolArray
+    covariance: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        self._check_shapes()
+        self._check_positions()
+        self._check_motion()
+        for array in (self.angles, self.points, self.present, self.covariance):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.angles)
+
+    @property
+    def where(self) -> str:
+        """The sweep, for a message."""
+        return f"sweep of {self.name}"
+
+    @property
+    def targets(self) -> int:
+        """Number of targets T."""
+        return int(self.present.shape[1])
+
+    def _check_shapes(self) -> None:
+        if self.present.ndim != 2 or self.angles.ndim != 2 or len(self.angles) != len(self.present):
+            raise MeasurementError(
+                f"angles of shape {self.angles.shape}, readings for {self.present.shape}",
+                where=self.where,
+                remedy="give all joint angles and a reading of each target for each position",
+            )
+        count, targets = self.present.shape
+        if self.points.shape != (count, targets, 3) or self.covariance.shape not in {
+            (3, 3),
+            (count, targets, 3, 3),
+        }:
+            raise MeasurementError(
+                f"points of shape {self.points.shape}, covariance of shape {self.covariance.shape}",
+                where=self.where,
+                remedy="give three coordinates for each reading, and one covariance or one for each reading",
+            )
+        if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
+            raise MeasurementError(
+                "a number is not finite", where=self.where, remedy="remove or repeat the reading"
+            )
+        if not 0 <= self.joint < self.angles.shape[1]:
+            raise MeasurementError(
+                f"joint {self.joint + 1} of {self.angles.shape[1]}",
+                where=self.where,
+                remedy="name one of the robot's joints",
+            )
+
+    def _check_positions(self) -> None:
+        if len(self) < MIN_POSITIONS:
+            raise MeasurementError(
+                f"{len(self)} positions, and {MIN_POSITIONS} are the least that can contradict a circle",
+                where=self.where,
+                remedy="record more positions; 10 to 20 over a wide arc are good practice",
+            )
+        blind = np.flatnonzero(~self.present.any(axis=1))
+        if len(blind):
+            raise MeasurementError(
+                f"position {blind[0] + 1} has no reading at all",
+                where=self.where,
+                remedy="leave the position out",
+            )
+
+    def _check_motion(self) -> None:
+        turned = float(np.ptp(self.angles[:, self.joint]))
+        moving = np.flatnonzero(np.ptp(self.angles, axis=0) > STILL)
+        if turned <= STILL:
+            others = ", ".join(f"joint {index + 1}" for index in moving)
+            raise MeasurementError(
+                f"the joint did not move: its angle changes by {np.degrees(turned):.2g}°"
+                + (f", while {others} turned" if others else ""),
+                where=self.where,
+                remedy="name the joint that was turned, or repeat the sweep",
+            )
+        way = self.largest_motion
+        if way < SMALLEST_MOTION:
+            raise MeasurementError(
+                f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
+                f"moved by more than {way * 1e3:.3g} mm",
+                where=self.where,
+                remedy="check that readings and angles belong together, and that the targets were tracked",
+            )
+
+    @property
+    def largest_motion(self) -> float:
+        """Diagonal of the box [m] around the readings of the target that moved most."""
+        return max(
+            (
+                float(np.linalg.norm(np.ptp(self.points[self.present[:, t], t], axis=0)))
+                for t in range(self.targets)
+                if self.present[:, t].any()
+            ),
+            default=0.0,
+        )
+
+    def without(self, positions: npt.ArrayLike) -> Sweep:
+        """The sweep without some positions, given by index, such as those before a tracker bump.
+
+        Raises:
+            MeasurementError: too little is left.
+        """
+        keep = np.setdiff1d(np.arange(len(self)), positions)
+        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[keep]
+        return Sweep(
+            self.name, self.joint, self.angles[keep], self.points[keep], self.present[keep], covariance
+        )
+
+    def with_targets(self, targets: npt.ArrayLike) -> Sweep:
+        """The sweep with some of its targets, given by index."""
+        keep = np.asarray(targets, dtype=np.intp)
+        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[:, keep]
+        return Sweep(
+            self.name, self.joint, self.angles, self.points[:, keep], self.present[:, keep], covariance
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SweepSet:
+    """Sweeps of one robot by one tracker that stood still, with the same targets.
+
+    Attributes:
+        sweeps: in any order; positions in the tracker's frame.
+        targets: names of the T targets.
+        joint_map: from controller to model angles.
+        sigma: standard uncertainty of one coordinate of one reading [m]; None if unknown.
+
+    Raises:
+        MeasurementError: no sweep, sweeps of different robots or targets, two sweeps of one joint, a sigma
+            that is not positive, or a joint that turns along although the map does not couple it.
+    """
+
+    sweeps: tuple[Sweep, ...]
+    targets: tuple[str, ...]
+    joint_map: JointMap
+    sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
+            raise MeasurementError(
+                f"sigma is {self.sigma}", where="noise.sigma", remedy="give a positive length"
+            )
+        if not self.sweeps:
+            raise MeasurementError("no sweep", where="sweeps", remedy="give a sweep of each joint")
+        for sweep in self.sweeps:
+            self._check_sweep(sweep)
+        name, count = Counter(self._turning_key(sweep) for sweep in self.sweeps).most_common(1)[0]
+        if count > 1:
+            raise MeasurementError(
+                f"{count} sweeps turn {name}",
+                where="sweeps",
+                remedy="give one sweep of each joint; put the positions of a repeated one into it",
+            )
+
+    def _check_sweep(self, sweep: Sweep) -> None:
+        if sweep.angles.shape[1] != self.joint_map.n or sweep.targets != len(self.targets):
+            raise MeasurementError(
+                f"{sweep.angles.shape[1]} angles and {sweep.targets} targets, where the robot has "
+                f"{self.joint_map.n} joints and the set {len(self.targets)} targets",
+                where=sweep.where,
+                remedy="give all joint angles and the same targets in all sweeps",
+            )
+        turning = self.turning(sweep)
+        arc = float(np.ptp(self.model_angles(sweep)[:, turning], axis=0).max())
+        if arc < SHORTEST_ARC:
+            raise MeasurementError(
+                f"the arc of {np.degrees(arc):.2g}° is too short: its axis would be mostly noise",
+                where=sweep.where,
+                remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
+            )
+
+    def _turning_key(self, sweep: Sweep) -> str:
+        return " and ".join(f"model joint {index + 1}" for index in self.turning(sweep))
+
+    def model_angles(self, sweep: Sweep) -> FloatArray:
+        """Angles of the model (K, n) [rad] in a sweep."""
+        return self.joint_map.model_angles(sweep.angles)
+
+    def turning(self, sweep: Sweep) -> tuple[int, ...]:
+        """IndexArray of the model joints that turn in a sweep.
+
+        One, as a rule. With coupled axes (J2/J3 of FANUC) turning one joint of the controller turns two
+        of the model; and turning two of the controller's against each other may turn one of the model.
+        """
+        ranges = np.ptp(self.model_angles(sweep), axis=0)
+        return tuple(int(index) for index in np.flatnonzero(ranges > STILL))

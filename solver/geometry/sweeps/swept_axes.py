@@ -1,0 +1,202 @@
+"""The axes of a robot from its sweeps.
+
+A sweep shows an axis where the joints before it have put it. Turning these back, one after the other,
+about the axes already known, brings every axis to model angle zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis, rotation_about
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fit_axis
+from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit, fit_coupled
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, derivative
+from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
+
+__all__ = ["SweptAxes", "identify_axes"]
+
+
+@dataclass(frozen=True, eq=False)
+class SweptAxes(IdentifiedAxes):
+    """Axes identified from sweeps, one by one.
+
+    Attributes:
+        sweeps: the set; the whitened readings of `influence` are in its order.
+        fits: the fit of each sweep, in its order.
+    """
+
+    sweeps: SweepSet
+    fits: tuple[AxisFit | CoupledFit, ...]
+
+
+def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
+    """Fit all sweeps and bring their axes to model angle zero.
+
+    Args:
+        sweeps: one for each joint.
+        angles: see `circle_point.fit_axis`.
+
+    Raises:
+        MeasurementError: a joint without a sweep, a sweep that turns what it should not, or one that
+            cannot be fitted.
+    """
+    order = _sweep_of_joint(sweeps)
+    fits = _fit_all(sweeps, order, angles)
+    rss, dof = sum(fit.rss for fit in fits), sum(fit.dof for fit in fits)
+    sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
+    axes, targets, influence = _zeroed(sweeps, fits, order)
+    return SweptAxes(
+        axes=axes,
+        targets=targets,
+        names=sweeps.targets,
+        covariance=sigma**2 * influence @ influence.T,
+        influence=influence,
+        sigma=sigma,
+        rss=rss,
+        dof=dof,
+        sweeps=sweeps,
+        fits=fits,
+    )
+
+
+def _zeroed(
+    sweeps: SweepSet, fits: Sequence[AxisFit | CoupledFit], order: Sequence[int]
+) -> tuple[tuple[Axis, ...], FloatArray, FloatArray]:
+    """Axes and targets at zero, and their derivative by all whitened readings."""
+    at_sweep = [fits[index].axis for index in order]
+    points = fits[order[-1]].target_points()
+    postures = np.array([sweeps.model_angles(sweeps.sweeps[index]).mean(axis=0) for index in order])
+    axes, targets = _to_zero(at_sweep, points, postures)
+
+    def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
+        found, target = _to_zero(moved, at, postures)
+        parts = [axis.chart(other) for axis, other in zip(axes, found, strict=True)]
+        return np.concatenate([*parts, target.ravel()])
+
+    return axes, targets, derivative(at_sweep, points, charts) @ _stacked_influence(fits, order)
+
+
+def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
+    """Index of the sweep that tells the axis of each model joint: of coupled ones, the first."""
+    told = {min(sweeps.turning(sweep)): index for index, sweep in enumerate(sweeps.sweeps)}
+    missing = [joint + 1 for joint in range(sweeps.joint_map.n) if joint not in told]
+    if missing:
+        raise MeasurementError(
+            f"no sweep tells the axis of model joint {', '.join(map(str, missing))}",
+            where="sweeps",
+            remedy="turn each joint alone in a sweep of its own",
+        )
+    return [told[joint] for joint in range(sweeps.joint_map.n)]
+
+
+def _fit_all(sweeps: SweepSet, order: Sequence[int], angles: AngleUse) -> tuple[AxisFit | CoupledFit, ...]:
+    fits: dict[int, AxisFit | CoupledFit] = {}
+    for index in reversed(order):  # a coupled sweep needs the axis farther out
+        sweep = sweeps.sweeps[index]
+        turning = sweeps.turning(sweep)
+        if len(turning) == 1:
+            controller = sweeps.model_angles(sweep)[:, turning[0]]
+            fits[index] = fit_axis(sweep, controller, sigma=sweeps.sigma, angles=angles)
+        else:
+            fits[index] = _fit_coupled(sweeps, sweep, turning, fits[order[turning[-1]]], angles)
+    return tuple(fits[index] for index in range(len(sweeps.sweeps)))
+
+
+def _fit_coupled(
+    sweeps: SweepSet,
+    sweep: Sweep,
+    turning: tuple[int, ...],
+    outer: AxisFit | CoupledFit,
+    angles: AngleUse,
+) -> CoupledFit:
+    _refuse_unless_coupled(sweeps, sweep, turning)
+    if not isinstance(outer, AxisFit):
+        raise MeasurementError(
+            f"model joint {turning[1] + 1} turns along, and its own sweep is a coupled one, too",
+            where=sweep.where,
+            remedy="turn the last of the coupled joints alone in a sweep of its own",
+        )
+    there = sweeps.model_angles(outer.sweep).mean(axis=0)
+    _refuse_elsewhere(sweeps.model_angles(sweep).mean(axis=0), there, turning, sweep, outer.sweep)
+    joints = list(turning)
+    return fit_coupled(
+        sweep,
+        sweeps.model_angles(sweep)[:, joints] - [there[turning[0]], 0.0],
+        sweeps.joint_map.matrix[joints, sweep.joint],
+        outer,
+        sigma=sweeps.sigma,
+        angles=angles,
+    )
+
+
+def _refuse_elsewhere(
+    here: FloatArray, there: FloatArray, turning: tuple[int, ...], sweep: Sweep, other: Sweep
+) -> None:
+    """Joints before the outer one carry its axis: but for the inner one they must stand as in its sweep."""
+    before = [joint for joint in range(turning[1]) if joint != turning[0]]
+    if before and np.abs(here[before] - there[before]).max() > STILL:
+        raise MeasurementError(
+            f"this sweep turns model joints {turning[0] + 1} and {turning[1] + 1}, and it stands elsewhere "
+            f"than the {other.where}",
+            where=sweep.where,
+            remedy="start both sweeps from the same configuration of the other joints",
+        )
+
+
+def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, turning: tuple[int, ...]) -> None:
+    coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
+    moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > STILL)
+    if list(moved) != [sweep.joint] or len(coupled) > 2:
+        joints = " and ".join(str(joint + 1) for joint in turning)
+        raise MeasurementError(
+            f"model joints {joints} turn in one sweep",
+            where=sweep.where,
+            remedy="turn one joint of the controller alone; if the joint map couples more than two, command "
+            "the others so that one axis turns; check that rows were not mixed up",
+        )
+
+
+def _to_zero(
+    at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
+) -> tuple[tuple[Axis, ...], FloatArray]:
+    """Axes at zero from each in its sweep's posture (n, n), and the targets from the last sweep's."""
+    axes: list[Axis] = []
+    for joint, axis in enumerate(at_sweep):
+        back = axis
+        for earlier in range(joint):
+            back = back.carried(axes[earlier], -float(postures[joint, earlier]))
+        axes.append(back)
+    for earlier in range(len(axes) - 1):
+        R, t = rotation_about(axes[earlier], -float(postures[-1, earlier]))
+        points = points @ R.T + t
+    return tuple(axes), points
+
+
+def _stacked_influence(fits: Sequence[AxisFit | CoupledFit], order: Sequence[int]) -> FloatArray:
+    """Derivative of all axes in their sweeps and the last one's targets by all readings."""
+    sizes = [fit.influence.shape[1] for fit in fits]
+    starts = np.cumsum([0, *sizes])
+    rows = [_spread(fits, index, order, starts)[:CHART_SIZE] for index in order]
+    last = fits[order[-1]]
+    points = np.zeros((3 * last.sweep.targets, starts[-1]))
+    points[:, starts[order[-1]] : starts[order[-1] + 1]] = last.target_influence()
+    return np.vstack([*rows, points])
+
+
+def _spread(
+    fits: Sequence[AxisFit | CoupledFit], index: int, order: Sequence[int], starts: IndexArray
+) -> FloatArray:
+    """Influence (4, m) on one fit's axis of all readings: its own, and through the outer axis."""
+    fit = fits[index]
+    out = np.zeros((CHART_SIZE, starts[-1]))
+    out[:, starts[index] : starts[index + 1]] = fit.influence[:CHART_SIZE]
+    if isinstance(fit, CoupledFit):
+        outer = next(i for i in order if fits[i] is fit.outer)
+        out += fit.dependence @ _spread(fits, outer, order, starts)
+    return out

@@ -1,0 +1,258 @@
+"""Advice: which posture or load direction would tell more of the joints that the readings hardly show.
+
+Each candidate is one more reading of all targets under the strongest force of the set. It adds
+``K = AᵀΣ⁻¹A`` to the information ``G = RᵀR`` of the readings at hand, so that the standard uncertainty of
+c_j after it is known before it is taken: ``u_j = σ √[(G + K)⁻¹]_jj``, that of the partial pose weighted by
+covariance. Candidates are compared by it, and nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.inference.candidates import (
+    AXIS_DIRECTIONS,
+    Equipment,
+    Postures,
+    measured_postures,
+    new_postures,
+)
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.observability import Spectrum
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
+
+__all__ = ["Advice", "advise", "precision"]
+
+
+LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
+"""Of a compliance; a joint above it needs advice."""
+MOST_JOINTS: Final = 3
+"""Joints that get advice, the worst ones: one posture often serves several."""
+MOST_POSTURES: Final = 48
+"""Of the set, and as many new ones; fewer where many joints make each candidate costly."""
+LEAST_GAIN: Final = 0.01
+"""A reading that takes less than this share off the standard uncertainty is not worth taking."""
+LITTLE_MORE: Final = 1.1
+"""The easier of two pieces of advice suffices if it does as well within this factor: weights can only pull
+downwards, so a new posture; otherwise one of the set, which is known to be clear."""
+EASIER: Final = 1.05
+"""A force along an axis of R0 or the set's own is easier to apply: others must do better by this factor."""
+_NO_PIVOT: Final = 1e-12
+_SHOWS: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """One more reading that would tell more of a joint.
+
+    Attributes:
+        joint: its index.
+        joints: (n,) angles of the posture as the controller shows them [rad].
+        observation: the observation that has this posture; None for a new one.
+        force: (3,) on the robot, axes of R0 [N].
+        own_direction: whether the force is the one that the whole set was loaded with.
+        torque: of that force about the joint [N·m].
+        deviation: standard uncertainty of the compliance after the reading, in units of sigma
+            [rad/(N·m)/m].
+        sigma: standard uncertainty of one coordinate of one reading [m]; None where it is unknown.
+        ratio: of the standard uncertainties after and before; None where the readings so far do not
+            determine the compliance.
+        same_method: whether the estimate itself has the uncertainties of the partial pose, so that the same
+            method will find what is promised; other weights, the decoupled method and priors have not.
+    """
+
+    joint: int
+    joints: FloatArray
+    observation: int | None
+    force: FloatArray
+    own_direction: bool
+    torque: float
+    deviation: float
+    sigma: float | None
+    ratio: float | None
+    same_method: bool
+
+    @property
+    def uncertainty(self) -> float | None:
+        """Standard uncertainty of the compliance after the reading [rad/(N·m)]."""
+        return None if self.sigma is None else self.sigma * self.deviation
+
+
+def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
+    """Find the best next reading for each joint that needs one.
+
+    For each joint two candidates win: a posture of the set under a load in another direction, and a new
+    posture, where weights were the load under the same. One is left out if the other is easier and
+    does about as well; either is, if it gains next to nothing.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        estimate: of the same measurements.
+
+    Returns:
+        At most two pieces of advice a joint, the better first; none where all joints are well determined
+        or no force was applied.
+    """
+    joints = _in_need(estimate)
+    if not len(joints) or not measurements.force.any():
+        return ()
+    tools = Equipment.of(robot, measurements)
+    count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
+    postures = (
+        measured_postures(robot, measurements, tools, count),
+        new_postures(robot, measurements, tools, count),
+    )
+    search = _Search(estimate, tools)
+    measured, new = (
+        search.best(part, joints, all_directions=all_directions)
+        for part, all_directions in zip(postures, (True, not tools.one_direction), strict=True)
+    )
+    return tuple(
+        advice
+        for pair in zip(measured, new, strict=True)
+        for advice in _worth_saying(*pair, weights=tools.one_direction)
+    )
+
+
+def precision(information: FloatArray, joint: int) -> FloatArray:
+    """Information on one parameter, the others unknown: ``min xᵀ G x`` over all x with ``x_j = 1``.
+
+    It is 1 / [G⁻¹]_jj where G has an inverse, and zero where G does not determine the parameter. Found by
+    eliminating the other parameters one by one, in all matrices at once; a pivot of zero of a semidefinite
+    matrix has a row of zeros and is passed over.
+
+    Args:
+        information: (n, n, ...) symmetric, positive semidefinite, its diagonal of the order of 1.
+        joint: the parameter j.
+
+    Returns:
+        (...).
+    """
+    n = len(information)
+    order = np.r_[np.delete(np.arange(n), joint), joint]
+    G = information[np.ix_(order, order)]
+    least = _NO_PIVOT * np.einsum("ii...->i...", G)
+    for p in range(n - 1):
+        pivot = G[p, p]
+        determined = pivot > least[p]
+        row = G[p, p + 1 :]
+        factor = np.where(determined, row, 0.0) / np.where(determined, pivot, 1.0)
+        G[p + 1 :, p + 1 :] -= row[:, None] * factor[None]
+    return np.where(G[-1, -1] > least[-1], G[-1, -1], 0.0)
+
+
+def _in_need(estimate: Estimate) -> IndexArray:
+    """The joints without a number, at zero or of a large uncertainty: the worst, in this order."""
+    relative = np.zeros(len(estimate.joints))
+    for j, joint in enumerate(estimate.joints):
+        if joint.status == "not_observable" or joint.compliance == 0.0:
+            relative[j] = np.inf
+        elif joint.compliance is not None and joint.standard_uncertainty is not None:
+            relative[j] = joint.standard_uncertainty / abs(joint.compliance)
+    worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
+    return worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
+
+
+class _Search:
+    """Compares candidates for one set of readings."""
+
+    def __init__(self, estimate: Estimate, tools: Equipment) -> None:
+        self._regressor = np.where(estimate.visibility.null, 0.0, estimate.regressor)
+        self._information = self._regressor.T @ self._regressor
+        self._sigma = estimate.sigma
+        self._tools = tools
+        self._same_method = _has_least_uncertainty(estimate, self._regressor)
+
+    def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Advice | None]:
+        """For each of the joints, the candidate of least uncertainty; None if none determines it."""
+        if not len(postures):
+            return [None] * len(joints)
+        forces = self._forces(postures, joints, all_directions=all_directions)
+        torque = postures.torque(forces)
+        added = postures.information(torque)
+        diagonal = np.diagonal(self._information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        total = self._information[..., None, None] + added
+        total /= np.multiply.outer(scale, scale)[..., None, None]
+        easy = np.isclose(np.abs(forces).max(axis=2), self._tools.strength, rtol=_SHOWS)
+        easy[:, 0] = True
+        found = list[Advice | None]()
+        for joint in joints.tolist():
+            scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
+            m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
+            found.append(self._advice(joint, postures, int(m), forces[m, d], torque[m, d]))
+        return found
+
+    def _forces(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> FloatArray:
+        """(M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis."""
+        own = self._tools.force / self._tools.strength
+        count = len(postures)
+        directions = np.broadcast_to(own, (count, 1, 3))
+        if all_directions:
+            # a × r is the velocity of the load point: no force of this strength twists the joint more.
+            across = postures.load_jacobian[:, :, joints].transpose(0, 2, 1)
+            lever = np.linalg.norm(across, axis=2, keepdims=True)
+            across = np.where(lever > 0, across / np.where(lever > 0, lever, 1.0), own)
+            cube = np.broadcast_to(AXIS_DIRECTIONS, (count, len(AXIS_DIRECTIONS), 3))
+            directions = np.concatenate([directions, cube, across], axis=1)
+        # A force tells the same as its opposite: of both, the one that is more like the set's own.
+        sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
+        forces: FloatArray = self._tools.strength * sign[..., None] * directions
+        return forces
+
+    def _advice(
+        self, joint: int, postures: Postures, m: int, force: FloatArray, torque: FloatArray
+    ) -> Advice | None:
+        """Put a candidate into numbers, by a decomposition of all readings with it."""
+        after = _deviation(np.vstack([self._regressor, postures.rows(m, torque)]), joint)
+        if after is None:
+            return None
+        before = _deviation(self._regressor, joint)
+        observation = int(postures.observation[m])
+        return Advice(
+            joint=joint,
+            joints=postures.joints[m],
+            observation=None if observation < 0 else observation,
+            force=force,
+            own_direction=self._tools.one_direction and np.allclose(force, self._tools.force, rtol=1e-9),
+            torque=float(abs(torque[joint])),
+            deviation=after,
+            sigma=self._sigma,
+            ratio=None if before is None else after / before,
+            same_method=self._same_method,
+        )
+
+
+def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
+    """Whether the estimate's uncertainties are those of least squares weighted by covariance."""
+    if estimate.covariance is None or estimate.sigma is None:
+        return False
+    visible = ~estimate.visibility.null
+    inverse = Spectrum(regressor[:, visible]).inverse
+    least = estimate.sigma * np.linalg.norm(inverse, axis=1)
+    return np.allclose(np.sqrt(np.diagonal(estimate.covariance)[visible]), least, rtol=0.01, atol=0.0)
+
+
+def _deviation(rows: FloatArray, joint: int) -> float | None:
+    """Standard uncertainty of c_j in units of sigma; None where the rows do not determine it."""
+    spectrum = Spectrum(rows)
+    if (spectrum.null_space[:, joint] ** 2).sum() > _SHOWS:
+        return None
+    return float(np.linalg.norm(spectrum.inverse[joint]))
+
+
+def _worth_saying(measured: Advice | None, new: Advice | None, *, weights: bool) -> list[Advice]:
+    """Those of the two that gain something, the better first."""
+    useful = [a for a in (measured, new) if a is not None and (a.ratio is None or a.ratio <= 1 - LEAST_GAIN)]
+    if len(useful) < 2 or measured is None or new is None:
+        return useful
+    easier, other = (new, measured) if weights else (measured, new)
+    if easier.deviation <= LITTLE_MORE * other.deviation:
+        return [easier]
+    return sorted(useful, key=lambda advice: advice.deviation)

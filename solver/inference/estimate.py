@@ -1,0 +1,138 @@
+"""The estimate: joint compliances with uncertainty, verdict and evidence (METHOD.md §6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Certificate
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.fitting import (
+    Fit,
+    RobustFit,
+    Scale,
+    Settings,
+    SigmaTest,
+    prior_to_data,
+    scale_of,
+    sigma_test,
+)
+from jointstiff.solver.inference.verdict import Evidence, JointCompliance, verdicts
+from jointstiff.solver.observability import Identifiability, Visibility
+from jointstiff.solver.regression import ComplementaryStiffness, Compression
+
+__all__ = ["Estimate", "JointCompliance", "assemble"]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Joint compliances with their evidence.
+
+    Attributes:
+        joints: one verdict a joint.
+        compliance: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not
+            observable are no estimates; `joints` withholds them.
+        covariance: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown.
+        sigma: standard uncertainty of one coordinate of one reading [m]; None where it was not given
+            and there are no degrees of freedom to estimate it from.
+        sigma_given: whether sigma was stated with the readings.
+        chi_square: of the targets' residuals, under sigma.
+        degrees_of_freedom: expectation of chi_square where model and sigma are right.
+        characteristic_length: [m], where the weighting used one.
+        identifiability: of each stage of the method.
+        certificates: of each stage of the method.
+        regressor: (m, n) of all readings, compressed and weighted by their covariance in units of sigma,
+            whatever the method made of them.
+        visibility: of the joints in the same readings.
+        complementary_stiffness: how much it matters.
+        robust: what the Huber loss made of the readings; None for the squared loss.
+    """
+
+    joints: tuple[JointCompliance, ...]
+    compliance: FloatArray
+    covariance: FloatArray | None
+    sigma: float | None
+    sigma_given: bool
+    chi_square: float
+    degrees_of_freedom: float
+    characteristic_length: float | None
+    identifiability: tuple[Identifiability, ...]
+    certificates: tuple[Certificate, ...]
+    regressor: FloatArray
+    visibility: Visibility
+    complementary_stiffness: ComplementaryStiffness | None = None
+    robust: RobustFit | None = None
+
+    @property
+    def sigma_test(self) -> SigmaTest | None:
+        """Of a sigma that was stated; None where it was not, or without residual degrees of freedom."""
+        return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
+
+
+def assemble(
+    fit: Fit,
+    visibility: Visibility,
+    whitened: Compression,
+    *,
+    names: tuple[str, ...],
+    sigma: float | None,
+    settings: Settings,
+    characteristic_length: float | None,
+    inflation: float = 1.0,
+    sigma_given: bool = True,
+) -> Estimate:
+    """Give the fit its scale, its uncertainties and its verdicts.
+
+    Args:
+        fit: outcome of the method.
+        visibility: of the same observations.
+        whitened: compressed rows of all targets, whitened in units of sigma.
+        names: of the n joints.
+        sigma: as stated with the readings [m], or None.
+        settings: constraints, prior and confidence.
+        characteristic_length: [m], if one was used.
+        inflation: of the variance of the estimate, where the loss is not squared.
+        sigma_given: false if a sigma is passed that comes from the readings themselves.
+
+    Returns:
+        The estimate.
+    """
+    scale = scale_of(fit if fit.alone is None else fit.alone, whitened, sigma)
+    if fit.alone is not None:
+        scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
+    scale = replace(scale, given=scale.given and sigma_given)
+    fit = fit.inflated(inflation)
+    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
+    _refuse_overflow(scale, fit, covariance)
+    ratios = np.full(len(names), np.nan)
+    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
+        ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
+    evidence = Evidence(names, fit, visibility, scale, settings.constraints, settings.confidence, ratios)
+    joints = verdicts(evidence)
+    return Estimate(
+        joints=joints,
+        compliance=fit.compliance,
+        covariance=covariance,
+        sigma=scale.sigma,
+        sigma_given=scale.given,
+        chi_square=scale.chi_square,
+        degrees_of_freedom=scale.degrees_of_freedom,
+        characteristic_length=characteristic_length,
+        identifiability=fit.identifiability,
+        certificates=fit.certificates,
+        regressor=whitened.matrix,
+        visibility=visibility,
+    )
+
+
+def _refuse_overflow(scale: Scale, fit: Fit, covariance: FloatArray | None) -> None:
+    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    numbers += [] if covariance is None else [covariance]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise MeasurementError(
+            "the numbers overflow: loads, lengths and sigma are of magnitudes that do not go together",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )

@@ -1,0 +1,130 @@
+"""What is suspicious in a fit: said beside its numbers, so that no one trusts them unwarned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import Prediction
+
+__all__ = ["judge"]
+
+WORTH_A_WARNING: Final = 0.1
+"""Relative error of sigma that the test finds but that changes no conclusion: large sets show the least."""
+LEAST_COMPENSATION: Final = 0.5
+"""Joints usually explain four fifths of the deflection; the paper's worst method explained half."""
+PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
+"""Of an industrial robot's joint [N·m/rad], with three decades to spare."""
+LARGEST_SHIFT: Final = 0.5
+"""Bias in standard uncertainties at which a 95 % interval covers 92 %."""
+
+
+def judge(estimate: Estimate, prediction: Prediction) -> list[Finding]:
+    """Look at a fit with the eyes of someone who has seen many robots.
+
+    Args:
+        estimate: of the joints.
+        prediction: by that estimate, of the same measurements.
+
+    Returns:
+        The findings, none of them bound to an observation.
+    """
+    return [
+        *_sigma(estimate),
+        *_priors(estimate),
+        *_compensation(prediction),
+        *_stiffness(estimate),
+        *_complementary_stiffness(estimate),
+    ]
+
+
+def _sigma(estimate: Estimate) -> Iterator[Finding]:
+    """A stated sigma that the chi-square test rejects."""
+    test = estimate.sigma_test
+    if test is None or test.verdict == "consistent":
+        return
+    ratio = float(np.sqrt(estimate.chi_square / estimate.degrees_of_freedom))
+    if abs(ratio - 1.0) < WORTH_A_WARNING:
+        return
+    if test.verdict == "residuals_too_small":
+        yield Finding(
+            "sigma_overstated",
+            None,
+            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, {_p_value(test.p_value)}), "
+            "so the uncertainties are too large",
+            "check sigma and the units of length; leave noise out, and sigma comes from the residuals",
+        )
+    else:
+        yield Finding(
+            "residuals_exceed_sigma",
+            None,
+            f"the residuals are {ratio:.3g} times what sigma allows (chi-square test, "
+            f"{_p_value(test.p_value)}), so the uncertainties are too small by as much",
+            "check frames, joint map, units and sigma; if all are right something else than joints bends: "
+            "leave noise out, and sigma comes from the residuals",
+        )
+
+
+def _p_value(p: float) -> str:
+    """A p value as people read it; one that underflows is not zero."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.1g}"
+
+
+def _priors(estimate: Estimate) -> Iterator[Finding]:
+    for joint in estimate.joints:
+        ratio = joint.prior_to_data
+        if ratio is None or ratio <= 1.0:
+            continue
+        says = (
+            "alone tells it from other joints"
+            if np.isinf(ratio)
+            else f"says {ratio:.3g} times as much as the readings"
+        )
+        yield Finding(
+            "prior_dominates",
+            None,
+            f"of {joint.name} the prior {says}: its number is known beforehand rather than measured",
+            "add loads and postures that twist it more, or leave the prior out to see what was measured",
+        )
+
+
+def _compensation(prediction: Prediction) -> Iterator[Finding]:
+    share = prediction.compensation
+    if share is not None and share < LEAST_COMPENSATION:
+        yield Finding(
+            "low_compensation",
+            None,
+            f"the joints explain {100 * share:.3g} % of the mean deflection",
+            "check the robot's model and joint map, the frame and signs of the forces, and the units",
+        )
+
+
+def _stiffness(estimate: Estimate) -> Iterator[Finding]:
+    least, greatest = PLAUSIBLE_STIFFNESS
+    for joint in estimate.joints:
+        if joint.status == "identified" and joint.compliance is not None:
+            stiffness = 1.0 / joint.compliance if joint.compliance else np.inf
+            if not least <= abs(stiffness) <= greatest:
+                yield Finding(
+                    "stiffness_implausible",
+                    None,
+                    f"{joint.name} comes out at {stiffness:.3g} N.m/rad",
+                    "check the units of force, length and moment",
+                )
+
+
+def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:
+    size = estimate.complementary_stiffness
+    if size is None or size.included or size.largest_shift is None or size.largest_shift <= LARGEST_SHIFT:
+        return
+    yield Finding(
+        "complementary_stiffness_matters",
+        None,
+        f"that the load's torques change as the joints bend, which this fit neglects, moves a compliance by "
+        f"{size.largest_shift:.2g} standard uncertainties",
+        "set complementary_stiffness: included",
+    )

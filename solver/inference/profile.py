@@ -1,0 +1,235 @@
+"""Profile-likelihood intervals of the compliances under constraints (METHOD.md §6).
+
+The ends of an interval are the least and the greatest c_j on the part of the ball ``‖R (c − ĉ)‖² ≤ ρ²`` that
+the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a second-order cone program each. Its optimum is also
+that of a quadratic program: with h such that ``Rᵀ h = ±e_j``, the point that minimises ``‖R (c − ĉ) + s h‖²``
+under the constraints satisfies all conditions of Karush, Kuhn and Tucker for the cone program but one, that
+it lies on the sphere, and its distance ‖R (c − ĉ)‖ grows with s. So
+
+1. where the extremal point of the free ball satisfies the constraints, it is the end, in closed form;
+2. elsewhere s is found by Newton's method, in closed form on the face that the last point lies on and so
+   exact once the face is right; all ends at once, each point certified as the optimum of its program;
+3. where the joint comes to its own bound inside the ball, that bound is the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex import (
+    Bounds,
+    Constraints,
+    IdentificationProblem,
+    Inequalities,
+    solve,
+    solve_batch,
+)
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fitting import Likelihood
+
+__all__ = ["RADIUS_TOLERANCE", "profile_ends"]
+
+
+RADIUS_TOLERANCE = 1e-11
+"""Greatest relative deviation of an end's squared distance from ρ² that is taken for rounding."""
+
+_ROUNDS = 100
+_POINT = 1e-9
+"""Radius beside the greatest of a ball that is a point, as that of one-sided bounds at 50 % is."""
+_NO_DIRECTION = 1e-13
+_AT_BOUND = 1e-9
+"""Distance from its own bound, in units of the ball's radius, at which a joint counts as at it."""
+_STANDS_STILL = 1e-13
+"""Movement of a joint on a face, relative to that without constraints, which is rounding."""
+_VIOLATION = 1e-9
+"""Of an inequality, in units of the ball's radius."""
+
+
+def profile_ends(
+    likelihood: Likelihood,
+    constraints: Constraints,
+    wanted: IndexArray,
+    radii: FloatArray,
+) -> FloatArray:
+    """Ends of the profile-likelihood intervals.
+
+    Args:
+        likelihood: of p compliances.
+        constraints: on the same p.
+        wanted: (w,) which of the p; each determined by the readings.
+        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+
+    Returns:
+        (q, w, 2) lower and upper ends [rad/(N·m)].
+
+    Raises:
+        SolverError: if an end could not be certified.
+    """
+    move = _move_to_nearest(likelihood, constraints, float(radii.max()))
+    distance = likelihood.rows @ move
+    radius = np.sqrt(radii**2 + distance @ distance)
+    ends = likelihood.interval(wanted, radius)
+    covariance = likelihood.covariance[:, wanted]
+    reach = (covariance / np.sqrt(covariance[wanted, np.arange(len(wanted))])).T[:, None, :]  # (w, 1, p)
+    reach = radius[:, None, None, None] * np.array([-1.0, 1.0])[:, None] * reach  # (q, w, 2, p)
+    bent = ~constraints.hold(likelihood.centre + reach)
+    point = radii <= _POINT * radii.max()
+    nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
+    ends[point], bent[point] = nearest[wanted, None], False
+    if bent.any():
+        ends[bent] = _bent_ends(likelihood, constraints, radius, wanted, bent)
+    return ends
+
+
+def _move_to_nearest(likelihood: Likelihood, constraints: Constraints, scale: float) -> FloatArray:
+    """(p,) from the unconstrained optimum to the constrained one, ``argmin ‖R (c − ĉ)‖²`` [rad/(N·m)]."""
+    if constraints.hold(likelihood.centre):
+        return np.zeros(len(likelihood.centre))
+    ball = _Ball(likelihood, constraints, scale)
+    return ball.optimum(np.zeros(len(ball.A)))[0] * ball.unit
+
+
+def _bent_ends(
+    likelihood: Likelihood,
+    constraints: Constraints,
+    radius: FloatArray,
+    wanted: IndexArray,
+    bent: BoolArray,
+) -> FloatArray:
+    """(K,) the ends that the constraints bend, in the order of `bent` (q, w, 2)."""
+    kind, which, side = np.nonzero(bent)
+    scale = float(radius.max())
+    ball = _Ball(likelihood, constraints, scale)
+    joint, upwards = wanted[which], side == 1
+    objective = np.zeros((len(joint), len(likelihood.centre)))
+    objective[np.arange(len(joint)), joint] = np.where(upwards, -1.0, 1.0)
+    x, at_bound = _march(ball, objective, (radius[kind] / scale) ** 2)
+    bounds = constraints.bounds
+    own = np.where(upwards, bounds.upper[joint], bounds.lower[joint])
+    value = likelihood.centre[joint] + x[np.arange(len(joint)), joint] * ball.unit[joint]
+    return np.where(at_bound, own, np.clip(value, bounds.lower[joint], bounds.upper[joint]))
+
+
+class _Ball:
+    """The likelihood about its centre in equilibrated variables x, ``‖A x‖²``, with the constraints."""
+
+    def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
+        rows, centre = likelihood.rows, likelihood.centre
+        norms = np.linalg.norm(rows, axis=0)
+        self.unit: FloatArray = scale / norms
+        self.A: FloatArray = rows / norms
+        self.gram: FloatArray = self.A.T @ self.A
+        bounds = constraints.bounds
+        self.bounds = Bounds((bounds.lower - centre) / self.unit, (bounds.upper - centre) / self.unit)
+        self.inequalities: Inequalities | None = None
+        order = constraints.inequalities
+        if order is not None:
+            scaled = order.matrix * self.unit
+            size = np.linalg.norm(scaled, axis=1)
+            self.inequalities = Inequalities(
+                scaled / size[:, None], (order.least - order.matrix @ centre) / size
+            )
+
+    def optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """The point x that minimises ‖A x − rhs‖².
+
+        Returns:
+            (p,) x; (p,) the variables at a bound; (t, p) the rows of the inequalities that are tight.
+        """
+        solution = solve(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
+        tight = np.zeros((0, self.A.shape[1]))
+        if self.inequalities is not None and solution.tight is not None:
+            tight = self.inequalities.matrix[solution.tight]
+            slack = self.inequalities.matrix @ solution.compliance - self.inequalities.least
+            if (slack < -_VIOLATION).any():  # s is so large that the solver takes it for rounding
+                raise _not_certified()
+        return solution.compliance, solution.active != 0, tight
+
+
+def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The points that minimise each objective (K, p) within ‖A x‖² ≤ radius2 (K,) and the constraints.
+
+    Returns:
+        (K, p) points, and (K,) whether the joint came to its own bound inside the ball.
+    """
+    count = len(objective)
+    pull = np.asarray(np.linalg.lstsq(ball.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
+    free_slope = np.square(pull).sum(axis=1)
+    s = np.sqrt(radius2 / free_slope)
+    low, high = np.zeros(count), np.full(count, np.inf)
+    points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
+    own = np.where(objective > 0, ball.bounds.lower, -ball.bounds.upper)[objective != 0]
+    pending = np.arange(count)
+    for _ in range(_ROUNDS):
+        x, step = _points(ball, s[pending], objective[pending], pull[pending])
+        reached = np.square(x @ ball.A.T).sum(axis=1)
+        slope = (objective[pending] * step).sum(axis=1)
+        slope = np.where(slope > _STANDS_STILL * free_slope[pending], slope, 0.0)
+        beyond_own = (objective[pending] * x).sum(axis=1) - own[pending]
+        at_own = beyond_own <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
+        goal = radius2[pending]
+        inside = at_own & (reached <= goal * (1 + RADIUS_TOLERANCE))
+        done = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
+        points[pending[done]], at_bound[pending[done]] = x[done], inside[done]
+        low[pending] = np.where(reached < goal, s[pending], low[pending])
+        high[pending] = np.where(reached > goal, s[pending], high[pending])
+        on_face = np.square((x + s[pending, None] * step) @ ball.A.T).sum(axis=1)
+        s[pending] = _next(on_face, slope, goal, low[pending], high[pending])
+        pending = pending[~done]
+        if not len(pending):
+            return points, at_bound
+    raise _not_certified()
+
+
+def _not_certified() -> SolverError:
+    return SolverError("an end of an interval could not be certified", remedy="report this with the data")
+
+
+def _next(
+    on_face: FloatArray, slope: FloatArray, goal: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Newton's step on the face, ``‖A x(s)‖² = on_face + s² slope``; the middle where that leads astray."""
+    with np.errstate(all="ignore"):
+        newton = np.sqrt((goal - on_face) / slope)
+    middle = np.where(np.isfinite(high), 0.5 * (low + high), 4.0 * low)
+    return np.where((newton > low) & (newton < high), newton, middle)
+
+
+def _points(
+    ball: _Ball, s: FloatArray, objective: FloatArray, pull: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Optima (K, p) of the quadratic programs, and −dx/ds (K, p) on the face that each lies on."""
+    x, step = np.zeros(objective.shape), np.zeros(objective.shape)
+    pending = np.ones(len(s), dtype=np.bool_)
+    if ball.inequalities is None:
+        gram = np.broadcast_to(ball.gram, (len(s), *ball.gram.shape))
+        batch = solve_batch(gram, -s[:, None] * objective, ball.bounds)
+        settled = batch.certified
+        x[settled] = batch.compliance[settled]
+        step[settled] = _steps(ball.gram, objective[settled], batch.active[settled] == 0)
+        pending = ~settled
+    for k in np.flatnonzero(pending):
+        x[k], held, tight = ball.optimum(-s[k] * pull[k])
+        step[k] = _step(ball.A, objective[k], np.vstack([np.eye(len(held))[held], tight]))
+    return x, step
+
+
+def _steps(gram: FloatArray, objective: FloatArray, free: BoolArray) -> FloatArray:
+    """(K, p) C a on the free variables, C being the inverse of their part of the Gram matrix."""
+    both = free[:, :, None] & free[:, None, :]
+    matrices = np.where(both, gram, np.eye(len(gram)))
+    steps: FloatArray = np.linalg.solve(matrices, np.where(free, objective, 0.0)[..., None])[..., 0]
+    return steps
+
+
+def _step(A: FloatArray, objective: FloatArray, held: FloatArray) -> FloatArray:
+    """(p,) C a on the face whose directions the rows `held` (t, p) do not see; A may lack rank."""
+    along: FloatArray = np.eye(A.shape[1])
+    if len(held):
+        _, singular, Vt = np.linalg.svd(held, full_matrices=True)
+        along = np.asarray(Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T, np.float64)
+    if not along.shape[1]:
+        return np.zeros(A.shape[1])
+    inverse = np.linalg.pinv(A @ along, rcond=_NO_DIRECTION)
+    return np.asarray(along @ (inverse @ (inverse.T @ (along.T @ objective))))

@@ -1,0 +1,27 @@
+"""Elastic links as positive semidefinite compliance matrices."""
+
+from __future__ import annotations
+
+from jointstiff.solver.links.cross_validation import WEIGHTS, FoldFit, Folds, Plan, fit_fold
+from jointstiff.solver.links.estimate import ElasticEstimate, LinkCompliance
+from jointstiff.solver.links.estimation import estimate_elastic, refuse_unsupported_elastic
+from jointstiff.solver.links.model import MODELS, ElasticModel
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.selection import Selection, select_model
+
+__all__ = [
+    "MODELS",
+    "WEIGHTS",
+    "ElasticColumns",
+    "ElasticEstimate",
+    "ElasticModel",
+    "FoldFit",
+    "Folds",
+    "LinkCompliance",
+    "Plan",
+    "Selection",
+    "estimate_elastic",
+    "fit_fold",
+    "refuse_unsupported_elastic",
+    "select_model",
+]

@@ -1,0 +1,191 @@
+"""Cross-validation over configurations: what a model fitted to some predicts of the others (METHOD.md §7).
+
+Each fold is compressed once. The training set of a fold merges the triangles of the others, whatever the
+weight and the model; an error of prediction is that of the held-out fold's triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex import Bounds, IdentificationProblem, solve, solve_cone
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.links.model import ElasticModel, Formulation, formulate
+from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_rows
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
+
+__all__ = ["WEIGHTS", "FoldFit", "Folds", "Plan", "Rule", "chosen_weight", "fit_fold", "joints_only"]
+
+
+Rule = Literal["best", "one_standard_error"]
+
+WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 0.0, 11))
+"""λ: from hardly any penalty to one that leaves next to nothing of the links."""
+_GAP: Final = 1e-4
+"""Of the fitted readings, relative to all: far below what predictions of other readings are worth."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to cross-validate.
+
+    Attributes:
+        folds: how many, at least 2; fewer where there are fewer configurations.
+        seed: of the draw that shares out the configurations.
+        weights: λ to choose from, ascending.
+        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is
+            within one standard error of that.
+    """
+
+    folds: int = 5
+    seed: int = 0
+    weights: tuple[float, ...] = WEIGHTS
+    rule: Rule = "best"
+
+    def assigned(self, joints: FloatArray) -> tuple[IndexArray, ...]:
+        """The observations (N, n) of each fold; observations of one posture stay together.
+
+        Raises:
+            UnsupportedMethodError: there is one posture only.
+        """
+        _, posture = np.unique(joints, axis=0, return_inverse=True)
+        count = int(posture.max()) + 1
+        if count < 2:
+            raise UnsupportedMethodError(
+                "one posture, and cross-validation holds some out",
+                where="observations",
+                remedy="measure more postures, or use elasticity joints",
+            )
+        # In the order of their first appearance, so that the angles' values do not decide.
+        first = np.full(count, len(joints))
+        np.minimum.at(first, posture, np.arange(len(joints)))
+        order = np.argsort(np.argsort(first))
+        drawn = np.random.default_rng(self.seed).permutation(count)
+        fold = np.empty(count, dtype=np.intp)
+        fold[drawn] = np.arange(count) % min(self.folds, count)
+        of_each = fold[order[posture.reshape(-1)]]
+        return tuple(np.flatnonzero(of_each == number) for number in range(min(self.folds, count)))
+
+
+@dataclass(frozen=True, eq=False)
+class FoldFit:
+    """A model fitted to all but one fold, for each of W weights.
+
+    Attributes:
+        compliances: (W, P); NaN where no answer was certified.
+        error: (W,) mean square of the held-out fold's weighted residuals [m²].
+    """
+
+    compliances: FloatArray
+    error: FloatArray
+
+
+class Folds:
+    """A measurement set shared out to folds, each compressed once, when it is first asked for.
+
+    Attributes:
+        columns: of the richest model.
+        visible: (n,) joints that the whole set sees.
+        held_out: the observations of each fold.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        measurements: Measurements,
+        columns: ElasticColumns,
+        visible: BoolArray,
+        plan: Plan,
+    ) -> None:
+        """Draw the folds.
+
+        Raises:
+            UnsupportedMethodError: there is one posture only.
+        """
+        self._robot, self._measurements = robot, measurements
+        self.columns, self.visible = columns, visible
+        self.held_out = plan.assigned(measurements.joints)
+
+    def __len__(self) -> int:
+        return len(self.held_out)
+
+    @cached_property
+    def rows(self) -> tuple[ElasticRows, ...]:
+        """Of each fold."""
+        return tuple(
+            elastic_rows(self._robot, self._measurements[indices], self.columns) for indices in self.held_out
+        )
+
+    @cached_property
+    def all_rows(self) -> ElasticRows:
+        """Of the whole set."""
+        return ElasticRows.merged(list(self.rows))
+
+    def training(self, fold: int) -> ElasticRows:
+        """Of all folds but one."""
+        return ElasticRows.merged([rows for number, rows in enumerate(self.rows) if number != fold])
+
+
+def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]) -> FoldFit:
+    """Fit a model to all but one fold, for some weights of the penalty.
+
+    A weight for which no answer can be certified has no number, and is not chosen.
+
+    Args:
+        folds: the set.
+        model: what bends.
+        fold: which fold is held out.
+        weights: λ; of joints alone, without a penalty, all give the same.
+    """
+    formulation = formulate(folds.training(fold), model, folds.visible)
+    parameters = np.array([_parameters(formulation, weight) for weight in weights])
+    compliances = formulation.compliances(parameters)
+    held_out = folds.rows[fold]
+    residual = compliances @ held_out.triangle[:, :-1].T - held_out.triangle[:, -1]
+    return FoldFit(compliances, np.square(residual).sum(axis=1) / max(1, held_out.readings))
+
+
+def joints_only(formulation: Formulation) -> FloatArray:
+    """(p,) parameters of a model without penalised elements, exactly."""
+    fit = formulation.fit
+    problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
+    return solve(problem).compliance
+
+
+def _parameters(formulation: Formulation, weight: float) -> FloatArray:
+    if not formulation.penalised.any() and not formulation.cone.sizes:
+        return joints_only(formulation)
+    try:
+        return solve_cone(formulation.program(weight), gap=_GAP).x
+    except SolverError:
+        return np.full(formulation.cone.dimension, np.nan)
+
+
+def chosen_weight(errors: FloatArray, rule: Rule) -> int:
+    """Which weight cross-validation chooses.
+
+    Args:
+        errors: (K, W) of K folds for W ascending weights; NaN where there is no answer.
+        rule: see `Plan`.
+
+    Raises:
+        SolverError: no weight has an answer in all folds.
+    """
+    mean = np.where(np.isfinite(errors).all(axis=0), errors.mean(axis=0), np.inf)
+    best = int(mean.argmin())
+    if not np.isfinite(mean[best]):
+        raise SolverError(
+            "no weight of the penalty has a certified answer in all folds",
+            remedy="choose fewer links, give a larger link_penalty, or report this with the data",
+        )
+    if rule == "best":
+        return best
+    limit = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors))
+    return int(np.flatnonzero(mean <= limit).max())

@@ -1,0 +1,120 @@
+"""What elastic links are found to be: compliances, what each explains, and the evidence (METHOD.md §7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference import Prediction
+from jointstiff.solver.links.model import ElasticModel
+
+__all__ = ["ElasticEstimate", "Element", "ElementKind", "LinkCertificate", "LinkCompliance", "principal"]
+
+
+ElementKind = Literal["joint", "coupling", "link"]
+
+
+@dataclass(frozen=True)
+class LinkCertificate:
+    """Evidence of optimality, from the data.
+
+    Attributes:
+        least_eigenvalue: of the matrices as they are returned, each in SI units; zero or positive.
+        dual: how far the slack matrices are from positive semidefinite, over the weight of the penalty.
+        gap: bound of the distance, over all weighted readings, between what is fitted and what the optimum
+            fits, in units of `scale`.
+        scale: sigma where it is given, else the residual scale of joints alone [m].
+        tolerance: of Clarabel, that sufficed.
+    """
+
+    least_eigenvalue: float
+    dual: float
+    gap: float
+    scale: float
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinkCompliance:
+    """The compliance of a link, in the frame of the joint that carries it.
+
+    Attributes:
+        joint: index of that joint.
+        matrix: (6, 6) displacement (m, then rad) by the load's wrench (N, then N·m), about the origin of
+            the joint's frame and in its axes.
+        translation: principal compliances (3,) [m/N], largest first, and their directions (3, 3) in columns.
+        rotation: the same of rotations [rad/(N·m)].
+        effective_freedom: how many of its numbers the readings determine.
+        parameters: how many numbers it has.
+    """
+
+    joint: int
+    matrix: FloatArray
+    translation: tuple[FloatArray, FloatArray]
+    rotation: tuple[FloatArray, FloatArray]
+    effective_freedom: float
+    parameters: int
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """What an element contributes to the deflection.
+
+    Attributes:
+        kind: a joint, the coupling between joints, or a link.
+        joint: index of the joint, or of the one that carries the link; None for the coupling.
+        share: of the measured deflection, ``Σ δp_e·δp / Σ ‖δp‖²`` over the set.
+        by_observation: (N,) the same of each observation; zero where nothing moved.
+    """
+
+    kind: ElementKind
+    joint: int | None
+    share: float
+    by_observation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticEstimate:
+    """Joint and link compliances with their evidence.
+
+    Attributes:
+        model: what bends.
+        weight: λ of the penalty.
+        compliance: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one.
+        coupled: (n, n) full joint compliance [rad/(N·m)]; None where joints are not coupled. Its rows of
+            joints that are not seen are zero.
+        entries: (P,) all compliances by their columns, which predict: rows @ entries.
+        links: that bend.
+        elements: what each explains.
+        prediction: of all deflections.
+        sigma: given, or of the residuals [m]; None without degrees of freedom.
+        chi_square: of the weighted residuals, under sigma.
+        degrees_of_freedom: readings less effective freedom.
+        effective_freedom: of the whole model: how many numbers the readings determine.
+        parameters: how many numbers the model has.
+        certificate: of optimality.
+    """
+
+    model: ElasticModel
+    weight: float
+    compliance: FloatArray
+    coupled: FloatArray | None
+    entries: FloatArray
+    links: tuple[LinkCompliance, ...]
+    elements: tuple[Element, ...]
+    prediction: Prediction
+    sigma: float | None
+    chi_square: float
+    degrees_of_freedom: float
+    effective_freedom: float
+    parameters: int
+    certificate: LinkCertificate
+
+
+def principal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Principal compliances (3,) of a block (3, 3), largest first, and their directions in columns."""
+    values, vectors = np.linalg.eigh(block)
+    return np.maximum(values[::-1], 0.0), vectors[:, ::-1]

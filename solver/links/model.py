@@ -1,0 +1,187 @@
+"""Models of what bends, from simple to rich, and the program that fits each (METHOD.md §7).
+
+The penalty has no length that anyone chose. It is the work that a unit force at the load point does on an
+element: averaged over the force's direction and, as the fitted postures are few, over all directions of the
+lever, whose length ρ_i (root mean square from the frame's origin to the load point) the fitted postures give.
+For a link that is ``tr(M_i C_i)`` with ``M_i = diag(I, 2/3 ρ_i² I)``, for coupled joints the same with
+``M = diag(2/3 ρ_j²)``. In ``X = K C K / u``, K² = M, it is a plain trace, and with u the deflection over the
+force it has no unit either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex import Cone, LeastSquares, SemidefiniteProgram, diagonal, entries
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows
+
+__all__ = ["MODELS", "ElasticModel", "Formulation", "ModelName", "formulate"]
+
+
+ModelName = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+
+MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")
+"""From simple to rich."""
+
+_SHORTEST_LEVER: Final = 1e-2
+"""Of the longest: a shorter one, of a joint through the load point, would leave rotations unpenalised."""
+_NO_COLUMN: Final = 1e-9
+"""Of the largest joint column: a smaller one is rounding, and its joint gets no number."""
+
+
+@dataclass(frozen=True)
+class ElasticModel:
+    """What bends.
+
+    Attributes:
+        name: which elements take part besides the joints, each of which is zero or positive:
+            `coupled_joints` a full positive semidefinite joint compliance, `diagonal_links` six compliances
+            a link, `joints_and_links` a full positive semidefinite 6 × 6 compliance a link.
+        columns: of the richest model; its links are those that bend here.
+    """
+
+    name: ModelName
+    columns: ElasticColumns
+
+    def elements(self, visible: BoolArray) -> Iterator[tuple[IndexArray, IndexArray | None, bool]]:
+        """Columns of each penalised element, the joints or None for a link, and whether it is full."""
+        if self.name == "coupled_joints":
+            seen = np.flatnonzero(visible)
+            rows, columns = entries(self.columns.n)
+            yield self.columns.coupling[visible[rows] & visible[columns]], seen, True
+        elif self.name != "joints":
+            for joint in self.columns.links:
+                full = self.name == "joints_and_links"
+                own = self.columns.link(joint)
+                yield (own if full else own[diagonal(6)]), None, full
+
+
+@dataclass(frozen=True, eq=False)
+class Formulation:
+    """A model on some observations, ready to be solved for any weight of the penalty.
+
+    Attributes:
+        fit: quadratic part, in the program's parameters.
+        cone: of the parameters.
+        penalised: (nonnegative,) which scalars are.
+        columns: (p,) column of each parameter.
+        unit: (p,) of each parameter: compliances are ``unit · x``.
+        width: P, number of columns.
+        size: ‖z‖, by which the readings are divided, in units of the whitened readings [m].
+    """
+
+    fit: LeastSquares
+    cone: Cone
+    penalised: BoolArray
+    columns: IndexArray
+    unit: FloatArray
+    width: int
+    size: float
+
+    def program(self, weight: float) -> SemidefiniteProgram:
+        """The program for a weight λ of the penalty."""
+        return SemidefiniteProgram(self.fit, self.cone, weight, self.penalised)
+
+    @cached_property
+    def joints(self) -> IndexArray:
+        """Parameters that are joint compliances: the scalars without a penalty."""
+        return np.flatnonzero(~self.penalised)
+
+    def compliances(self, x: FloatArray) -> FloatArray:
+        """(..., P) compliances of parameters (..., p); zero where no parameter is."""
+        out = np.zeros((*x.shape[:-1], self.width))
+        out[..., self.columns] = self.unit * x
+        return out
+
+
+def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> Formulation:
+    """State a model on some observations.
+
+    Args:
+        rows: of the observations.
+        model: what bends.
+        visible: (n,) joints that the readings see.
+
+    Raises:
+        UnsupportedMethodError: nothing moved or nothing loads the robot, so that the penalty has no scale.
+    """
+    triangle, z = rows.triangle[:, :-1], rows.triangle[:, -1]
+    size = float(np.linalg.norm(z))
+    norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
+    joints = np.flatnonzero(visible & (norms > _NO_COLUMN * norms.max()))
+    scale, lever = _scale(rows, size)
+    scalars, blocks = [(joints, size / norms[joints])], []
+    sizes = []
+    seen = np.isin(np.arange(len(visible)), joints)
+    for columns, coupled, full in model.elements(seen):
+        root = (
+            np.sqrt(2.0 / 3.0) * lever[coupled]
+            if coupled is not None
+            else _link_metric(lever, model, columns)
+        )
+        if full:
+            i, j = entries(len(root))
+            blocks.append((columns, scale / (root[i] * root[j])))
+            sizes.append(len(root))
+        else:
+            scalars.append((columns, scale / root**2))
+    return _assembled(triangle / size, z / size, scalars, blocks, tuple(sizes), len(joints), size)
+
+
+def _assembled(
+    R: FloatArray,
+    z: FloatArray,
+    scalars: list[tuple[IndexArray, FloatArray]],
+    blocks: list[tuple[IndexArray, FloatArray]],
+    sizes: tuple[int, ...],
+    joints: int,
+    size: float,
+) -> Formulation:
+    columns = np.concatenate([columns for columns, _ in scalars + blocks])
+    unit = np.concatenate([unit for _, unit in scalars + blocks])
+    count = sum(len(columns) for columns, _ in scalars)
+    return Formulation(
+        fit=LeastSquares(R[:, columns] * unit, z),
+        cone=Cone(count, sizes),
+        penalised=np.arange(count) >= joints,
+        columns=columns,
+        unit=unit,
+        width=R.shape[1],
+        size=size,
+    )
+
+
+def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
+    """Compliance u that takes the force to the deflection [m/N], and the levers ρ (n,) [m].
+
+    A moment counts as the force that has it on the levers.
+    """
+    lever = np.sqrt(rows.lever / rows.configurations)
+    lever = np.maximum(lever, _SHORTEST_LEVER * lever.max())
+    if size == 0.0 or not lever.all():
+        raise _no_scale()
+    force = rows.force + rows.moment * float(np.mean(1.5 / lever**2))
+    if force == 0.0:
+        raise _no_scale()
+    return float(np.sqrt(rows.deflection / rows.targets / (force / rows.configurations))), lever
+
+
+def _link_metric(lever: FloatArray, model: ElasticModel, columns: IndexArray) -> FloatArray:
+    """(6,) roots of the metric of the link that has these columns."""
+    joint = next(joint for joint in model.columns.links if columns[0] in model.columns.link(joint))
+    return np.repeat([1.0, np.sqrt(2.0 / 3.0) * float(lever[joint])], 3)
+
+
+def _no_scale() -> UnsupportedMethodError:
+    return UnsupportedMethodError(
+        "nothing moved, or no load has a lever, so that the penalty of link compliance has no scale",
+        where="elasticity",
+        remedy="use elasticity joints",
+    )

@@ -1,0 +1,210 @@
+"""The linear model of METHOD.md §7: deflections of the targets as a linear function of link compliances.
+
+``δp_X = A_X c + Σ_jk J_j C_θ,jk τ_k + Σ_i B_i C_i w_i``: joints, coupling between joints, links. Frame i is
+that of joint i, which moves with it (after its rotation); w_i is the load's wrench in it, force then moment
+about its origin o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the target with the frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pinocchio as pin
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.convex import entries, weights
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import Compression, RegressorBlock, regressor_blocks, skew, whitener
+from jointstiff.solver.robot import Robot
+
+__all__ = ["MOST_JOINTS", "ElasticColumns", "ElasticRows", "elastic_blocks", "elastic_rows"]
+
+
+MOST_JOINTS = 12
+"""Joints of a robot whose links may bend: beyond, the program has more unknowns than sets have readings."""
+
+_BLOCK = 256
+"""Observations at a time: their rows stay below 10 MB a target."""
+
+
+@dataclass(frozen=True)
+class ElasticColumns:
+    """Where each compliance is among the P columns of the richest model.
+
+    Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.symmetric`.
+
+    Attributes:
+        n: joints.
+        links: which joints' frames carry a link that bends.
+    """
+
+    n: int
+    links: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if self.n > MOST_JOINTS:
+            raise UnsupportedMethodError(
+                f"{self.n} joints, and elastic links go with at most {MOST_JOINTS}",
+                where="elasticity",
+                remedy="use elasticity joints",
+            )
+
+    @property
+    def width(self) -> int:
+        """P."""
+        return self.n + len(self.coupling) + 21 * len(self.links)
+
+    @property
+    def joints(self) -> IndexArray:
+        """(n,) columns of the joint compliances c [m/(rad/(N·m))]."""
+        return np.arange(self.n)
+
+    @property
+    def coupling(self) -> IndexArray:
+        """(n (n + 1) / 2,) columns of the full joint compliance C_θ [m/(rad/(N·m))]."""
+        return np.arange(self.n, self.n + self.n * (self.n + 1) // 2)
+
+    def link(self, joint: int) -> IndexArray:
+        """(21,) columns of the compliance C_i of the link behind a joint."""
+        start = self.n + len(self.coupling) + 21 * self.links.index(joint)
+        return np.arange(start, start + 21)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticBlock:
+    """Regressors of B observations of T targets.
+
+    Attributes:
+        rows: (B, T, 3, P) of the deflections; zero where not present.
+        lever: (B, n) distance of the load point from each joint frame's origin [m].
+        base: the joints' regressor and the observations.
+    """
+
+    rows: FloatArray
+    lever: FloatArray
+    base: RegressorBlock
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticRows:
+    """What some observations contribute to a fit: compressed rows, and sums that give the penalty its scale.
+
+    Attributes:
+        triangle: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma.
+        configurations: how many.
+        readings: coordinates that were read.
+        targets: targets that were read.
+        force: sum of ‖F‖² [N²].
+        moment: sum of ‖M‖² [N²·m²].
+        lever: (n,) sum of the squared distances of the load point from the frames' origins [m²].
+        deflection: sum of ‖δp‖² [m²].
+    """
+
+    triangle: FloatArray
+    configurations: int
+    readings: int
+    targets: int
+    force: float
+    moment: float
+    lever: FloatArray
+    deflection: float
+
+    @classmethod
+    def merged(cls, parts: list[ElasticRows]) -> ElasticRows:
+        """Of all observations of the parts; nothing is subtracted, so nothing cancels."""
+        width = len(parts[0].triangle)
+        rows = Compression(width)
+        rows.add(np.concatenate([part.triangle for part in parts]))
+        sums = {
+            field.name: sum(getattr(part, field.name) for part in parts)
+            for field in fields(cls)
+            if field.name != "triangle"
+        }
+        return cls(triangle=rows.triangle, **sums)
+
+
+def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColumns) -> ElasticRows:
+    """Compress observations, block by block: memory stays flat.
+
+    Raises:
+        MeasurementError: a covariance is not one.
+    """
+    rows = Compression(columns.width + 1)
+    lever = np.zeros(robot.n)
+    for block in elastic_blocks(robot, measurements, columns):
+        part = block.base.measurements
+        W = whitener(part.covariance)
+        augmented = np.concatenate([block.rows, part.deflection[..., None]], axis=-1)
+        rows.add(W @ augmented, count=3 * int(part.present.sum()))
+        lever += np.square(block.lever).sum(axis=0)
+    return ElasticRows(
+        triangle=rows.triangle,
+        configurations=len(measurements),
+        readings=rows.rows,
+        targets=int(measurements.present.sum()),
+        force=float(np.square(measurements.force).sum()),
+        moment=float(np.square(measurements.moment).sum()),
+        lever=lever,
+        deflection=float(np.square(measurements.deflection).sum()),
+    )
+
+
+def elastic_blocks(
+    robot: Robot, measurements: Measurements, columns: ElasticColumns
+) -> Iterator[ElasticBlock]:
+    """Yield the regressors of the richest model, block by block.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        columns: which links bend.
+    """
+    for start in range(0, len(measurements), _BLOCK):
+        for base in regressor_blocks(robot, measurements[start : start + _BLOCK]):
+            yield _block(robot, base, columns)
+
+
+def _block(robot: Robot, base: RegressorBlock, columns: ElasticColumns) -> ElasticBlock:
+    part = base.measurements
+    rotation, origin = _joint_frames(robot, robot.joint_map.model_angles(part.joints))
+    load_point = base.configurations.to_base(part.load_point[:, None])
+    lever = load_point - origin
+    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
+    rows = np.empty((*base.A.shape[:3], columns.width))
+    rows[..., columns.joints] = base.A
+    rows[..., columns.coupling] = _products(base.jacobian, base.torque[:, None, None])
+    for joint in columns.links:
+        R, at = rotation[:, joint], origin[:, joint]
+        wrench = np.concatenate([part.force[:, None] @ R, moment[:, joint, None] @ R], axis=-1)
+        R = R[:, None]
+        turn = -skew(base.points - at[:, None]) @ R
+        moves = np.concatenate([np.broadcast_to(R, turn.shape), turn], axis=-1)
+        rows[..., columns.link(joint)] = _products(moves, wrench[:, None])
+    rows[~part.present] = 0.0
+    return ElasticBlock(rows, np.linalg.norm(lever, axis=-1), base)
+
+
+def _products(moves: FloatArray, load: FloatArray) -> FloatArray:
+    """Columns of ``moves C load`` for the entries of a symmetric C: (..., k (k + 1) / 2) of (..., k) each."""
+    size = moves.shape[-1]
+    i, j = entries(size)
+    # An entry off the diagonal stands for two of the matrix, each 1/√2 of it.
+    both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
+    return both * np.where(i == j, 0.5, 1.0 / weights(size))
+
+
+def _joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Axes (B, n, 3, 3) and origins (B, n, 3) [m] of the joints' frames in R0."""
+    model = robot.model
+    data = model.createData()
+    rotation, origin = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
+    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
+    live = [(data.oMi[j + 1].rotation, data.oMi[j + 1].translation) for j in range(robot.n)]
+    for angles, R, o in zip(q, rotation, origin, strict=True):
+        pin.forwardKinematics(model, data, np.ascontiguousarray(angles))
+        for j, (live_rotation, live_translation) in enumerate(live):
+            R[j], o[j] = live_rotation, live_translation
+    return rotation, origin

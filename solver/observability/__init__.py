@@ -1,0 +1,27 @@
+"""Observability of joints and of their combinations."""
+
+from __future__ import annotations
+
+from jointstiff.solver.observability.combination import Combination
+from jointstiff.solver.observability.identifiability import (
+    NULL_COLUMN,
+    Exposure,
+    Identifiability,
+    Spectrum,
+    Visibility,
+    analyse,
+    noise_reason,
+)
+from jointstiff.solver.observability.indices import observability_indices
+
+__all__ = [
+    "NULL_COLUMN",
+    "Combination",
+    "Exposure",
+    "Identifiability",
+    "Spectrum",
+    "Visibility",
+    "analyse",
+    "noise_reason",
+    "observability_indices",
+]

@@ -1,0 +1,178 @@
+"""Combinations of compliances: those that alone show in the readings, and the one that shows least."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+
+__all__ = ["Combination", "WeakDirection", "combinations", "weak_direction"]
+
+JointIndices = IndexArray
+
+_PARTICIPATES = 1e-6
+"""Part in a null space, of a unit vector, above which a joint belongs to a combination."""
+_MATTERS = 0.1
+"""Part beside the largest that is worth a word."""
+_UNSPOKEN = 0.005
+"""Coefficient that vanishes where two digits are printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """Joints whose compliances appear in the readings only together.
+
+    Attributes:
+        joints: m of them.
+        seen: (m − k, m) what the readings do show of them, k being the number of directions that they
+            do not: sums of the compliances, one a row, in reduced echelon form. Dimensionless.
+    """
+
+    joints: tuple[int, ...]
+    seen: FloatArray
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """The sums that show, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+        Args:
+            names: of all joints of the robot.
+        """
+        return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
+
+    def reason(self, names: tuple[str, ...]) -> str:
+        """Why these joints have no numbers, and the remedy.
+
+        Args:
+            names: of all joints of the robot.
+        """
+        together = ", ".join(names[joint] for joint in self.joints)
+        return (
+            f"only a combination of {together} shows in the readings, {self.in_words(names)}: "
+            "add postures in which their axes differ"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WeakDirection:
+    """The change of the compliances that shows least.
+
+    Attributes:
+        joints: m that matter in it.
+        change: (m,) of their compliances, the largest of size 1, the first positive. Dimensionless.
+        attenuation: how many times less it shows than what shows best, each joint's column brought to
+            unit norm: the condition number.
+    """
+
+    joints: tuple[int, ...]
+    change: FloatArray
+    attenuation: float
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """Which joints are hard to tell apart, and in which proportion.
+
+        Args:
+            names: of all joints of the robot.
+        """
+        together = ", ".join(names[joint] for joint in self.joints)
+        change = " : ".join(f"{part:+.2g}" for part in self.change)
+        return (
+            f"{together} are hard to tell apart: a change of their compliances in the ratio {change} shows "
+            f"{self.attenuation:.2g} times less than what shows best"
+        )
+
+
+def combinations(null_space: FloatArray, scale: FloatArray, columns: JointIndices) -> tuple[Combination, ...]:
+    """Split a null space into groups of joints that do not mix.
+
+    Args:
+        null_space: (k, p) orthonormal directions that the equilibrated regressor does not see.
+        scale: (p,) norms of the regressor's columns, by which it was equilibrated.
+        columns: (p,) the joint of each column.
+
+    Returns:
+        The groups.
+    """
+    return tuple(_combination(null_space, scale, group, columns) for group in _groups(null_space))
+
+
+def weak_direction(
+    direction: FloatArray, scale: FloatArray, columns: JointIndices, attenuation: float
+) -> WeakDirection:
+    """Translate a right singular vector into compliances.
+
+    Args:
+        direction: (p,) of the least singular value of the equilibrated regressor.
+        scale: (p,) norms of the regressor's columns, by which it was equilibrated.
+        columns: (p,) the joint of each column.
+        attenuation: condition number.
+    """
+    parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
+    change = direction[parts] / scale[parts]
+    # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
+    change = change * (np.sign(change[0]) / np.abs(change).max())
+    return WeakDirection(tuple(int(columns[i]) for i in parts), change, attenuation)
+
+
+def _groups(null_space: FloatArray) -> list[JointIndices]:
+    """Split the coordinates that take part in a null space (k, p) into independent groups.
+
+    The projector onto the null space does not depend on its basis, and it is block diagonal over
+    groups that do not mix.
+    """
+    if not len(null_space):
+        return []
+    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    _, labels = connected_components(coo_array(linked), directed=False)
+    involved = linked.diagonal()
+    return [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
+
+
+def _combination(
+    null_space: FloatArray, scale: FloatArray, group: JointIndices, columns: JointIndices
+) -> Combination:
+    """What the readings show of a group: the sums of compliances that no null direction changes.
+
+    With the null directions ν (k, m) and k of the joints set free, a row ``w = e_i + Σ_f w_f e_f`` shows
+    if ``ν w = 0``, that is ``w_f = −ν_f⁻¹ ν_i``.
+    """
+    members = null_space[:, group]
+    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its values are 0 or 1
+    null = vectors[:, values > 0.5].T
+    free = _independent_columns(null)
+    bound = np.setdiff1d(np.arange(len(group)), free)
+    null = null / (scale[group] / scale[group].max())  # of the compliances themselves
+    seen = np.zeros((len(bound), len(group)))
+    seen[np.arange(len(bound)), bound] = 1.0
+    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
+    return Combination(tuple(int(columns[i]) for i in group), seen)
+
+
+def _independent_columns(null: FloatArray) -> list[int]:
+    """As many independent columns as `null` (k, m) has rows: the last ones that serve.
+
+    The last rather than the largest, so that rounding does not choose between equals.
+    """
+    rest, found = null, list[int]()
+    for _ in range(len(null)):
+        norms = np.linalg.norm(rest, axis=0)
+        last = int(np.flatnonzero(norms > _MATTERS * norms.max())[-1])
+        along = rest[:, last] / norms[last]
+        rest = rest - np.outer(along, along @ rest)
+        found.append(last)
+    return sorted(found)
+
+
+def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
+    words = ""
+    for part, joint in zip(row.tolist(), joints, strict=True):
+        if abs(part) < _UNSPOKEN:
+            continue
+        size = f"{abs(part):.2g}"
+        sign = "-" if part < 0 else "+" if words else ""
+        words += f" {sign} " if words else sign
+        words += f"c({names[joint]})" if size == "1" else f"{size} c({names[joint]})"
+    return words

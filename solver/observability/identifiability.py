@@ -1,0 +1,241 @@
+"""What the readings can say of each joint, and in words why they cannot (METHOD.md §6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.observability.combination import (
+    Combination,
+    WeakDirection,
+    combinations,
+    weak_direction,
+)
+from jointstiff.solver.regression import RegressorBlock
+
+__all__ = [
+    "Exposure",
+    "Identifiability",
+    "Spectrum",
+    "Visibility",
+    "analyse",
+    "noise_reason",
+]
+
+
+NULL_COLUMN = 1e-9
+"""A column this small beside what the joint's levers allow is rounding, not information."""
+NULL_DIRECTION = 1e-7
+"""Singular values of the equilibrated regressor below this, relative to the first, count as zero.
+
+One threshold for all: rank, pseudo-inverse and fit. No reading is worth a digit in such a direction, and
+the square of its inverse, which covariances hold, would drown in rounding.
+"""
+HARD_TO_TELL = 100.0
+"""Condition number above which results are said to be unreliable (Schröer et al. 1992, as quoted by
+Nahvi & Hollerbach 1996)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """Which joints leave a trace in the readings at all.
+
+    Attributes:
+        null: (n,) joints whose columns hold no information: exact zeros up to rounding.
+        reference_compliance: (n,) compliance with which the joint alone, at its full lever, would
+            explain all deflection [rad/(N·m)].
+        reasons: (n,) for null joints why, with a remedy; None for the others.
+        exposure: (n,) norm of the joint's column over what it would be had the force pulled across the
+            joint's lever and the moment turned about its axis in every observation; 0 to 1.
+        greatest_torque: (n,) of the load about the joint, over the set [N·m].
+    """
+
+    null: BoolArray
+    reference_compliance: FloatArray
+    reasons: tuple[str | None, ...]
+    exposure: FloatArray
+    greatest_torque: FloatArray
+
+
+class Exposure:
+    """How far the load reaches each joint and the targets see it, over a whole set.
+
+    For each joint it compares what the load and targets did with what they could have done at the same
+    levers, had the force pulled across them. These ratios need no unit and no frame.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...]) -> None:
+        n = len(joint_names)
+        self._names = joint_names
+        self._torque, self._lever, self._column, self._potential = np.zeros((4, n))
+        self._motion, self._greatest_torque = np.zeros((2, n))
+        self._deflection = 0.0
+
+    def add(self, block: RegressorBlock) -> None:
+        """Take in a block of observations, as its targets see them."""
+        self.add_seen_from(block, block.jacobian, block.measurements.present)
+
+    def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
+        """Take in a block of observations, as other points and the joints' encoders see them.
+
+        An encoder counts like a target on the lever on which both weigh the same.
+
+        Args:
+            block: B observations.
+            jacobian: (B, T, 3, n) J_v at the points [m/rad].
+            present: (B, T) which of them count.
+        """
+        part = block.measurements
+        force = np.linalg.norm(part.force, axis=1)[:, None]
+        moment = np.linalg.norm(part.moment, axis=1)[:, None]
+        lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        motion = np.einsum("btij,btij,bt->bj", jacobian, jacobian, present.astype(float))
+        if part.encoders is not None:
+            motion += part.encoder_lever**2 * part.encoders.present
+            self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())
+        reach = (lever * force + moment) ** 2
+        self._torque += (block.torque**2).sum(axis=0)
+        np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
+        self._lever += reach.sum(axis=0)
+        self._motion += motion.sum(axis=0)
+        self._column += (block.torque**2 * motion).sum(axis=0)
+        self._potential += (reach * motion).sum(axis=0)
+        self._deflection += float((part.deflection**2).sum())
+
+    @property
+    def anything_moved(self) -> bool:
+        """Whether any target moved."""
+        return self._deflection > 0
+
+    def visibility(self) -> Visibility:
+        """Judge what has come in so far."""
+        blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
+        null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
+        potential = np.where(self._potential > 0, self._potential, np.inf)
+        return Visibility(
+            null=null,
+            reference_compliance=np.sqrt(self._deflection / potential),
+            reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
+            exposure=np.sqrt(self._column / potential),
+            greatest_torque=self._greatest_torque,
+        )
+
+    def _reason(self, joint: int) -> str:
+        name = self._names[joint]
+        # A load on the joint's own axis has no lever: it is measured against the greatest one.
+        lever = max(self._lever[joint], 1e-6 * self._lever.max())
+        if self._torque[joint] <= NULL_COLUMN**2 * lever:
+            return f"the load never twists {name}: add loads that twist it"
+        return f"no target moves when {name} turns: place a target away from its axis"
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Of the equilibrated, weighted regressor over the joints that the readings see.
+
+    Attributes:
+        parameters: number of joints.
+        rank: number of directions determined.
+        condition_number: ratio of the extreme singular values; inf if rank deficient.
+        singular_values: largest first, dimensionless.
+        combinations: groups that appear only together.
+        weakest: what shows least; None where the rank is not full, or every direction shows well.
+    """
+
+    parameters: int
+    rank: int
+    condition_number: float
+    singular_values: FloatArray
+    combinations: tuple[Combination, ...]
+    weakest: WeakDirection | None
+
+    @property
+    def combined(self) -> frozenset[int]:
+        """The joints that appear only in combination."""
+        return frozenset(joint for group in self.combinations for joint in group.joints)
+
+
+class Spectrum:
+    """Singular value decomposition of a weighted regressor, its columns brought to unit norm.
+
+    One threshold decides the rank for all who ask: the verdicts, the fit and the covariance.
+
+    Attributes:
+        rank: number of singular values that count.
+        singular_values: (p,) largest first.
+        scale: (p,) norms of the columns, 1 where a norm is zero.
+        weakest: (p,) unit vector of the least singular value, columns of unit norm.
+        null_space: (p − rank, p) orthonormal directions that the readings do not see.
+        determined: (m, p) the regressor without those directions, so that no fit follows rounding
+            along them; the regressor itself where the rank is full.
+        inverse: (p, m) pseudo-inverse of the regressor.
+        seen: (rank, p) functions of the compliances that the readings determine, one a row.
+    """
+
+    def __init__(self, R: FloatArray) -> None:
+        """Decompose.
+
+        Args:
+            R: (m, p) weighted regressor, compressed; p may be zero.
+        """
+        norms = np.linalg.norm(R, axis=0)
+        self.scale: FloatArray = np.where(norms > 0, norms, 1.0)
+        scale = self.scale
+        U, singular, Vt = np.linalg.svd(R / scale, full_matrices=R.shape[0] < R.shape[1])
+        self.singular_values = np.zeros(R.shape[1])
+        self.singular_values[: len(singular)] = singular
+        largest = singular.max(initial=0.0)
+        self.rank = rank = int((self.singular_values > NULL_DIRECTION * largest).sum())
+        self.weakest: FloatArray = Vt[-1] if len(Vt) else np.zeros(0)
+        self.null_space: FloatArray = Vt[rank:]
+        strong = U[:, :rank] * singular[:rank]
+        self.determined: FloatArray = R if rank == R.shape[1] else strong @ Vt[:rank] * scale
+        self.seen: FloatArray = Vt[:rank] * scale
+        self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
+
+
+def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identifiability:
+    """Say what a spectrum means for the joints.
+
+    Args:
+        spectrum: of the regressor of p joints.
+        columns: (p,) the joint of each column.
+        parameters: number of joints, null ones included.
+
+    Returns:
+        The analysis, with joints numbered as in `columns`.
+    """
+    singular = spectrum.singular_values
+    full = spectrum.rank == len(columns)
+    condition = float(singular[0] / singular[-1]) if full else float("inf")
+    return Identifiability(
+        parameters=parameters,
+        rank=spectrum.rank,
+        condition_number=condition,
+        singular_values=singular,
+        combinations=combinations(spectrum.null_space, spectrum.scale, columns),
+        weakest=weak_direction(spectrum.weakest, spectrum.scale, columns, condition)
+        if full and condition > HARD_TO_TELL
+        else None,
+    )
+
+
+def noise_reason(joint: int, names: tuple[str, ...], visibility: Visibility, uncertainty: float) -> str:
+    """Why a joint that the readings see has no number: the noise hides it.
+
+    Args:
+        joint: its index.
+        names: of the n joints.
+        visibility: of the same observations.
+        uncertainty: standard uncertainty of its compliance [rad/(N·m)].
+    """
+    torque, most = visibility.greatest_torque, int(np.argmax(visibility.greatest_torque))
+    beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} N.m"
+    return (
+        f"the noise hides {names[joint]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) "
+        f"exceeds {visibility.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
+        f"all that moved; the load twists it with at most {torque[joint]:.2g} N.m{beside}: "
+        "add loads that twist it more"
+    )

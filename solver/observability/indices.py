@@ -1,0 +1,69 @@
+"""The field's observability indices, of a regressor whose scale needs neither unit nor frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.observability.identifiability import Spectrum, Visibility
+
+__all__ = ["ObservabilityIndices", "observability_indices"]
+
+
+@dataclass(frozen=True)
+class ObservabilityIndices:
+    """How well a set of postures and loads shows the parameters; larger is better.
+
+    Of the singular values ``s_1 ≥ … ≥ s_p`` of the regressor, each of its p columns divided by the norm
+    that it would have had if, in every observation, the force had pulled across the joint's lever
+    and the moment had turned about its axis. As ``Σ s² ≤ p``, no index exceeds 1.
+
+    Attributes:
+        o1: ``(s_1 ⋯ s_p)^(1/p)``, Borm & Menq 1991.
+        o2: ``s_p / s_1``, Driels & Pathre 1990.
+        o3: ``s_p``, Nahvi, Hollerbach & Hayward 1994.
+        o4: ``s_p² / s_1``, Nahvi & Hollerbach 1996.
+        o5: ``1 / (1/s_1 + … + 1/s_p)``, Sun & Hollerbach 2008.
+    """
+
+    o1: float
+    o2: float
+    o3: float
+    o4: float
+    o5: float
+
+    @classmethod
+    def of(cls, singular_values: FloatArray) -> ObservabilityIndices:
+        """The indices of positive singular values (p,), largest first."""
+        s = singular_values
+        return cls(
+            o1=float(np.exp(np.log(s).mean())),
+            o2=float(s[-1] / s[0]),
+            o3=float(s[-1]),
+            o4=float(s[-1] ** 2 / s[0]),
+            o5=float(1.0 / np.sum(1.0 / s)),
+        )
+
+
+def observability_indices(regressor: FloatArray, visibility: Visibility) -> ObservabilityIndices | None:
+    """IndexArray over the joints that the readings see.
+
+    Borm & Menq divide by the root of the number of readings; here the norms that divide the columns grow
+    with it, so that readings taken twice change nothing.
+
+    Args:
+        regressor: (m, n) of all readings, weighted by their covariance, in any unit.
+        visibility: of the same readings.
+
+    Returns:
+        The indices; None where the rank is not full.
+    """
+    visible = ~visibility.null
+    spectrum = Spectrum(regressor[:, visible])
+    if spectrum.rank < np.count_nonzero(visible):
+        return None
+    columns = regressor[:, visible] / spectrum.scale * visibility.exposure[visible]
+    singular_values: FloatArray = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
+    return ObservabilityIndices.of(singular_values)

@@ -1,0 +1,244 @@
+"""Two campaigns with one kind of robot beside each other: motor and secondary encoders, before and after.
+
+Each is identified by itself; for each joint the ratio of its stiffnesses comes with Fieller's interval
+(`ratio`) and the question whether it has changed is answered; the share of the deflection that the
+second avoids is measured where configurations match, and predicted for all; and on request both are
+identified in one problem in which no joint is softer in the second (`ordered_pair`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Estimate
+from jointstiff.solver.paired.avoided import (
+    MeasuredShare,
+    PredictedDeflection,
+    Share,
+    measured_share,
+    predicted_deflection,
+)
+from jointstiff.solver.paired.ordered_intervals import ordered_constraints, ordered_intervals
+from jointstiff.solver.paired.ordered_pair import OrderedFit, WhitenedCampaign, fit_ordered
+from jointstiff.solver.paired.ratio import (
+    GaussianEstimate,
+    RatioInterval,
+    difference_p_value,
+    ratio_interval,
+    two_sided_quantile,
+)
+from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_other_joints
+from jointstiff.solver.resampling import gram_blocks
+from jointstiff.solver.robot import WRIST_JOINTS
+
+__all__ = ["AvoidedDeflection", "JointRatio", "Pair", "compare_pair"]
+
+_Both = tuple[Estimate, Estimate]
+
+_UNKNOWN = "its uncertainty is unknown in one of the sets: state noise, or measure more"
+_CONTRADICTION = "the readings make its compliance negative in one of the sets"
+
+
+@dataclass(frozen=True)
+class JointRatio:
+    """One joint in both campaigns.
+
+    Attributes:
+        ratio: k_second / k_first of the unconstrained estimates; None where one of them is not positive.
+        interval: Fieller's, of that ratio; None where nothing can be said, and why.
+        p_value: probability of estimates as far apart if the compliance is the same; None likewise.
+        reason: why there are no numbers.
+    """
+
+    name: str
+    ratio: float | None = None
+    interval: RatioInterval | None = None
+    p_value: float | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class AvoidedDeflection:
+    """Share of the deflection that the second campaign avoids.
+
+    Attributes:
+        matches: the observations that both campaigns have.
+        measured: from their readings; None if there are none.
+        of_first: predicted for the first campaign's observations.
+        of_second: predicted for the second's.
+        predicted: of the mean deflection of all observations, matching ones counted once.
+    """
+
+    matches: Matches
+    measured: MeasuredShare | None
+    of_first: PredictedDeflection
+    of_second: PredictedDeflection
+    predicted: Share
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two campaigns beside each other.
+
+    Attributes:
+        first: estimate of the first by its settings.
+        second: estimate of the second by its settings.
+        joints: the n ratios.
+        ordered: both in one problem; None if that was not asked for.
+        ordered_intervals: (2, n, 2) of the compliances in that problem [rad/(N·m)], NaN where a campaign
+            says nothing; None likewise.
+        avoided: share of the deflection that the second avoids.
+    """
+
+    first: Estimate
+    second: Estimate
+    joints: tuple[JointRatio, ...]
+    ordered: OrderedFit | None
+    ordered_intervals: FloatArray | None
+    avoided: AvoidedDeflection
+
+
+def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordered: bool) -> Pair:
+    """Compare two campaigns whose readings are independent.
+
+    Args:
+        first: such as with the motors' encoders in the loop, or before.
+        second: such as with secondary encoders in the loop, or after.
+        confidence: of the ratios' intervals.
+        ordered: whether to identify both in one problem with c_second ≤ c_first for every joint.
+
+    Raises:
+        RequestError: the robots' joints differ, a prior takes part, or the order does not go with the
+            settings.
+        JointstiffError: as `jointstiff.solver.identification.identify` does of either campaign.
+    """
+    refuse_other_joints(first.robot, second.robot)
+    sides = first, second
+    for side in sides:
+        _refuse_prior(side)
+    estimates = [identify(side.robot, side.measurements, side.settings) for side in sides]
+    free = _free(first), _free(second)
+    positive = all(bool((side.settings.bounds.lower >= 0).all()) for side in sides)
+    together = intervals = None
+    if ordered:
+        together = _together(first, second, free)
+        quantile = two_sided_quantile(confidence, min(map(_freedom, free)))
+        intervals = ordered_intervals(free, (first.settings, second.settings), together, quantile)
+    compliances = estimates[0].compliance, estimates[1].compliance
+    if together is not None:
+        compliances = np.nan_to_num(together.first), np.nan_to_num(together.second)
+    return Pair(
+        first=estimates[0],
+        second=estimates[1],
+        joints=tuple(
+            _ratio(j, name, free, confidence, positive=positive)
+            for j, name in enumerate(first.robot.joint_names)
+        ),
+        ordered=together,
+        ordered_intervals=intervals,
+        avoided=_avoided(first, second, compliances, free),
+    )
+
+
+def _refuse_prior(side: PairSide) -> None:
+    if side.settings.prior is not None:
+        raise RequestError(
+            "a prior speaks in both sets, so what they say of a joint is not independent",
+            where="priors",
+            remedy="leave priors out",
+        )
+
+
+def _free(side: PairSide) -> Estimate:
+    """The estimate without constraints, which is Gaussian."""
+    unconstrained = Bounds.unconstrained(side.robot.n)
+    return identify(side.robot, side.measurements, replace(side.settings, bounds=unconstrained, order=()))
+
+
+def _together(first: PairSide, second: PairSide, free: _Both) -> OrderedFit:
+    campaigns = []
+    ordered_constraints((first.settings, second.settings))  # refuses contradictions before any work is done
+    for side, estimate in zip((first, second), free, strict=True):
+        _refuse_unordered(side, estimate)
+        blocks = gram_blocks(side.robot, side.measurements, replace(side.settings, order=()))
+        campaigns.append(WhitenedCampaign(blocks, estimate.sigma or 1.0, side.settings))
+    return fit_ordered(*campaigns)
+
+
+def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
+    """Refuse what one convex problem of both sets cannot take in."""
+    faults = {
+        "loss `huber`": side.settings.loss == "huber",
+        "complementary_stiffness `included`": side.settings.complementary_stiffness,
+        "a stiffness_order between arm and wrist, whose stages are solved apart": _order_across(side),
+    }
+    for fault in (name for name, found in faults.items() if found):
+        raise RequestError(
+            f"the problem of both sets does not take {fault}",
+            where="ordered",
+            remedy="leave that out, or compare without the order",
+        )
+    if not estimate.sigma:
+        raise RequestError(
+            "sigma is neither given nor shown by the residuals, so the sets cannot be weighed",
+            where="noise",
+            remedy="state noise.sigma, or measure more",
+        )
+
+
+def _order_across(side: PairSide) -> bool:
+    """Whether the decoupled method has an order between joints of its two stages."""
+    arm = side.robot.n - WRIST_JOINTS
+    decoupled = side.settings.method == "decoupled_partial_pose"
+    return decoupled and any((i < arm) != (j < arm) for i, j in side.settings.order)
+
+
+def _ratio(j: int, name: str, free: _Both, confidence: float, *, positive: bool) -> JointRatio:
+    verdicts = [estimate.joints[j] for estimate in free]
+    for which, verdict in zip(("first", "second"), verdicts, strict=True):
+        if verdict.compliance is None:
+            return JointRatio(name, reason=f"in the {which} set: {verdict.reason}")
+    one, two = (_gaussian(estimate, j) for estimate in free)
+    if one is None or two is None:
+        return JointRatio(name, reason=_UNKNOWN)
+    sound = one.value > 0 and two.value > 0
+    return JointRatio(
+        name,
+        ratio=one.value / two.value if sound else None,
+        interval=ratio_interval(one, two, confidence, positive=positive),
+        p_value=difference_p_value(one, two),
+        reason=None if sound else _CONTRADICTION,
+    )
+
+
+def _gaussian(estimate: Estimate, j: int) -> GaussianEstimate | None:
+    joint = estimate.joints[j]
+    if joint.compliance is None or not joint.standard_uncertainty:
+        return None
+    return GaussianEstimate(joint.compliance, joint.standard_uncertainty, _freedom(estimate))
+
+
+def _freedom(estimate: Estimate) -> float:
+    """Degrees of freedom of its sigma."""
+    return inf if estimate.sigma_given else estimate.degrees_of_freedom
+
+
+def _avoided(
+    first: PairSide, second: PairSide, compliances: tuple[FloatArray, FloatArray], free: _Both
+) -> AvoidedDeflection:
+    matches = match(first, second)
+    measured = None
+    if len(matches.first):
+        measured = measured_share(first, second, matches, (free[0].sigma, free[1].sigma))
+    unknown = free[0].visibility.null | free[1].visibility.null
+    of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
+    alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
+    rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])
+    return AvoidedDeflection(matches, measured, of_first, of_second, of_first.joined(rest).share())

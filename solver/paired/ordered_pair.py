@@ -1,0 +1,207 @@
+"""Two campaigns in one convex problem: no joint is softer in the second than in the first (METHOD.md §5).
+
+The unknowns are ``v = (c_second, c_first − c_second)``: then the order ``c_second ≤ c_first`` is a bound on
+the second half, which the solver keeps exactly, and both campaigns' rows, each whitened by its own sigma, are
+linear in v: ``‖R₁ L₁ v − z₁‖² + ‖R₂ L₂ v − z₂‖²`` with ``c_first = L₁ v`` and ``c_second = L₂ v``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.convex import Bounds, Certificate, IdentificationProblem, Inequalities, solve
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.identification import Settings
+from jointstiff.solver.observability import Spectrum
+from jointstiff.solver.regression import Compression
+from jointstiff.solver.resampling import GramBlocks, StageBlocks
+from jointstiff.solver.robot import WRIST_JOINTS
+
+__all__ = ["OrderedFit", "WhitenedCampaign", "fit_ordered"]
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedCampaign:
+    """One of the campaigns, ready to be fitted.
+
+    Attributes:
+        blocks: its rows in units of sigma, stage by stage.
+        sigma: standard uncertainty of one coordinate of one reading [m].
+        settings: method, bounds and orders of its joints.
+    """
+
+    blocks: GramBlocks
+    sigma: float
+    settings: Settings
+
+
+@dataclass(frozen=True, eq=False)
+class OrderedFit:
+    """The optimum of both campaigns together.
+
+    Attributes:
+        first: (n,) compliances of the first campaign [rad/(N·m)]; NaN for joints that it does not see.
+        second: (n,) of the second, nowhere greater.
+        equal: (n,) joints that the order holds together.
+        chi_square_increase: of both campaigns' residuals over their least without the order; large where
+            the readings contradict it.
+        certificates: of each stage of the method.
+    """
+
+    first: FloatArray
+    second: FloatArray
+    equal: BoolArray
+    chi_square_increase: float
+    certificates: tuple[Certificate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """A stage of a campaign: ‖R c − z‖² over the n joints, those it does not estimate having zero columns."""
+
+    R: FloatArray
+    z: FloatArray
+    visible: BoolArray
+    bounds: Bounds
+    order: tuple[tuple[int, int], ...]
+
+
+def fit_ordered(first: WhitenedCampaign, second: WhitenedCampaign) -> OrderedFit:
+    """Identify both campaigns subject to ``c_second ≤ c_first`` for every joint.
+
+    Args:
+        first: the softer campaign, such as with the motors' encoders in the loop.
+        second: the stiffer one, of the same joints, by the same method.
+
+    Returns:
+        The optimum, with a certificate for each stage.
+
+    Raises:
+        UnsupportedMethodError: the campaigns are identified by different methods.
+        SolverError: optimality could not be certified.
+    """
+    if first.settings.method != second.settings.method:
+        raise UnsupportedMethodError(
+            f"one problem takes one method, not {first.settings.method} and {second.settings.method}",
+            where="ordered",
+            remedy="identify both by the same method, or compare them without the order",
+        )
+    n = first.blocks.parameters
+    c = np.zeros((2, n))
+    increase, certificates = 0.0, []
+    for joints in _stages(first, n):
+        sides = [_rows(side, joints, c[k]) for k, side in enumerate((first, second))]
+        if not any(side.visible.any() for side in sides):
+            continue
+        stage, certificate = _solve_together(*sides)
+        increase += sum(_squares(side, x) for side, x in zip(sides, stage, strict=True))
+        increase -= sum(_least_squares(side) for side in sides)
+        c += stage
+        certificates.append(certificate)
+    seen = np.stack([_seen(side, n) for side in (first, second)])
+    equal = seen.all(axis=0) & (c[0] == c[1])
+    one, two = np.where(seen, c, np.nan)
+    return OrderedFit(one, two, equal, max(0.0, increase), tuple(certificates))
+
+
+def _stages(side: WhitenedCampaign, n: int) -> tuple[BoolArray, ...]:
+    """The joints of each stage of the method."""
+    everything = np.ones(n, dtype=np.bool_)
+    if side.settings.method != "decoupled_partial_pose":
+        return (everything,)
+    arm = np.arange(n) < n - WRIST_JOINTS
+    return arm, ~arm
+
+
+def _seen(side: WhitenedCampaign, n: int) -> BoolArray:
+    return np.isin(np.arange(n), side.blocks.visible)
+
+
+def _rows(side: WhitenedCampaign, joints: BoolArray, known: FloatArray) -> _Rows:
+    """The stage that estimates some joints, less the deflection of those that are known."""
+    n = len(joints)
+    stage = next((s for s in side.blocks.stages if joints[s.joints].all()), None)
+    visible = np.zeros(n, dtype=np.bool_)
+    if stage is None:
+        R, z = np.zeros((0, n)), np.zeros(0)
+    else:
+        visible[stage.joints] = True
+        R, z = _compressed(stage, known, side.sigma)
+    order = tuple((i, j) for i, j in side.settings.order if visible[i] and visible[j])
+    return _Rows(R, z, visible, side.settings.bounds, order)
+
+
+def _compressed(stage: StageBlocks, known: FloatArray, sigma: float) -> tuple[FloatArray, FloatArray]:
+    """R (m, n) and z (m,) in units of sigma, without directions that the rows do not see."""
+    rows = Compression(stage.rows.shape[-1])
+    rows.add(stage.rows)
+    weight, own = stage.size / sigma, len(stage.joints)
+    scaled = weight * rows.matrix / stage.unit
+    R = np.zeros((len(scaled), len(known)))
+    R[:, stage.joints] = Spectrum(scaled[:, :own]).determined
+    return R, weight * rows.rhs - scaled[:, own:] @ known[stage.known]
+
+
+def _solve_together(one: _Rows, two: _Rows) -> tuple[FloatArray, Certificate]:
+    """(2, n) compliances of both campaigns, zero where a campaign does not see the joint."""
+    n = len(one.visible)
+    eye = np.eye(n)
+    both = np.diag((one.visible & two.visible).astype(float))
+    kept = np.flatnonzero(np.concatenate([two.visible, one.visible]))
+    L1 = np.hstack([both, eye])[:, kept]
+    L2 = np.hstack([eye, np.zeros((n, n))])[:, kept]
+    problem = IdentificationProblem(
+        np.vstack([one.R @ L1, two.R @ L2]),
+        np.concatenate([one.z, two.z]),
+        _bounds(one, two, kept),
+        _inequalities([*_limits(one, two, L1), *_orders(one, L1), *_orders(two, L2)]),
+    )
+    solution = solve(problem)
+    return np.stack([L1 @ solution.compliance, L2 @ solution.compliance]), solution.certificate
+
+
+def _bounds(one: _Rows, two: _Rows, kept: IndexArray) -> Bounds:
+    """Of v: the second's own, then zero for the differences, or the first's own where only it sees."""
+    lower = np.concatenate([two.bounds.lower, np.where(two.visible, 0.0, one.bounds.lower)])
+    upper = np.concatenate([two.bounds.upper, np.where(two.visible, np.inf, one.bounds.upper)])
+    return Bounds(lower[kept], upper[kept])
+
+
+def _limits(one: _Rows, two: _Rows, L1: FloatArray) -> list[tuple[FloatArray, float]]:
+    """The first's bounds that those of v do not imply."""
+    limits = []
+    for j in np.flatnonzero(one.visible & two.visible):
+        if one.bounds.lower[j] > two.bounds.lower[j]:
+            limits.append((L1[j], float(one.bounds.lower[j])))
+        if np.isfinite(one.bounds.upper[j]):
+            limits.append((-L1[j], -float(one.bounds.upper[j])))
+    return limits
+
+
+def _orders(side: _Rows, L: FloatArray) -> list[tuple[FloatArray, float]]:
+    """c_i ≤ c_j within a campaign."""
+    return [(L[j] - L[i], 0.0) for i, j in side.order]
+
+
+def _inequalities(rows: list[tuple[FloatArray, float]]) -> Inequalities | None:
+    if not rows:
+        return None
+    return Inequalities(np.stack([row for row, _ in rows]), np.array([least for _, least in rows]))
+
+
+def _squares(side: _Rows, c: FloatArray) -> float:
+    return float(((side.R @ c - side.z) ** 2).sum())
+
+
+def _least_squares(side: _Rows) -> float:
+    """The least sum of squares of one campaign, without the other."""
+    joints = np.flatnonzero(side.visible)
+    if not len(joints):
+        return float((side.z**2).sum())
+    L = np.eye(len(side.visible))[:, joints]
+    inequalities = _inequalities(_orders(side, L))
+    problem = IdentificationProblem(side.R[:, joints], side.z, side.bounds.select(joints), inequalities)
+    return _squares(side, L @ solve(problem).compliance)

@@ -1,0 +1,128 @@
+"""Two campaigns with one kind of robot, and which of their configurations are the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.identification import Settings
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Configurations, Robot
+
+__all__ = ["Matches", "PairSide", "match", "models_differ", "refuse_other_joints"]
+
+
+POSTURE_TOLERANCE: Final = 1e-3
+"""Of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
+LOAD_TOLERANCE: Final = 5e-3
+"""Of the load, relative to its size."""
+LOAD_POINT_TOLERANCE: Final = 1e-3
+"""Of the place where the load acts [m]."""
+_MODEL_TOLERANCE: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PairSide:
+    """One of the two campaigns.
+
+    Attributes:
+        robot: n joints.
+        measurements: N observations of T targets.
+        labels: (N,) of the observations.
+        targets: (T,) names of the targets.
+        settings: how to identify.
+    """
+
+    robot: Robot
+    measurements: Measurements
+    labels: tuple[str, ...]
+    targets: tuple[str, ...]
+    settings: Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Observations of the same posture under the same load, in both campaigns.
+
+    Attributes:
+        first: (K,) their indices in the first campaign.
+        second: (K,) in the second.
+        present: (K, T) targets read in both; targets are those of both campaigns.
+        targets_first: (T,) index of each shared target in the first campaign.
+        targets_second: (T,) in the second.
+        unlike: labels that both have, with another posture or load, or no shared target.
+    """
+
+    first: IndexArray
+    second: IndexArray
+    present: BoolArray
+    targets_first: IndexArray
+    targets_second: IndexArray
+    unlike: tuple[str, ...]
+
+
+def refuse_other_joints(first: Robot, second: Robot) -> None:
+    """Refuse robots whose joints do not correspond.
+
+    Raises:
+        RequestError: they differ in number or names.
+    """
+    if first.joint_names != second.joint_names:
+        raise RequestError(
+            f"the robots' joints differ: {', '.join(first.joint_names)}, and {', '.join(second.joint_names)}",
+            where="second",
+            remedy="compare sets of one robot, or of two of the same model with the same names of joints",
+        )
+
+
+def models_differ(first: Robot, second: Robot) -> bool:
+    """Whether two robots of the same joints differ in geometry or joint map, seen in two postures."""
+    postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
+    angles = [robot.joint_map.model_angles(postures) for robot in (first, second)]
+    one, two = Configurations(first, angles[0]), Configurations(second, angles[1])
+    return any(
+        bool((np.abs(a - b) > _MODEL_TOLERANCE).any())
+        for a, b in (
+            (angles[0], angles[1]),
+            (one.jacobian, two.jacobian),
+            (one.flange_rotation, two.flange_rotation),
+            (one.flange_translation, two.flange_translation),
+        )
+    )
+
+
+def match(first: PairSide, second: PairSide) -> Matches:
+    """Find the observations of equal label, posture and load that share a target."""
+    shared = [name for name in first.targets if name in second.targets]
+    t1 = np.array([first.targets.index(name) for name in shared], dtype=np.intp)
+    t2 = np.array([second.targets.index(name) for name in shared], dtype=np.intp)
+    place = {label: i for i, label in enumerate(second.labels)}
+    pairs = [(i, place[label]) for i, label in enumerate(first.labels) if label in place]
+    rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    present = first.measurements.present[rows[:, :1], t1] & second.measurements.present[rows[:, 1:], t2]
+    kept = np.flatnonzero(_alike(first.measurements, second.measurements, rows) & present.any(axis=1))
+    dropped = np.setdiff1d(np.arange(len(rows)), kept)
+    return Matches(
+        first=rows[kept, 0],
+        second=rows[kept, 1],
+        present=present[kept],
+        targets_first=t1,
+        targets_second=t2,
+        unlike=tuple(first.labels[i] for i in rows[dropped, 0]),
+    )
+
+
+def _alike(one: Measurements, two: Measurements, rows: IndexArray) -> BoolArray:
+    """(K,) whether postures and loads of the paired observations (K, 2) agree."""
+    i, k = rows.T
+    posture = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
+    place = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
+    alike = posture & (place | ~one.force[i].any(axis=1))
+    for a, b in ((one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
+        size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        alike &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
+    return np.asarray(alike, dtype=np.bool_)

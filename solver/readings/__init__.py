@@ -1,0 +1,22 @@
+"""Readings in SI units: measurement sets, secondary encoders and tracker noise."""
+
+from __future__ import annotations
+
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
+from jointstiff.solver.readings.tracker_noise import (
+    DifferenceNoise,
+    Instrument,
+    places_in_base,
+    refuse_no_covariance,
+)
+
+__all__ = [
+    "ISOTROPIC_DIFFERENCE",
+    "DifferenceNoise",
+    "EncoderReadings",
+    "Instrument",
+    "Measurements",
+    "places_in_base",
+    "refuse_no_covariance",
+]

@@ -1,0 +1,63 @@
+"""Readings of secondary encoders: the angle of a joint behind its gearbox, before and under load."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import MeasurementError
+
+__all__ = ["EncoderReadings"]
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderReadings:
+    """What secondary encoders read in N observations of a robot with n joints.
+
+    While the motors' encoders close the position loop, the angle behind the gearbox changes under load by
+    the deflection of the joint itself: ``δθ_j = c_j τ_j``, free of what else bends.
+
+    Attributes:
+        deflection: (N, n) loaded minus unloaded, angles of the model's joints [rad].
+        present: (N, n) which joints were read; the others hold zeros.
+        sigma: standard uncertainty of one encoder reading [rad].
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
+    """
+
+    deflection: FloatArray
+    present: BoolArray
+    sigma: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"the encoders' sigma is {self.sigma}",
+                where="noise.encoder_sigma",
+                remedy="give a positive angle",
+            )
+        if self.deflection.shape != self.present.shape or not np.isfinite(self.deflection).all():
+            raise MeasurementError(
+                "the encoder readings are not one finite number for each observation and joint",
+                where="encoder_readings",
+                remedy="remove or repeat the reading",
+            )
+        for array in (self.deflection, self.present):
+            array.setflags(write=False)
+
+    def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
+        """Those of some of the observations, in the given order."""
+        return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
+
+    def lever(self, sigma: float) -> float:
+        """Length on which a deflection of one encoder weighs like one of a target [m].
+
+        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
+
+        Args:
+            sigma: standard uncertainty of one coordinate of one position reading [m].
+        """
+        return sigma / self.sigma

@@ -1,0 +1,158 @@
+"""What tracker readings are worth (METHOD.md §3): covariances of positions, and of their differences.
+
+A laser tracker measures a distance and two angles: in the line of sight ``σ_r = a + b d``, across it
+``σ_t = c + e d``, d the distance from the station. So the covariance of a position is anisotropic, turns
+with the line of sight and grows with the distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE
+from jointstiff.solver.robot import Configurations, Robot
+
+__all__ = ["DifferenceNoise", "Instrument", "places_in_base", "refuse_no_covariance"]
+
+
+SHORTEST_SIGHT: Final = 0.01
+"""Distance from station to target [m] below which there is no line of sight to speak of."""
+LEAST_SIGMA: Final = 1e-12
+"""Of an instrument [m]: a picometre."""
+LARGEST_CONDITION: Final = 1e12
+"""Of a covariance: standard uncertainties a million times each other, beyond any instrument's."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A laser tracker at its station.
+
+    Attributes:
+        station: where it stands, in R0 [m].
+        range_constant: a [m].
+        range_per_distance: b [m/m].
+        transverse_constant: c [m].
+        transverse_per_distance: e [m/m].
+    """
+
+    station: tuple[float, float, float]
+    range_constant: float
+    range_per_distance: float
+    transverse_constant: float
+    transverse_per_distance: float
+
+    def covariance(self, places: FloatArray) -> FloatArray:
+        """Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
+
+        Args:
+            places: (..., 3) of targets in R0 [m].
+
+        Returns:
+            (..., 3, 3) covariance of a reading there, axes of R0 [m²].
+
+        Raises:
+            MeasurementError: a target stands at the station, or the instrument is exact or far beyond any.
+        """
+        sight = places - np.array(self.station)
+        distance = np.linalg.norm(sight, axis=-1)
+        if (distance < SHORTEST_SIGHT).any():
+            raise MeasurementError(
+                f"a target is {1e3 * distance.min():.3g} mm from the tracker",
+                where="noise.instrument.station",
+                remedy="give the tracker's station in R0, in units.length",
+            )
+        along = self.range_constant + self.range_per_distance * distance
+        across = self.transverse_constant + self.transverse_per_distance * distance
+        _refuse_implausible(along, across)
+        u = sight / distance[..., None]
+        spread = (along**2 - across**2)[..., None, None] * u[..., :, None] * u[..., None, :]
+        covariance: FloatArray = (across**2)[..., None, None] * np.eye(3) + spread
+        return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class DifferenceNoise:
+    """Stated noise of N observations of T targets as `Measurements` takes it.
+
+    Attributes:
+        sigma: root mean square, over the coordinates of all readings, of the standard uncertainty of a
+            position [m]. It only is the unit of `covariance`: no estimate depends on it.
+        covariance: (N, T, 3, 3) of the deflections, in units of sigma².
+    """
+
+    sigma: float
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, unloaded: FloatArray, loaded: FloatArray, present: BoolArray) -> DifferenceNoise:
+        """Both readings count: Σ_d = Σ_unloaded + Σ_loaded.
+
+        Args:
+            unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
+            loaded: (N, T, 3, 3) under load [m²].
+            present: (N, T) which targets were read, at least one.
+        """
+        total = unloaded + loaded
+        variance = np.trace(total[present], axis1=-2, axis2=-1).mean() / 6.0
+        covariance = np.where(present[..., None, None], total / variance, ISOTROPIC_DIFFERENCE)
+        return cls(float(np.sqrt(variance)), covariance)
+
+
+def places_in_base(
+    robot: Robot, joints: FloatArray, position: FloatArray, in_flange: BoolArray
+) -> FloatArray:
+    """(N, T, 3) places of the targets in R0 [m], by the model where they are given in the flange frame.
+
+    Args:
+        robot: n joints.
+        joints: (N, n) controller angles [rad].
+        position: (N, T, 3) [m].
+        in_flange: (N, T) whether it is in the flange frame.
+    """
+    if not in_flange.any():
+        return position
+    configurations = Configurations(robot, robot.joint_map.model_angles(joints))
+    return np.where(in_flange[..., None], configurations.to_base(position), position)
+
+
+def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
+    """Refuse matrices that are no covariance of anything.
+
+    Args:
+        covariance: (N, T, 3, 3) [any unit].
+        present: (N, T) which of them count.
+        field: of a reading, for the message.
+
+    Raises:
+        MeasurementError: the first that is not symmetric and positive definite within rounding.
+    """
+    skew = np.abs(covariance - np.swapaxes(covariance, -1, -2)).max(axis=(-1, -2))
+    values = np.linalg.eigvalsh(covariance)
+    good = (values[..., 0] * LARGEST_CONDITION > values[..., -1]) & (values[..., 0] > 0.0)
+    good &= skew <= 1e-9 * np.abs(values).max(axis=-1)
+    bad = np.argwhere(present & ~good)
+    if len(bad):
+        i, t = bad[0].tolist()
+        position = int(present[i, :t].sum())
+        raise MeasurementError(
+            "the matrix is not symmetric and positive definite",
+            where=f"observations[{i}].readings[{position}].{field}",
+            remedy="give the covariance of the three coordinates, axes of R0, in units.length squared",
+        )
+
+
+def _refuse_implausible(along: FloatArray, across: FloatArray) -> None:
+    least = min(float(along.min()), float(across.min()))
+    ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
+    if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
+        raise MeasurementError(
+            f"standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across the line "
+            "of sight are no tracker's",
+            where="noise.instrument",
+            remedy="check the constants, which are in units.length, and the terms per distance",
+        )

@@ -1,0 +1,197 @@
+"""The linear model of METHOD.md §2: deflections of the targets as a linear function of compliance.
+
+Everything is built for a block of configurations at once; a block is small enough that memory stays flat
+however many observations there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, SolverError
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Configurations, Robot
+
+__all__ = ["BLOCK_LENGTH", "RegressorBlock", "joint_torque", "regressor_blocks", "whitener"]
+
+
+BLOCK_LENGTH = 2048
+"""Configurations in a block: its arrays stay in the cache, and numpy's overhead is spread well."""
+
+_BALANCE_ROUNDS = 40
+"""Each shrinks the error by the ratio of K_c to the joint stiffness, mostly a thousandth."""
+_BALANCED = 1e-15
+"""Change of a joint's deflection [rad] that is rounding: 3e-15 m at the end of the largest arm."""
+_LARGEST_DEFLECTION = 1.0
+"""A balance further away [rad] may be on another branch."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegressorBlock:
+    """Regressors of B observations of T targets of a robot with n joints.
+
+    Without a compliance the configurations are the unloaded ones. With one, they are those half-way to the
+    balance of springs and load, and the torques are those in that balance.
+
+    Attributes:
+        configurations: the kinematics.
+        torque: (B, n) torque of the load about each joint [N·m].
+        load_jacobian: (B, 3, n) J_v at the load point [m/rad].
+        points: (B, T, 3) the targets in R0, in these configurations [m].
+        jacobian: (B, T, 3, n) J_v at the targets [m/rad].
+        A: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present.
+        measurements: the observations themselves.
+    """
+
+    configurations: Configurations
+    torque: FloatArray
+    load_jacobian: FloatArray
+    points: FloatArray
+    jacobian: FloatArray
+    A: FloatArray
+    measurements: Measurements
+
+
+def joint_torque(
+    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (METHOD.md §2; paper, eq. 12).
+
+    Args:
+        configurations: N configurations.
+        load_jacobian: (N, 3, n) J_v at the load points [m/rad].
+        force: (N, 3) on the robot, axes of R0 [N].
+        moment: (N, 3) on the robot about the load point, axes of R0 [N·m].
+
+    Returns:
+        (N, n) torques [N·m].
+    """
+    by_force: FloatArray = np.einsum("nij,ni->nj", load_jacobian, force)
+    by_moment: FloatArray = np.einsum("nij,ni->nj", configurations.angular_jacobian, moment)
+    return by_force + by_moment
+
+
+def regressor_blocks(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+) -> Iterator[RegressorBlock]:
+    """Yield the regressors block by block.
+
+    With a compliance c they hold the complementary stiffness (METHOD.md §2): A c is then the deflection of
+    the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
+    and targets are those half-way, at q + δθ/2, where they are secants of the motion: between two poses the
+    rotation of the flange about its half-way axes moves each target by ``δφ × (its half-way lever)``.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) of the joints [rad/(N·m)]; None leaves out how they move the load.
+
+    Yields:
+        Blocks of at most `BLOCK_LENGTH` observations, in order.
+
+    Raises:
+        SolverError: the load finds no balance with joints of that compliance.
+    """
+    if len(measurements) <= BLOCK_LENGTH:
+        yield _block(robot, measurements, compliance)
+        return
+    for start in range(0, len(measurements), BLOCK_LENGTH):
+        yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
+
+
+def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
+    q = robot.joint_map.model_angles(part.joints)
+    configurations = Configurations(robot, q)
+    points = part.position
+    if compliance is not None:
+        return _deflected_block(robot, part, configurations, q, compliance)
+    if part.in_flange.any():
+        points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
+    load_jacobian, torque = _load(configurations, part)
+    return _assembled(configurations, load_jacobian, torque, points, part)
+
+
+def _deflected_block(
+    robot: Robot, part: Measurements, unloaded: Configurations, q: FloatArray, compliance: FloatArray
+) -> RegressorBlock:
+    deflection, torque = _balance(robot, part, q, compliance)
+    halfway = Configurations(robot, q + 0.5 * deflection)
+    in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
+    in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
+    load_jacobian, _ = _load(halfway, part)
+    return _assembled(halfway, load_jacobian, torque, halfway.to_base(in_flange), part)
+
+
+def _balance(
+    robot: Robot, part: Measurements, q: FloatArray, compliance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Deflections (B, n) [rad] and torques (B, n) [N·m] with ``δθ = c ∘ τ(q + δθ)``, by fixed point."""
+    deflection = np.zeros(q.shape)
+    for _ in range(_BALANCE_ROUNDS):
+        _, torque = _load(Configurations(robot, q + deflection), part)
+        change = np.abs(compliance * torque - deflection).max()
+        deflection = compliance * torque
+        if not np.abs(deflection).max() <= _LARGEST_DEFLECTION:
+            break
+        if change <= _BALANCED:
+            return deflection, torque
+    raise SolverError(
+        "the load finds no balance near the unloaded posture with joints as soft as these",
+        where="complementary_stiffness",
+        remedy="neglect the complementary stiffness, or check the units of force and length",
+    )
+
+
+def _load(configurations: Configurations, part: Measurements) -> tuple[FloatArray, FloatArray]:
+    """J_v at the load point (B, 3, n) [m/rad] and the load's torques (B, n) [N·m]."""
+    load_points = configurations.to_base(part.load_point[:, None])
+    load_jacobian = configurations.jacobian_at(load_points)[:, 0]
+    return load_jacobian, joint_torque(configurations, load_jacobian, part.force, part.moment)
+
+
+def _assembled(
+    configurations: Configurations,
+    load_jacobian: FloatArray,
+    torque: FloatArray,
+    points: FloatArray,
+    part: Measurements,
+) -> RegressorBlock:
+    jacobian = configurations.jacobian_at(points)
+    A = jacobian * torque[:, None, None]
+    if not part.present.all():
+        A[~part.present] = 0.0
+    return RegressorBlock(configurations, torque, load_jacobian, points, jacobian, A, part)
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (METHOD.md §5, step 1).
+
+    Args:
+        covariance: (..., m, m).
+
+    Returns:
+        (..., m, m) lower triangular.
+
+    Raises:
+        MeasurementError: if a covariance is not finite, symmetric and positive definite.
+    """
+    scale = np.abs(covariance).max()
+    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
+        raise _not_a_covariance()
+    try:
+        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise _not_a_covariance() from None
+    return inverse
+
+
+def _not_a_covariance() -> MeasurementError:
+    return MeasurementError(
+        "a covariance is not finite, symmetric and positive definite",
+        where="noise",
+        remedy="check the stated uncertainties",
+    )

@@ -1,0 +1,241 @@
+"""What a resample needs of each configuration, computed once: weighted rows and their Gram matrices.
+
+A method's least-squares problem on some of the configurations is a sum over them (METHOD.md §5, §6):
+with the weighted rows M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn),
+``Σ w_i M_iᵀ M_i`` holds G = AᵀA, h = Aᵀd and all else that the fit takes from the readings.
+
+Sums over configurations and joints are written without BLAS, which groups them by the size of the matrix
+and the number of threads: a resample's numbers must not depend on which others are computed with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.identification import Settings, identify, spherical_wrist
+from jointstiff.solver.observability import Exposure
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import (
+    DerivedReadings,
+    RegressorBlock,
+    encoder_readings,
+    fit_displacement,
+    pose_readings,
+    regressor_blocks,
+    target_readings,
+    wrist_centre_readings,
+)
+from jointstiff.solver.robot import WRIST_JOINTS, Robot
+
+__all__ = ["GramBlocks", "StageBlocks", "gram_blocks", "refuse_nonlinear"]
+
+JointIndices = IndexArray
+
+_TILE_RESIDUALS = 2**17
+"""Most residuals at a time, 1 MB: they stay in the cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageBlocks:
+    """One least-squares problem of a method, configuration by configuration.
+
+    Columns are divided by their norms over the full set, so that no square under- or overflows, and a
+    diagonal entry of a sum of `gram` is the share of the full set's information on that column.
+
+    Attributes:
+        joints: (p,) the joints that it estimates.
+        known: (q,) joints that an earlier stage has estimated; their deflection is subtracted.
+        rows: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read.
+        gram: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows.
+        unit: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)].
+        size: norm of the weighted readings d, by which they are divided.
+    """
+
+    joints: JointIndices
+    known: JointIndices
+    rows: FloatArray
+    gram: FloatArray
+    unit: FloatArray
+    size: float = 1.0
+
+    def total(self, weights: FloatArray) -> FloatArray:
+        """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
+        upper = np.triu_indices(self.gram.shape[1])
+        sums: FloatArray = np.zeros((len(upper[0]), len(weights)))
+        for weight, gram in zip(np.ascontiguousarray(weights.T), self.gram[:, *upper], strict=True):
+            sums += gram[:, None] * weight
+        total: FloatArray = np.empty((len(weights), *self.gram.shape[1:]))
+        total[:, *upper] = sums.T
+        total[:, upper[1], upper[0]] = sums.T
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class GramBlocks:
+    """A method on a measurement set, ready to be fitted to any of its N configurations.
+
+    Attributes:
+        parameters: n, number of joints.
+        stages: of the method, in the order in which they are solved.
+        visible: (v,) the joints that leave a trace in the full set.
+        regressor: (v, 3, M) of the M readings of all targets in all configurations, axes of R0
+            [m/(rad/(N·m))]; compensation is judged on these whatever a method fits.
+        deflection: (3, M) of the same readings, axes of R0 [m].
+        characteristic_length: [m], that of the full set, if the weighting uses one.
+    """
+
+    parameters: int
+    stages: tuple[StageBlocks, ...]
+    visible: JointIndices
+    regressor: FloatArray
+    deflection: FloatArray
+    characteristic_length: float | None
+
+    def __len__(self) -> int:
+        return len(self.stages[0].rows)
+
+    def compensation(self, compliance: FloatArray) -> FloatArray:
+        """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (METHOD.md §6).
+
+        Args:
+            compliance: (K, n) [rad/(N·m)].
+
+        Returns:
+            (K,) dimensionless; NaN where a visible joint has no number.
+        """
+        moved = np.linalg.norm(self.deflection, axis=0).mean()
+        left = np.empty(len(compliance))
+        step = max(1, _TILE_RESIDUALS // self.deflection.size)
+        for first in range(0, len(left), step):
+            part = compliance[first : first + step, self.visible]
+            residual = np.repeat(self.deflection[None], len(part), axis=0)
+            for c, column in zip(part.T, self.regressor, strict=True):
+                residual -= c[:, None, None] * column
+            left[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
+        shares: FloatArray = 1.0 - left / moved
+        return shares
+
+
+def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
+    """Compute the blocks of a method.
+
+    The full set is identified first: what it cannot support is refused in its words, and where a
+    characteristic length is to be found, it is that of the full set for all resamples.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method and weighting; its bounds and confidence play no part.
+
+    Raises:
+        JointstiffError: as `jointstiff.solver.identification.identify` does on the full set.
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+    """
+    refuse_nonlinear(settings)
+    unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
+    length = identify(robot, measurements, unbounded).characteristic_length
+    exposure = Exposure(robot.joint_names)
+    weighted: list[tuple[FloatArray, ...]] = []
+    regressors, deflections = [], []
+    for block in regressor_blocks(robot, measurements):
+        exposure.add(block)
+        weighted.append(_weighted_rows(robot, settings, length, block))
+        present = block.measurements.present
+        regressors.append(block.A[present])
+        deflections.append(block.measurements.deflection[present])
+    visible = np.flatnonzero(~exposure.visibility().null)
+    rows = [np.concatenate([of_block[s] for of_block in weighted]) for s in range(len(weighted[0]))]
+    return GramBlocks(
+        parameters=robot.n,
+        stages=_stages(rows, visible, robot.n - WRIST_JOINTS),
+        visible=visible,
+        regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
+        deflection=np.ascontiguousarray(np.concatenate(deflections).T),
+        characteristic_length=length,
+    )
+
+
+def refuse_nonlinear(settings: Settings) -> None:
+    """Sums over configurations serve every draw only where no draw changes the rows.
+
+    Raises:
+        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+    """
+    if settings.loss != "squared":
+        raise UnsupportedMethodError(
+            f"resampling goes with the squared loss, and loss {settings.loss} was asked for",
+            where="resampling",
+            remedy="leave resampling out, or use loss squared without the suspicious readings",
+        )
+    if settings.complementary_stiffness:
+        raise UnsupportedMethodError(
+            "resampling neglects the complementary stiffness, and it was to be included",
+            where="resampling",
+            remedy="leave resampling out, or neglect the complementary stiffness",
+        )
+    if settings.prior is not None or settings.order:
+        raise UnsupportedMethodError(
+            "resampling goes with neither priors nor an order of the joints",
+            where="resampling",
+            remedy="leave resampling out, or priors and order",
+        )
+
+
+def _weighted_rows(
+    robot: Robot, settings: Settings, length: float | None, block: RegressorBlock
+) -> tuple[FloatArray, ...]:
+    """(B, r, n + 1) rows for each stage, weighted as `jointstiff.solver.fitting.methods` does."""
+    uniform = settings.weighting == "uniform"
+    count, equal = len(block.torque), np.ones(3) if uniform else None
+    joints = np.arange(robot.n)
+    if settings.method == "partial_pose":
+        return (_with_encoders(_weigh(target_readings(block), equal, count), block, joints),)
+    displacement = fit_displacement(block)
+    if settings.method == "complete_pose":
+        length = 1.0 if uniform else length
+        weight = None if length is None else np.repeat([1.0 / length, 1.0], 3)
+        return (_with_encoders(_weigh(pose_readings(block, displacement), weight, count), block, joints),)
+    centre, *_ = wrist_centre_readings(block, displacement, spherical_wrist(robot).centre)
+    return (
+        _with_encoders(_weigh(centre, equal, count), block, joints[:-WRIST_JOINTS]),
+        _with_encoders(_weigh(target_readings(block), equal, count), block, joints[-WRIST_JOINTS:]),
+    )
+
+
+def _with_encoders(rows: FloatArray, block: RegressorBlock, joints: JointIndices) -> FloatArray:
+    """The rows (B, r, n + 1) of a stage, and after them those of the encoders of some joints."""
+    encoders = encoder_readings(block, joints)
+    return rows if encoders is None else np.concatenate([rows, encoders.whitened()], axis=1)
+
+
+def _weigh(readings: DerivedReadings, root_weight: FloatArray | None, count: int) -> FloatArray:
+    """Rows weighted by covariance, or by the given factors, configuration by configuration."""
+    rows = readings.whitened() if root_weight is None else readings.weighted(root_weight)
+    return rows.reshape(count, -1, rows.shape[-1])
+
+
+def _stages(rows: list[FloatArray], visible: JointIndices, arm_joints: int) -> tuple[StageBlocks, ...]:
+    """One stage for all joints, or two: the arm from the wrist centre, then the wrist from the targets."""
+    if len(rows) == 1:
+        return (_stage(rows[0], visible, visible[:0]),)
+    arm, wrist = visible[visible < arm_joints], visible[visible >= arm_joints]
+    stages = ((rows[0], arm, arm[:0]), (rows[1], wrist, arm))
+    return tuple(_stage(of_stage, joints, known) for of_stage, joints, known in stages if len(joints))
+
+
+def _stage(rows: FloatArray, joints: JointIndices, known: JointIndices) -> StageBlocks:
+    columns = np.concatenate([joints, known])
+    chosen = rows[..., [*columns, -1]]
+    largest = np.abs(chosen).max(axis=(0, 1))
+    # Scaled first: the squares of a column in other units may under- or overflow.
+    largest = np.where(largest > 0, largest, 1.0)
+    norms = np.sqrt(np.square(chosen / largest).sum(axis=(0, 1))) * largest
+    norms = np.where(norms > 0, norms, 1.0)
+    scaled = chosen / norms
+    gram = np.swapaxes(scaled, 1, 2) @ scaled
+    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1], float(norms[-1]))

@@ -1,0 +1,137 @@
+"""What many resamples say together: means, spreads and shares (METHOD.md §6; paper, Table II)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.resampling.resample import Resamples
+
+__all__ = ["ResamplingSummary", "summarise"]
+
+
+@dataclass(frozen=True, eq=False)
+class ResamplingSummary:
+    """Statistics of the estimates of each of n joints over K repetitions.
+
+    All but `share_undetermined` and `share_any_negative` are over the repetitions that determine the
+    joint; NaN where there are too few: none for a mean, share or interval, one for a deviation.
+
+    Attributes:
+        compliance_mean: (n,) [rad/(N·m)].
+        compliance_deviation: (n,) standard deviation of one repetition [rad/(N·m)].
+        compliance_interval: (n, 2) percentile interval [rad/(N·m)].
+        stiffness_mean: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`.
+        stiffness_deviation: (n,) of the same, of one repetition [N·m/rad].
+        stiffness_interval: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad];
+            open upwards (inf) where that reaches zero.
+        share_negative: (n,) negative compliance, hence negative stiffness.
+        share_infinite: (n,) compliance of exactly zero: these configurations cannot tell it from rigid.
+        share_at_bound: (n,) held by a bound, zero or another.
+        share_undetermined: (n,) of all K.
+        share_any_negative: of all K, those with at least one negative stiffness.
+        compensation_mean: over all configurations, of the repetitions that determine every visible joint.
+        compensation_deviation: standard deviation of one repetition.
+        compensation_interval: percentile interval.
+    """
+
+    compliance_mean: FloatArray
+    compliance_deviation: FloatArray
+    compliance_interval: FloatArray
+    stiffness_mean: FloatArray
+    stiffness_deviation: FloatArray
+    stiffness_interval: FloatArray
+    share_negative: FloatArray
+    share_infinite: FloatArray
+    share_at_bound: FloatArray
+    share_undetermined: FloatArray
+    share_any_negative: float
+    compensation_mean: float
+    compensation_deviation: float
+    compensation_interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Statistics:
+    """Of some numbers; NaN where there are too few."""
+
+    mean: float
+    deviation: float
+    interval: tuple[float, float]
+
+
+def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSummary:
+    """Summarise resamples.
+
+    Args:
+        resamples: K repetitions, at least one.
+        confidence: share of the repetitions within the percentile intervals.
+
+    Returns:
+        The statistics.
+
+    Raises:
+        RequestError: if there is no repetition, or the confidence is not between 0 and 1.
+    """
+    _refuse(resamples, confidence)
+    columns = [c[~np.isnan(c)] for c in resamples.compliance.T]
+    compliance = [_statistics(c, confidence) for c in columns]
+    stiffness = [_statistics(1.0 / c[c != 0], confidence) for c in columns]
+    compensation = resamples.compensation[~np.isnan(resamples.compensation)]
+    judged = _statistics(compensation, confidence)
+    intervals = np.array([of_joint.interval for of_joint in compliance])
+    return ResamplingSummary(
+        compliance_mean=np.array([of_joint.mean for of_joint in compliance]),
+        compliance_deviation=np.array([of_joint.deviation for of_joint in compliance]),
+        compliance_interval=intervals,
+        stiffness_mean=np.array([of_joint.mean for of_joint in stiffness]),
+        stiffness_deviation=np.array([of_joint.deviation for of_joint in stiffness]),
+        stiffness_interval=_stiffness_interval(intervals),
+        share_negative=_share(resamples, resamples.compliance < 0),
+        share_infinite=_share(resamples, resamples.compliance == 0),
+        share_at_bound=_share(resamples, resamples.active != 0),
+        share_undetermined=resamples.undetermined.mean(axis=0),
+        share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
+        compensation_mean=judged.mean,
+        compensation_deviation=judged.deviation,
+        compensation_interval=judged.interval,
+    )
+
+
+def _refuse(resamples: Resamples, confidence: float) -> None:
+    if not len(resamples.compliance):
+        raise RequestError(
+            "no repetition to summarise", where="resampling.repetitions", remedy="ask for at least one"
+        )
+    if not 0 < confidence < 1:
+        raise RequestError(
+            f"confidence is {confidence:g}", where="confidence", remedy="give a number between 0 and 1"
+        )
+
+
+def _statistics(values: FloatArray, confidence: float) -> _Statistics:
+    nothing = float("nan")
+    if not len(values):
+        return _Statistics(nothing, nothing, (nothing, nothing))
+    tail = (1.0 - confidence) / 2.0
+    lower, upper = np.quantile(values, [tail, 1.0 - tail])
+    deviation = float(values.std(ddof=1)) if len(values) > 1 else nothing
+    return _Statistics(float(values.mean()), deviation, (float(lower), float(upper)))
+
+
+def _share(resamples: Resamples, which: BoolArray) -> FloatArray:
+    """(n,) how many of the repetitions that determine a joint are among `which` (K, n)."""
+    determined = (~resamples.undetermined).sum(axis=0)
+    share: FloatArray = which.sum(axis=0) / np.where(determined > 0, determined, np.nan)
+    return share
+
+
+def _stiffness_interval(compliance: FloatArray) -> FloatArray:
+    """[1/c_hi, 1/c_lo] (n, 2), open upwards where the compliances (n, 2) reach zero."""
+    inverse = 1.0 / np.where(compliance == 0, np.nan, compliance)
+    reaches_zero = (compliance[:, 0] <= 0) & (compliance[:, 1] >= 0)
+    lower = np.where(compliance[:, 1] == 0, np.inf, inverse[:, 1])
+    return np.stack([lower, np.where(reaches_zero, np.inf, inverse[:, 0])], axis=1)

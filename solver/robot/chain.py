@@ -1,0 +1,259 @@
+"""The kinematics of a serial robot as plain data: joints from the base link to the flange link.
+
+Both readers, `solver.robot.urdf` and `solver.robot.dh`, end here, so everything behind them meets one kind of
+robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
+moving joints. Lengths are in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.robot.rotation import rpy_from_rotation
+
+__all__ = [
+    "MAX_CHAIN_JOINTS",
+    "MAX_MOVING_JOINTS",
+    "MAX_NAME_LENGTH",
+    "UNLIMITED_ANGLE",
+    "ChainJoint",
+    "FloatArray",
+    "KinematicChain",
+    "check_name",
+]
+
+FloatArray: TypeAlias = FloatArray
+
+MAX_MOVING_JOINTS = 32
+"""Most revolute joints of a chain: work and memory behind it grow with the cube of this number."""
+
+MAX_CHAIN_JOINTS = 64
+"""Most joints of a chain, fixed ones included."""
+
+MAX_NAME_LENGTH = 200
+"""Most characters in the name of a robot, a link or a joint."""
+
+UNLIMITED_ANGLE = 1e6
+"""A limit of this size [rad] or beyond means none, in what is written and in what is read."""
+
+_UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
+
+
+@dataclass(frozen=True, eq=False)
+class ChainJoint:
+    """A joint and the link behind it. Arrays are copied and read-only.
+
+    The joint's frame is the child link's frame at joint angle zero. A point x of the child link at
+    joint angle q lies at `rotation @ exp(q [axis]×) @ x + translation` in the parent link's frame.
+
+    Attributes:
+        name: name of the joint.
+        kind: `revolute` moves, `fixed` does not.
+        rotation: (3, 3), from the joint's frame to the parent link's frame.
+        translation: (3,) origin of the joint's frame in the parent link's frame [m].
+        axis: (3,) unit vector in the joint's frame; of no meaning for a fixed joint.
+        limits: least and greatest joint angle [rad], None without limits.
+        child: name of the link that the joint carries.
+
+    Raises:
+        RobotError: a name, number, axis, rotation or limit that cannot be one.
+    """
+
+    name: str
+    kind: Literal["revolute", "fixed"]
+    rotation: FloatArray
+    translation: FloatArray
+    axis: FloatArray
+    limits: tuple[float, float] | None
+    child: str
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "a joint")
+        place = f"joint '{self.name}'"
+        check_name(self.child, f"{place} child")
+        for field, shape in (("rotation", (3, 3)), ("translation", (3,)), ("axis", (3,))):
+            frozen = _frozen_array(getattr(self, field), shape, f"{place} {field}")
+            object.__setattr__(self, field, frozen)
+        _check_rotation(self.rotation, f"{place} rotation")
+        if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
+            raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
+        if self.limits is not None:
+            _check_limits(*self.limits, f"{place} limits")
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the joint has an angle."""
+        return self.kind == "revolute"
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicChain:
+    """The joints from the base link to the flange link, in order, each carrying the next link.
+
+    Attributes:
+        name: name of the robot.
+        base: name of the base link; its frame is R0.
+        flange: name of the flange link, which the last joint carries.
+        joints: all joints, fixed ones included.
+
+    Raises:
+        RobotError: an empty chain, one without moving joints, too many joints, duplicate or empty
+            names.
+    """
+
+    name: str
+    base: str
+    flange: str
+    joints: tuple[ChainJoint, ...]
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "the robot")
+        check_name(self.base, "the base link")
+        self._check_size()
+        _check_unique((joint.name for joint in self.joints), "joint")
+        _check_unique((self.base, *(joint.child for joint in self.joints)), "link")
+        if self.joints[-1].child != self.flange:
+            raise RobotError(
+                f"the last joint carries '{self.joints[-1].child}', not the flange '{self.flange}'",
+                remedy="end the chain at the flange",
+                where="flange",
+            )
+
+    def _check_size(self) -> None:
+        moving = sum(joint.is_moving for joint in self.joints)
+        if not self.joints:
+            raise RobotError("the chain has no joint", remedy="give it joints", where="chain")
+        if moving == 0:
+            raise RobotError(
+                f"a fixed-only chain: nothing moves between '{self.base}' and '{self.flange}'",
+                remedy="choose a base and a flange with revolute joints between them",
+                where="chain",
+            )
+        for count, most, what in (
+            (moving, MAX_MOVING_JOINTS, "moving joints"),
+            (len(self.joints), MAX_CHAIN_JOINTS, "joints, fixed ones included"),
+        ):
+            if count > most:
+                raise RobotError(
+                    f"the chain from '{self.base}' to '{self.flange}' has {count} {what}",
+                    remedy=f"at most {most} are supported: choose links closer to each other",
+                    where="chain",
+                )
+
+    @property
+    def revolute(self) -> tuple[ChainJoint, ...]:
+        """The moving joints, from the base on."""
+        return tuple(joint for joint in self.joints if joint.is_moving)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints, from the base on."""
+        return tuple(joint.name for joint in self.revolute)
+
+    def to_urdf(self) -> str:
+        """Write this chain, and nothing else, as a URDF that `solver.robot.urdf.read_urdf` reads back.
+
+        Links come without inertia, visual or mesh. Numbers keep every digit, except that a rotation
+        becomes roll, pitch and yaw (to a few units in the last place). A joint without limits
+        becomes `revolute` with limits ±`UNLIMITED_ANGLE`, so that each joint has exactly one
+        coordinate.
+        """
+        links = (self.base, *(joint.child for joint in self.joints))
+        return "\n".join(
+            [
+                f"<robot name={quoteattr(self.name)}>",
+                *(f"<link name={quoteattr(link)}/>" for link in links),
+                *(_joint_urdf(joint, parent) for joint, parent in zip(self.joints, links[:-1], strict=True)),
+                "</robot>",
+            ]
+        )
+
+
+def check_name(name: str, where: str) -> None:
+    """Refuse a name that people and programs could not tell from another.
+
+    Raises:
+        RobotError: Empty, longer than `MAX_NAME_LENGTH`, with control or other invisible
+            characters, or with spaces at an end.
+    """
+    if not name:
+        raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
+    if len(name) > MAX_NAME_LENGTH:
+        raise RobotError(
+            f"a name of {len(name)} characters, which begins {name[:40]!r}",
+            remedy=f"use at most {MAX_NAME_LENGTH} characters",
+            where=where,
+        )
+    if not name.isprintable() or name != name.strip():
+        raise RobotError(
+            f"the name {name[:60]!a} has invisible characters or spaces at an end",
+            remedy="use printable characters and no space at either end",
+            where=where,
+        )
+
+
+def _joint_urdf(joint: ChainJoint, parent: str) -> str:
+    rpy = _numbers(rpy_from_rotation(joint.rotation))
+    lower, upper = joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE)
+    motion = (
+        f'<axis xyz="{_numbers(joint.axis)}"/>'
+        f'<limit lower="{_numbers([lower])}" upper="{_numbers([upper])}" effort="0" velocity="0"/>'
+    )
+    return (
+        f'<joint name={quoteattr(joint.name)} type="{joint.kind}">'
+        f"<parent link={quoteattr(parent)}/><child link={quoteattr(joint.child)}/>"
+        f'<origin xyz="{_numbers(joint.translation)}" rpy="{rpy}"/>'
+        f"{motion if joint.is_moving else ''}</joint>"
+    )
+
+
+def _numbers(values: npt.ArrayLike) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values))
+
+
+def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> FloatArray:
+    array = np.array(value, dtype=np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise RobotError(
+            f"needs finite numbers of shape {shape}, has shape {array.shape}",
+            remedy="give exactly these numbers",
+            where=where,
+        )
+    array.flags.writeable = False
+    return array
+
+
+def _check_rotation(rotation: FloatArray, where: str) -> None:
+    skewness = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if skewness > _UNIT_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        raise RobotError("the matrix is not a rotation", remedy="make it orthonormal", where=where)
+
+
+def _check_limits(lower: float, upper: float, where: str) -> None:
+    finite = math.isfinite(lower) and math.isfinite(upper)
+    if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
+        raise RobotError(
+            f"the limits {lower:g} and {upper:g} rad leave no range",
+            remedy="give a finite lower limit not above the upper one, or no limits",
+            where=where,
+        )
+
+
+def _check_unique(names: Iterable[str], what: str) -> None:
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise RobotError(
+            f"{count} {what}s are named '{name}'",
+            remedy=f"give each {what} a name of its own",
+            where=f"{what} '{name}'",
+        )

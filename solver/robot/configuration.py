@@ -1,0 +1,107 @@
+"""Kinematics of many configurations at once, computed by Pinocchio when the object is made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.robot.model import Robot
+
+__all__ = ["Configurations"]
+
+
+class Configurations:
+    """N configurations of one robot; whoever holds them need not ask whether they are fresh.
+
+    Attributes:
+        jacobian: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the
+            point of the flange that passes through the origin of R0 [m/rad], the last three the
+            flange's angular velocity [rad/rad].
+        flange_rotation: (N, 3, 3) axes of the flange in R0.
+        flange_translation: (N, 3) origin of the flange frame in R0 [m].
+
+    All arrays are read-only.
+    """
+
+    jacobian: FloatArray
+    flange_rotation: FloatArray
+    flange_translation: FloatArray
+
+    def __init__(self, robot: Robot, q: FloatArray) -> None:
+        """Compute Jacobians and flange poses.
+
+        Args:
+            robot: the robot, n joints.
+            q: (N, n) angles of the model [rad].
+
+        Raises:
+            MeasurementError: if q has another shape or is not finite.
+        """
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != robot.n or not np.isfinite(q).all():
+            raise MeasurementError(
+                f"joint angles of shape {q.shape} where (N, {robot.n}) finite numbers are needed",
+                remedy=f"give {robot.n} angles for each configuration",
+            )
+        jacobian, rotation, translation = _forward(robot, q)
+        placement = robot.flange_placement
+        self.flange_translation = translation + rotation @ placement.translation
+        self.flange_rotation = rotation @ placement.rotation
+        self.jacobian = jacobian
+        for array in (self.jacobian, self.flange_rotation, self.flange_translation):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.jacobian)
+
+    @property
+    def angular_jacobian(self) -> FloatArray:
+        """J_ω (N, 3, n), axes of R0 [rad/rad]."""
+        return self.jacobian[:, 3:]
+
+    def jacobian_at(self, points: FloatArray) -> FloatArray:
+        """J_v for the flange-fixed points now at the given places (METHOD.md §1).
+
+        Column j is ``a_j × (x - o_j)``; the spatial Jacobian holds ``-a_j × o_j`` already.
+
+        Args:
+            points: (N, T, 3) places in R0 [m].
+
+        Returns:
+            (N, T, 3, n) linear velocities, axes of R0 [m/rad].
+        """
+        x, y, z = (points[:, :, i, None] for i in range(3))
+        v = self.jacobian[:, None, :3]
+        wx, wy, wz = (self.jacobian[:, None, i] for i in (3, 4, 5))
+        out = np.empty((*points.shape, self.jacobian.shape[2]))
+        out[:, :, 0] = v[:, :, 0] + wy * z - wz * y
+        out[:, :, 1] = v[:, :, 1] + wz * x - wx * z
+        out[:, :, 2] = v[:, :, 2] + wx * y - wy * x
+        return out
+
+    def to_base(self, points: FloatArray) -> FloatArray:
+        """Bring points (N, T, 3) from the flange frame to R0 [m]."""
+        turned: FloatArray = points @ self.flange_rotation.transpose(0, 2, 1)
+        return turned + self.flange_translation[:, None]
+
+
+def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Spatial Jacobians (N, 6, n) and placement of the flange's joint (N, 3, 3), (N, 3) in R0."""
+    model = robot.model
+    data = model.createData()
+    count = len(q)
+    jacobian = np.empty((count, 6, robot.n))
+    rotation = np.empty((count, 3, 3))
+    translation = np.empty((count, 3))
+    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
+    joint = data.oMi[robot.flange_joint_id]
+    live_rotation, live_translation = joint.rotation, joint.translation
+    live_jacobian = data.J.reshape(6, robot.n)  # of a single joint eigenpy makes a vector
+    for angles, J, R, t in zip(q, jacobian, rotation, translation, strict=True):
+        pin.computeJointJacobians(model, data, angles)
+        J[:] = live_jacobian
+        R[:] = live_rotation
+        t[:] = live_translation
+    return jacobian, rotation, translation

@@ -1,0 +1,393 @@
+"""The API as a client sees it: real process, real socket, both databases."""
+
+from __future__ import annotations
+
+import copy
+import json
+import threading
+import time
+import uuid
+
+import httpx
+import numpy as np
+import pytest
+from support.campaigns import METHODS, estimate, prepare, shared
+
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.robot import Robot
+from jointstiff.schemas.run import Run
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.inference import predict
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return simulate_campaign(default_arm(), load="dead_weight", configurations=8, seed=11)
+
+
+def post(client, path, body, status=201, **headers):
+    answer = client.post(path, json=body, headers=headers)
+    assert answer.status_code == status, answer.text
+    return answer.json()
+
+
+@pytest.fixture(scope="module")
+def robot_id(service, campaign):
+    with httpx.Client(base_url=service.url, timeout=60.0) as session:
+        return post(session, "/v1/robots", campaign["robot"])["id"]
+
+
+@pytest.fixture
+def readings(robot_id, campaign):
+    """A measurement set to post."""
+    return copy.deepcopy(campaign["measurement_set"]) | {"robot_id": robot_id}
+
+
+@pytest.fixture
+def set_id(client, readings):
+    return post(client, "/v1/measurement-sets", readings)["id"]
+
+
+class TestWholePath:
+    def test_fanuc_from_post_to_stiffness(self, client):
+        document = shared("fanuc_r2000ic/campaign")
+        robot = post(client, "/v1/robots", document["robot"])
+        stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
+        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"]})
+        stiffness = [joint["stiffness"] for joint in run["result"]["joints"]]
+        expected = [861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549]
+        np.testing.assert_allclose(stiffness, expected, rtol=1e-8)
+        assert run["result"]["compensation"] == pytest.approx(0.810339, abs=5e-7)
+
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("positive", [True, False])
+    def test_a_run_says_what_the_core_computes(self, client, campaign, set_id, method, positive):
+        answer = post(
+            client, "/v1/runs", {"measurement_set_id": set_id, "method": method, "positive": positive}
+        )
+        run = Run.model_validate(answer)
+        robot, measurements = prepare(campaign)
+        expected = estimate(robot, measurements, method=method, positive=positive)
+        assert run.state == "succeeded"
+        for joint, truth in zip(run.result.joints, expected.joints, strict=True):
+            assert (joint.name, joint.status, joint.compliance) == (
+                truth.name,
+                truth.status,
+                truth.compliance,
+            )
+        prediction = predict(robot, measurements, expected.compliance)
+        assert run.result.rms_residual == prediction.rms_residual
+        assert len(run.result.residuals) == 8 * 3
+        assert run.result.joints[0].status == "not_observable"
+        assert run.result.joints[0].stiffness is None
+
+    def test_repeating_a_run_gives_the_same_numbers_and_the_same_input_hash(self, client, set_id):
+        first, second = (post(client, "/v1/runs", {"measurement_set_id": set_id}) for _ in range(2))
+        assert first["id"] != second["id"]
+        assert first["result"] == second["result"]
+        assert first["provenance"]["input_hash"] == second["provenance"]["input_hash"]
+        other = post(client, "/v1/runs", {"measurement_set_id": set_id, "positive": False})
+        assert other["provenance"]["input_hash"] != first["provenance"]["input_hash"]
+        versions = first["provenance"]["versions"]
+        assert {"jointstiff", "pinocchio", "cvxpy", "clarabel", "numpy"} <= versions.keys()
+
+    def test_what_was_posted_comes_back(self, client, readings):
+        readings["observations"][0]["load_point"] = [0.1, 0.2, 0.3]
+        stored = post(client, "/v1/measurement-sets", readings)
+        fetched = client.get(f"/v1/measurement-sets/{stored['id']}").json()
+        assert fetched == stored
+        for sent, kept in zip(readings["observations"], fetched["observations"], strict=True):
+            given = {k: v for k, v in kept.items() if v is not None and k != "readings"}
+            assert given == {k: v for k, v in sent.items() if k != "readings"}
+            for reading, kept_reading in zip(sent["readings"], kept["readings"], strict=True):
+                assert {k: v for k, v in kept_reading.items() if v is not None} == reading
+
+    def test_resources_have_addresses(self, client, campaign):
+        answer = client.post("/v1/robots", json=campaign["robot"])
+        assert answer.headers["location"] == f"/v1/robots/{answer.json()['id']}"
+        assert client.get(answer.headers["location"]).json() == answer.json()
+
+    def test_a_failure_is_a_stored_run(self, client, readings):
+        for observation in readings["observations"]:
+            observation["force"] = [0.0, 0.0, 0.0]
+        stored = post(client, "/v1/measurement-sets", readings)
+        assert {w["code"] for w in stored["warnings"]} == {"zero_load"}
+        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"]})
+        assert run["state"] == "failed"
+        assert run["result"] is None
+        assert "never twists joint_1" in run["error"]["detail"]
+        assert client.get(f"/v1/runs/{run['id']}").json() == run
+
+    def test_warnings_are_stored_and_shown_on_every_run(self, client, readings):
+        readings["observations"][3]["readings"][0]["loaded"][2] += 0.005
+        stored = post(client, "/v1/measurement-sets", readings)
+        codes = {warning["code"] for warning in stored["warnings"]}
+        assert "targets_not_rigid" in codes
+        assert stored["warnings"][0]["where"].startswith("observations[3]")
+        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"]})
+        raised_by_the_fit = {"residuals_exceed_sigma"}
+        assert {warning["code"] for warning in run["result"]["warnings"]} == codes | raised_by_the_fit
+        assert run["result"]["warnings"][: len(stored["warnings"])] == stored["warnings"]
+
+
+class TestRobots:
+    def test_urdf_comes_back_reduced_to_the_chain(self, client, campaign):
+        robot = copy.deepcopy(campaign["robot"])
+        robot["model"]["urdf"] = robot["model"]["urdf"].replace(
+            "</robot>",
+            '<link name="camera"><visual><geometry><mesh filename="file:///etc/passwd"/></geometry></visual>'
+            '</link><joint name="camera_joint" type="fixed"><parent link="flange"/><child link="camera"/>'
+            "</joint></robot>",
+        )
+        stored = Robot.model_validate(post(client, "/v1/robots", robot))
+        assert "camera" not in stored.model.urdf
+        assert "mesh" not in stored.model.urdf
+        assert [joint.name for joint in stored.joints] == [f"joint_{i}" for i in range(1, 7)]
+        assert stored.wrist.spherical
+
+    @pytest.mark.parametrize(
+        ("change", "where"),
+        [
+            ({"name": "a\u0000b"}, "name"),
+            ({"name": ""}, "name"),
+            ({"extra": 1}, "extra"),
+            ({"model": {"format": "step"}}, "model"),
+            ({"model": {"format": "dh", "convention": "modified", "rows": []}}, "model.rows"),
+            ({"joint_map": {"matrix": [[1.0]], "offset": [0.0]}}, "joint_map.matrix"),
+            ({"joint_map": {"matrix": [[1.0, 2.0], [1.0]], "offset": [0.0, 0.0]}}, "joint_map.matrix"),
+        ],
+    )
+    def test_refused_with_the_place(self, client, campaign, change, where):
+        problem = Problem.model_validate(post(client, "/v1/robots", campaign["robot"] | change, 422))
+        assert problem.where == where
+        assert problem.remedy
+
+    def test_a_flange_that_is_not_there(self, client, campaign):
+        robot = copy.deepcopy(campaign["robot"])
+        robot["model"]["flange"] = "nothing"
+        problem = post(client, "/v1/robots", robot, 422)
+        assert "nothing" in problem["detail"] + problem["where"]
+
+    def test_unphysical_urdf_is_refused_with_the_joint(self, client, campaign):
+        robot = copy.deepcopy(campaign["robot"])
+        robot["model"]["urdf"] = robot["model"]["urdf"].replace('type="revolute"', 'type="floating"', 1)
+        problem = post(client, "/v1/robots", robot, 422)
+        assert "joint_1" in problem["where"]
+        assert "floating" in problem["detail"]
+
+
+def _edit(path, value):
+    def change(document):
+        *parents, last = path
+        for key in parents:
+            document = document[key]
+        document[last] = value
+
+    return change
+
+
+class TestMeasurementSets:
+    @pytest.mark.parametrize(
+        ("change", "where", "reason"),
+        [
+            (_edit(["robot_id"], "nobody"), "robot_id", "no robot 'nobody'"),
+            (_edit(["units"], {"length": "m", "angle": "rad"}), "units.force", "required"),
+            (_edit(["units", "length"], "inch"), "units.length", "'m' or 'mm'"),
+            (_edit(["observations"], []), "observations", "at least 1"),
+            (_edit(["observations", 2, "joints"], [0.0] * 5), "observations[2].joints", "5 joint angles"),
+            (_edit(["observations", 1, "label"], "c01"), "observations[1].label", "also that of"),
+            (_edit(["observations", 1, "readings"], []), "observations[1].readings", "at least 1"),
+            (
+                _edit(["observations", 0, "readings", 1, "target"], "P10"),
+                "observations[0].readings[1].target",
+                "twice",
+            ),
+            (
+                _edit(["observations", 0, "readings", 0], {"target": "P10"}),
+                "observations[0].readings[0]",
+                "either",
+            ),
+            (
+                _edit(["observations", 0, "readings", 0], {"target": "P10", "deflection": [0, 0, 0.001]}),
+                "observations[0].readings",
+                "its place is not given",
+            ),
+            (_edit(["load_point"], None), "observations[0].load_point", "where the force acts"),
+            (_edit(["observations", 0, "force", 0], 1e300), "observations[0].force[0]", "less than"),
+            (_edit(["noise"], {"sigma": 0}), "noise.sigma", "greater than or equal to"),
+            (_edit(["observations", 0, "force"], ["1500", 0, 0]), "observations[0].force[0]", "valid number"),
+            (_edit(["observations", 0, "force"], [True, 0, 0]), "observations[0].force[0]", "valid number"),
+            (_edit(["observations", 0, "force"], [1, 5, 0, 0]), "observations[0].force", "at most 3 items"),
+        ],
+    )
+    def test_refused_with_place_and_remedy_and_nothing_stored(self, client, readings, change, where, reason):
+        readings["name"] = f"refused {uuid.uuid4().hex}"
+        change(readings)
+        problem = Problem.model_validate(post(client, "/v1/measurement-sets", readings, 422))
+        assert problem.where == where
+        assert reason in problem.detail
+        assert problem.remedy
+        listed = client.get("/v1/measurement-sets", params={"name": readings["name"]}).json()
+        assert listed["items"] == []
+
+    def test_a_name_of_its_own_for_every_reading(self, client, readings):
+        for i, observation in enumerate(readings["observations"]):
+            for reading in observation["readings"]:
+                reading["target"] += f" {i}"
+        problem = post(client, "/v1/measurement-sets", readings, 422)
+        assert "24 different targets, more than 16" in problem["detail"]
+
+    def test_joints_of_the_wrong_number_everywhere(self, client, readings):
+        for observation in readings["observations"]:
+            observation["joints"].append(0.0)
+        problem = post(client, "/v1/measurement-sets", readings, 422)
+        assert "7 joint angles for a robot with 6 joints" in problem["detail"]
+
+    @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+    def test_numbers_that_are_not_finite(self, client, readings, number):
+        readings["observations"][0]["force"][0] = 123456.789
+        text = json.dumps(readings).replace("123456.789", number)
+        answer = client.post(
+            "/v1/measurement-sets", content=text, headers={"Content-Type": "application/json"}
+        )
+        assert answer.status_code == 422
+        assert answer.json()["where"] == "observations[0].force[0]"
+
+    def test_moment_in_millimetres_needs_its_unit(self, client, readings):
+        readings["units"]["length"] = "mm"
+        readings["observations"][0]["moment"] = [1.0, 0.0, 0.0]
+        problem = post(client, "/v1/measurement-sets", readings, 422)
+        assert problem["where"] == "units.moment"
+        readings["units"]["moment"] = "N.m"
+        post(client, "/v1/measurement-sets", readings)
+
+
+class TestRuns:
+    @pytest.mark.parametrize(
+        ("request_", "where"),
+        [
+            ({"method": "best"}, "method"),
+            ({"loss": "absolute"}, "loss"),
+            ({"stiffness_bounds": {"joint_2": [2e6, 1e6]}}, "stiffness_bounds"),
+            ({"stiffness_bounds": {"elbow": [1e6, None]}}, "stiffness_bounds.elbow"),
+            ({"characteristic_length": 0.5}, "characteristic_length"),
+            ({"positive": "no"}, "positive"),
+            ({"confidence": "0.9"}, "confidence"),
+            ({"method": "partial_pose", "weighting": "characteristic_length"}, "weighting"),
+            ({"measurement_set_id": "nothing"}, "measurement_set_id"),
+            ({"confidence": 1.0}, "confidence"),
+        ],
+    )
+    def test_refused_with_the_place_and_nothing_stored(self, client, set_id, request_, where):
+        problem = post(client, "/v1/runs", {"measurement_set_id": set_id} | request_, 422)
+        assert problem["where"] == where
+        assert problem["remedy"]
+        assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
+
+    def test_too_few_targets_for_the_method(self, client, readings):
+        for observation in readings["observations"]:
+            del observation["readings"][2]
+        set_id = post(client, "/v1/measurement-sets", readings)["id"]
+        problem = post(client, "/v1/runs", {"measurement_set_id": set_id, "method": "complete_pose"}, 422)
+        assert problem["type"].endswith("unsupported-method")
+        assert "needs 3 targets" in problem["detail"]
+
+    def test_bounds(self, client, set_id):
+        request = {"measurement_set_id": set_id, "stiffness_bounds": {"joint_3": [None, 1e6]}}
+        joint = post(client, "/v1/runs", request)["result"]["joints"][2]
+        assert joint["status"] == "at_bound"
+        assert joint["stiffness"] == pytest.approx(1e6)
+
+
+class TestIdempotency:
+    @pytest.mark.parametrize("kind", ["robots", "measurement-sets", "runs"])
+    def test_the_same_key_gives_one_resource(self, client, campaign, readings, set_id, kind):
+        body = {
+            "robots": campaign["robot"],
+            "measurement-sets": readings,
+            "runs": {"measurement_set_id": set_id},
+        }
+        key = {"Idempotency-Key": uuid.uuid4().hex}
+        first = post(client, f"/v1/{kind}", body[kind], **key)
+        assert post(client, f"/v1/{kind}", body[kind], **key) == first
+        changes = {"robots": {"name": "x"}, "measurement-sets": {"name": "x"}, "runs": {"positive": False}}
+        problem = post(client, f"/v1/{kind}", body[kind] | changes[kind], 422, **key)
+        assert problem["type"].endswith("idempotency-conflict")
+
+    def test_at_the_same_time(self, client, set_id):
+        key = {"Idempotency-Key": uuid.uuid4().hex}
+        identifiers = []
+
+        def send():
+            identifiers.append(post(client, "/v1/runs", {"measurement_set_id": set_id}, **key)["id"])
+
+        threads = [threading.Thread(target=send) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(identifiers) == 8
+        assert len(set(identifiers)) == 1
+        listed = client.get("/v1/runs", params={"measurement_set_id": set_id}).json()
+        assert len(listed["items"]) == 1
+
+
+class TestListings:
+    def test_pages_newest_first_and_filters(self, client, robot_id, set_id):
+        sent = [
+            post(client, "/v1/runs", {"measurement_set_id": set_id, "method": method, "positive": positive})[
+                "id"
+            ]
+            for method in METHODS
+            for positive in (True, False)
+        ]
+        seen, cursor = [], None
+        while True:
+            params = {"measurement_set_id": set_id, "limit": 4} | ({"cursor": cursor} if cursor else {})
+            page = client.get("/v1/runs", params=params).json()
+            seen += [run["id"] for run in page["items"]]
+            cursor = page["next"]
+            if cursor is None:
+                break
+        assert seen == sent[::-1]
+        filtered = client.get("/v1/runs", params={"robot_id": robot_id, "method": "partial_pose"}).json()
+        assert [run["id"] for run in filtered["items"]][:2] == sent[2:4][::-1]
+        summary = client.get("/v1/measurement-sets", params={"robot_id": robot_id}).json()["items"]
+        assert summary[0]["observation_count"] == 8
+        assert "observations" not in summary[0]
+
+    @pytest.mark.parametrize(
+        "query",
+        [
+            "limit=0",
+            "limit=101",
+            "limit=x",
+            "cursor=nonsense",
+            "method=best",
+            "metod=partial_pose",
+            "cursor=%00",
+        ],
+    )
+    def test_bad_queries(self, client, query):
+        answer = client.get(f"/v1/runs?{query}")
+        assert answer.status_code == 422
+        assert Problem.model_validate(answer.json()).remedy
+
+    def test_unknown(self, client):
+        for path in ("/v1/robots/x", "/v1/measurement-sets/x", "/v1/runs/x", "/v1/nothing"):
+            answer = client.get(path)
+            assert answer.status_code == 404
+            assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_health_and_index(client):
+    health = client.get("/health").json()
+    assert health["status"] == "ok"
+    assert health["database"] in {"sqlite", "postgresql"}
+    assert health["workers"] in {0, 1}
+    deadline = time.monotonic() + 60  # the service's own is heard of when it has read its libraries
+    while client.get("/health").json()["workers"] == 0:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert client.get("/v1").json()["runs"] == "/v1/runs"
+    assert client.get("/openapi.json").json()["info"]["title"] == "Jointstiff"

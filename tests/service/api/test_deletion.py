@@ -1,0 +1,300 @@
+"""Deletion with undo: on both databases, over HTTP, and by the clock of the janitor."""
+
+from __future__ import annotations
+
+import dataclasses
+import uuid
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import pytest
+from alembic import command
+from sqlalchemy import inspect
+from test_janitor import LedgerEngine
+from test_runs import request, runs_of, stored_set
+
+from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.jobs import Parts
+from jointstiff.service.store import (
+    KEEP_DELETED,
+    ComparisonEntry,
+    ComparisonRecord,
+    DeletedError,
+    IdempotencyKey,
+    MeasurementSetRecord,
+    NotEndedError,
+    NotFoundError,
+    PairEntry,
+    PairRecord,
+    RobotRecord,
+    RunEntry,
+    RunRecord,
+    Store,
+    StoreError,
+)
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.migrations import configuration
+from jointstiff.service.workers.recovery import Janitor
+from jointstiff.simulator import default_arm, simulate_campaign
+
+TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)
+ROBOT = RobotRecord("r1", "robot", TIME, "", "{}")
+SET = MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b"")
+RUN = RunRecord(
+    "u1", "s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, '{"id":"u1"}'
+)
+COMPARISON = ComparisonRecord("c1", "s1", "r1", "failed", TIME, '{"id":"c1"}')
+PAIR = PairRecord("p1", "s1", "s1", "r1", "cancelled", TIME, '{"id":"p1"}')
+ENTRIES = {RunRecord: RunEntry, ComparisonRecord: ComparisonEntry, PairRecord: PairEntry}
+KEY = IdempotencyKey("a key", "hash of a body")
+
+jobs = pytest.mark.parametrize("job", [RUN, COMPARISON, PAIR], ids=lambda job: job.title)
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        opened.add(ROBOT)
+        opened.add(SET)
+        yield opened
+
+
+def listed(store, kind):
+    return [entry.id for entry in store.page(ENTRIES[kind], limit=9).records]
+
+
+class TestStore:
+    @jobs
+    def test_hidden_and_brought_back_as_it_was(self, store, job):
+        kind = type(job)
+        others = [dataclasses.replace(job, id=name) for name in ("before", "after")]
+        for record in (others[0], job, others[1]):
+            store.add(record)
+        deletions = store.deletions(kind)
+        for _ in range(2):
+            deletions.delete(job.id, TIME)
+            assert listed(store, kind) == ["after", "before"]
+            with pytest.raises(DeletedError, match=f"{job.title}s/{job.id}/restore"):
+                store.get(kind, job.id)
+            with pytest.raises(DeletedError):
+                deletions.refuse_deleted(job.id)
+        for _ in range(2):
+            deletions.restore(job.id)
+            assert store.get(kind, job.id) == job
+            assert listed(store, kind) == ["after", job.id, "before"]
+            deletions.refuse_deleted(job.id)
+
+    @pytest.mark.parametrize("state", ["queued", "running"])
+    @jobs
+    def test_a_job_that_goes_on_stays(self, store, job, state):
+        store.add(dataclasses.replace(job, state=state))
+        with pytest.raises(NotEndedError) as caught:
+            store.deletions(type(job)).delete(job.id, TIME)
+        assert caught.value.remedy.startswith("cancel it first")
+        assert listed(store, type(job)) == [job.id]
+
+    @jobs
+    def test_unknown(self, store, job):
+        deletions = store.deletions(type(job))
+        for act in (lambda: deletions.delete("u9", TIME), lambda: deletions.restore("u9")):
+            with pytest.raises(NotFoundError) as caught:
+                act()
+            assert type(caught.value) is NotFoundError
+        deletions.refuse_deleted("u9")
+
+    def test_pages_and_filters_pass_over_what_is_deleted(self, store):
+        for number in range(6):
+            store.add(dataclasses.replace(RUN, id=f"u{number}"))
+        for number in (0, 2, 3, 5):
+            store.deletions(RunRecord).delete(f"u{number}", TIME)
+        first = store.page(RunEntry, limit=1, filters={"measurement_set_id": "s1"})
+        second = store.page(RunEntry, limit=1, filters={"measurement_set_id": "s1"}, cursor=first.next)
+        assert [page.records[0].id for page in (first, second)] == ["u4", "u1"]
+        assert second.next is None
+
+    def test_a_key_answers_as_before_while_its_resource_is_deleted(self, store):
+        store.add(RUN, KEY)
+        store.deletions(RunRecord).delete("u1", TIME)
+        again = dataclasses.replace(RUN, id="u2")
+        assert store.find(RunRecord, KEY) == store.add(again, KEY) == RUN
+        assert listed(store, RunRecord) == []
+
+    @jobs
+    def test_purged_after_a_while_with_all_that_names_it(self, store, job):
+        kind = type(job)
+        other = dataclasses.replace(job, id="other")
+        store.add(job, KEY)
+        store.add(other, IdempotencyKey("another key", "hash"))
+        log, deletions = store.job_log(kind), store.deletions(kind)
+        log.report(job.id, 0, 120)
+        deletions.delete(job.id, TIME)
+        deletions.delete(job.id, TIME + timedelta(days=20))  # which does not make it younger
+        assert deletions.purge(TIME, 9) == []
+        assert deletions.purge(TIME + timedelta(seconds=1), 9) == [job.id]
+        for find in (lambda: store.get(kind, job.id), lambda: deletions.restore(job.id)):
+            with pytest.raises(NotFoundError) as caught:
+                find()
+            assert type(caught.value) is NotFoundError
+        assert store.find(kind, KEY) is None
+        assert log.done(job.id) == 0
+        assert store.find(kind, IdempotencyKey("another key", "hash")) == other
+        assert store.add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
+
+    def test_the_longest_deleted_goes_first(self, store):
+        for day, name in enumerate(("u3", "u1", "u2")):
+            store.add(dataclasses.replace(RUN, id=name))
+            store.deletions(RunRecord).delete(name, TIME + timedelta(days=day))
+        assert store.deletions(RunRecord).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
+
+    def test_what_is_brought_back_is_not_purged(self, store):
+        store.add(RUN)
+        deletions = store.deletions(RunRecord)
+        deletions.delete("u1", TIME)
+        deletions.restore("u1")
+        assert deletions.purge(TIME + timedelta(days=400), 9) == []
+        assert store.get(RunRecord, "u1") == RUN
+
+
+def test_a_database_of_the_version_before_and_back(database_url):
+    with Store.open(database_url) as store:
+        for record in (ROBOT, SET, RUN, COMPARISON, PAIR):
+            store.add(record)
+        store.deletions(RunRecord).delete("u1", TIME)
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "0004")
+        for table in ("runs", "comparisons", "pairs"):
+            assert "deleted_at" not in {column["name"] for column in inspect(connection).get_columns(table)}
+            names = {index["name"] for index in inspect(connection).get_indexes(table)}
+            assert f"ix_{table}_deleted_at" not in names
+            assert f"ix_{table}_state_sequence" in names
+    database.close()
+    with Store.open(database_url) as store:
+        for record in (RUN, COMPARISON, PAIR):
+            assert store.get(type(record), record.id) == record  # the deleted one, too
+            store.deletions(type(record)).delete(record.id, TIME)
+            assert listed(store, type(record)) == []
+        with pytest.raises(StoreError, match="no measurement set 'nothing'"):
+            store.add(dataclasses.replace(RUN, id="u2", measurement_set_id="nothing"))
+
+
+class TestJobs:
+    @pytest.fixture
+    def runs(self, store):
+        return runs_of(store, lambda _connection, _kind, _run_id: None)
+
+    def test_a_run_is_cancelled_then_deleted_and_its_late_work_does_nothing(self, store, runs):
+        run = runs.create(request(stored_set(store)), None)
+        with pytest.raises(NotEndedError):
+            runs.delete(run.id)
+        runs.cancel(run.id)
+        before = runs.document(run.id)
+        runs.delete(run.id)
+        assert not runs.goes_on(run.id)
+        runs.fail(run.id, RuntimeError("of a worker that did not hear of it"))
+        with pytest.raises(DeletedError):
+            runs.cancel(run.id)
+        assert runs.restore(run.id) == before
+
+    def test_a_key_answers_with_the_deleted_run(self, store, runs):
+        asked = request(stored_set(store), resampling=None)
+        run = runs.create(asked, KEY)
+        runs.delete(run.id)
+        assert runs.create(asked, KEY) == run
+
+    def test_a_deleted_run_is_no_side_of_a_pair(self, store, runs):
+        parts = Parts.of(store)
+        run = runs.create(request(stored_set(store), resampling=None), None)
+        asked = {"first": {"run_id": run.id}, "second": {"run_id": run.id}}
+        runs.delete(run.id)
+        with pytest.raises(Exception, match="was deleted") as caught:
+            parts.pairs.create(PairRequest.model_validate(asked), None)
+        assert caught.value.where == "first.run_id"
+        assert "restore" in caught.value.remedy
+
+    @pytest.mark.parametrize("odd", ["\x00", "é", "a\x1f", "\ud800"])
+    def test_odd_ids(self, runs, odd):
+        for act in (runs.delete, runs.restore):
+            with pytest.raises(NotFoundError):
+                act(odd)
+
+    def test_the_janitor_removes_by_its_clock(self, store, runs):
+        deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
+        runs.delete(deleted.id)
+        clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
+        janitor = Janitor(store.heartbeats, {"run": runs}, LedgerEngine(), "alive", now=lambda: clock[0])
+        janitor.look()
+        runs.restore(deleted.id)
+        runs.delete(deleted.id)
+        clock[0] += timedelta(hours=2)
+        janitor.look()
+        with pytest.raises(NotFoundError) as caught:
+            runs.restore(deleted.id)
+        assert type(caught.value) is NotFoundError
+        assert runs.document(kept.id) == kept.document
+
+
+@pytest.fixture(scope="module")
+def set_id(service):
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
+    with httpx.Client(base_url=service.url, timeout=60.0) as client:
+        robot = client.post("/v1/robots", json=campaign["robot"]).json()
+        body = campaign["measurement_set"] | {"robot_id": robot["id"]}
+        return client.post("/v1/measurement-sets", json=body).json()["id"]
+
+
+class TestHttp:
+    @pytest.mark.parametrize("collection", ["runs", "comparisons", "pairs"])
+    def test_delete_and_restore(self, client, set_id, collection):
+        body = {"measurement_set_id": set_id}
+        if collection == "pairs":
+            body = {"first": body, "second": body}
+        key = {"Idempotency-Key": uuid.uuid4().hex}
+        created = client.post(f"/v1/{collection}", json=body, headers=key)
+        assert created.status_code == 201, created.text
+        address = created.headers["location"]
+        for _ in range(2):
+            answer = client.delete(address)
+            assert (answer.status_code, answer.content) == (204, b"")
+        gone = client.get(address)
+        assert gone.status_code == 404
+        problem = Problem.model_validate(gone.json())
+        assert problem.type.endswith(":deleted")
+        assert f"POST {address}/restore" in problem.remedy
+        names = [item["id"] for item in client.get(f"/v1/{collection}").json()["items"]]
+        assert created.json()["id"] not in names
+        if collection != "pairs":
+            assert client.get(f"{address}/events").status_code == 404
+        repeated = client.post(f"/v1/{collection}", json=body, headers=key)
+        assert (repeated.status_code, repeated.json()) == (201, created.json())
+        for _ in range(2):
+            restored = client.post(f"{address}/restore")
+            assert (restored.status_code, restored.json()) == (200, created.json())
+        assert client.get(address).json() == created.json()
+        assert client.get(f"/v1/{collection}").json()["items"][0]["id"] == created.json()["id"]
+
+    @pytest.mark.parametrize("collection", ["runs", "comparisons", "pairs"])
+    def test_unknown(self, client, collection):
+        for answer in (
+            client.delete(f"/v1/{collection}/nothing"),
+            client.post(f"/v1/{collection}/nothing/restore"),
+            client.delete(f"/v1/{collection}/%00"),
+            client.post(f"/v1/{collection}/%F0%9F%92%A9/restore"),
+        ):
+            assert answer.status_code == 404
+            assert Problem.model_validate(answer.json()).type.endswith(":not-found")
+
+    def test_a_run_that_goes_on(self, client, set_id):
+        resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
+        body = {"measurement_set_id": set_id, "resampling": resampling}
+        run = client.post("/v1/runs?wait=0", json=body)
+        assert run.status_code == 202
+        address = run.headers["location"]
+        refused = client.delete(address)
+        assert refused.status_code == 409
+        assert f"POST {address}/cancel" in refused.json()["remedy"]
+        client.post(f"{address}/cancel")
+        assert client.delete(address).status_code == 204

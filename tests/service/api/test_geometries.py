@@ -1,0 +1,791 @@
+"""Geometries over HTTP and in a terminal: sweeps and poses, robots and measurement sets made of them.
+
+The truth is that of the shared data and of `simulator.sweeps`, which shares no code with the solver.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.campaigns import shared
+from typer.testing import CliRunner
+
+from jointstiff.schemas.geometry import Geometry, GeometryRequest
+from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import StoredMeasurementSet
+from jointstiff.schemas.robot import RobotDocument, RobotRequest
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.cli.app import app
+from jointstiff.service.jobs import Parts
+from jointstiff.service.jobs.geometries import GeometryWork
+from jointstiff.service.store import DeletedError, GeometryEntry, IdempotencyKey, MeasurementSetRecord, Store
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.document import robot_document
+from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
+from jointstiff.solver.errors import MeasurementError, RequestError
+from jointstiff.solver.robot import Configurations
+
+SIGMA = 15e-6
+FANUC = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
+FANUC[2, 1] = -1.0
+BASE_TARGETS = {"B1": [0.5, 0.6, 0.1], "B2": [-0.5, 0.5, 0.0], "B3": [0.1, -0.6, 0.2], "B4": [0.6, -0.4, 0.4]}
+UNITS = {"length": "m", "angle": "rad"}
+
+
+@pytest.fixture
+def parts(database_url):
+    with Store.open(database_url) as store:
+        yield Parts.of(store)
+
+
+@pytest.fixture(scope="module")
+def memory():
+    with Store.open("sqlite://") as store:
+        yield Parts.of(store)
+
+
+@lru_cache
+def robot_id(parts, matrix=None):
+    """The nominal robot, stored once a store: a process of its own vets each URDF."""
+    document = robot_document(default_arm())
+    if matrix is not None:
+        document["joint_map"] = {"matrix": [list(row) for row in matrix], "offset": [0.0] * 6}
+    return parts.robots.create(RobotDocument.model_validate(document), None).id
+
+
+def positions(cell, angles, rng, sigma=SIGMA, names=("P10", "P11", "P12")):
+    """Positions as they are posted."""
+    points = cell.readings(angles)
+    points = points + rng.normal(0.0, sigma, points.shape)
+    return [
+        {"joints": q.tolist(), "targets": dict(zip(names, p.tolist(), strict=True))}
+        for q, p in zip(angles, points, strict=True)
+    ]
+
+
+def sweeps(cell, seed=0, count=15, sigma=SIGMA):
+    rng = np.random.default_rng([seed, 51])
+    return {
+        "units": UNITS,
+        "noise": {"sigma": sigma},
+        "sweeps": [
+            {
+                "joint": f"joint_{j + 1}",
+                "observations": positions(cell, cell.sweep(j, np.linspace(*SWEEPS[j], count)), rng, sigma),
+            }
+            for j in range(6)
+        ],
+    }
+
+
+def poses(cell, seed=0, count=30, still=None):
+    rng = np.random.default_rng([seed, 52])
+    limits = default_arm().limits
+    angles = 0.6 * rng.uniform(limits[:, 0], limits[:, 1], (count, 6)) @ np.linalg.inv(cell.matrix).T
+    if still is not None:
+        angles[:, still] = 0.3
+    return {"units": UNITS, "noise": {"sigma": SIGMA}, "poses": positions(cell, angles, rng)}
+
+
+def made(parts, document, **changes):
+    request = GeometryRequest.model_validate(document | changes)
+    return parts.geometries.current(parts.geometries.create(request, None).id)
+
+
+def base_readings(cell, rng, moved=None):
+    """Base targets as the tracker reads them, after a motion (R, t) in its frame."""
+    R, t = moved or (np.eye(3), np.zeros(3))
+    out = {}
+    for name, place in BASE_TARGETS.items():
+        point = cell.rotation @ place + cell.translation
+        out[name] = (R @ point + t + rng.normal(0.0, SIGMA, 3)).tolist()
+    return out
+
+
+def within(error, covariance, most=4.0):
+    """Whether no component, and not all of them together, are beyond `most` standard uncertainties."""
+    error, C = np.asarray(error, dtype=float), np.asarray(covariance)
+    values, vectors = np.linalg.eigh(C)
+    seen = values > 1e-6 * values[-1]  # across an axis only
+    square = float(np.sum((vectors.T @ error)[seen] ** 2 / values[seen]))
+    good = np.all(np.abs(error) <= most * np.sqrt(np.diag(C)) + 1e-12)
+    return good and stats.chi2.sf(square, int(seen.sum())) > 2 * stats.norm.sf(most)
+
+
+def across(error, direction):
+    direction = np.asarray(direction)
+    return error - direction * (error @ direction)
+
+
+def check_axis(found, point, direction):
+    gap = across(np.array(found["point"]) - point, direction)
+    assert within(gap, found["point_covariance"])
+    assert within(np.array(found["direction"]) - direction, found["direction_covariance"])
+
+
+class TestSharedSweeps:
+    """Issue 5: within 4 of their own standard uncertainties of truth.json, over HTTP."""
+
+    def test_all_numbers(self, client):
+        truth = shared("simulated/truth")["sweeps"]
+        robot = client.post("/v1/robots", json=shared("simulated/dead_weight_motor")["robot"]).json()
+        answer = client.post("/v1/geometries", json=shared("simulated/sweeps") | {"robot_id": robot["id"]})
+        assert answer.status_code == 201, answer.text
+        assert client.get(answer.headers["Location"]).json() == answer.json()
+        result = answer.json()["result"]
+        assert result["findings"] == []
+        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        for found, true in zip(result["axes"], truth["axes_at_zero"], strict=True):
+            point, direction = np.array(true["point"]), np.array(true["direction"])
+            check_axis(found["base"], point, direction)
+            check_axis(found["tracker"], R @ point + t, R @ direction)
+        frame = result["base_frame"]
+        placed = frame["transform_tracker_to_base"]
+        turn = R.T @ np.array(placed["rotation"]).T  # the true one after the found one undone
+        shift = -R.T @ t - turn @ placed["translation"]
+        small = 0.5 * (turn - turn.T)
+        motion = [*shift, small[2, 1], small[0, 2], small[1, 0]]
+        assert within(motion, frame["covariance"])
+        centre = np.array(truth["wrist_centre_in_base_at_home"])
+        for found in (*result["wrist"]["estimates"], result["wrist"]["combined"]):
+            assert within(np.array(found["base"]) - centre, found["base_covariance"])
+            assert within(np.array(found["tracker"]) - R @ centre - t, found["tracker_covariance"])
+        gap = np.array(result["wrist"]["combined"]["tracker"]) - R @ centre - t
+        assert np.linalg.norm(gap) < 20e-6
+        for target in result["targets"]:
+            true = truth["targets_in_flange"][target["name"]]
+            assert within(np.array(target["position"]) - true, target["covariance"])
+        for link in result["links"]:
+            assert abs(link["difference"]) < 4 * link["standard_uncertainty"]
+
+    def test_stiffness_as_with_the_nominal_model(self, memory):
+        """The same readings, once in R0 with the nominal robot, once in the tracker's frame as identified."""
+        campaign = shared("simulated/dead_weight_motor")
+        truth = shared("simulated/truth")["sweeps"]["tracker_from_base"]
+        nominal = memory.robots.create(RobotDocument.model_validate(campaign["robot"]), None).id
+        geometry = made(memory, shared("simulated/sweeps"), robot_id=nominal)
+        identified = memory.robots.create(from_geometry(geometry.id), None).id
+        tracked = in_tracker(campaign["measurement_set"], np.array(truth["rotation"]), truth["translation"])
+        frame = {"geometry_id": geometry.id}
+        expected = run(memory, stored(memory, campaign["measurement_set"], nominal))
+        found = run(memory, stored(memory, tracked | {"frame": frame}, identified))
+        assert [joint.status for joint in found] == [joint.status for joint in expected]
+        for one, other in zip(found, expected, strict=True):
+            if other.compliance is not None:
+                assert abs(one.compliance - other.compliance) < 0.02 * other.standard_uncertainty
+                assert one.standard_uncertainty == pytest.approx(other.standard_uncertainty, rel=0.01)
+
+
+def from_geometry(geometry_id):
+    model = {"format": "geometry", "geometry_id": geometry_id}
+    return RobotRequest.model_validate({"name": "as measured", "model": model})
+
+
+def in_tracker(document, R, t):
+    """A set of positions in R0, as a tracker would have read it."""
+    observations = []
+    for observation in document["observations"]:
+        readings = [
+            reading | {state: (R @ reading[state] + t).tolist() for state in ("unloaded", "loaded")}
+            for reading in observation["readings"]
+        ]
+        observations.append(observation | {"readings": readings})
+    return document | {"observations": observations}
+
+
+def stored(parts, document, robot):
+    request = MeasurementSetRequest.model_validate(document | {"robot_id": robot})
+    return parts.sets.create(request, None).id
+
+
+def run(parts, set_id, **options):
+    record = parts.runs.create(RunRequest(measurement_set_id=set_id, **options), None)
+    return parts.runs.current(record.id).result.joints
+
+
+class TestRobots:
+    def test_coupled_axes_give_a_robot_that_predicts_the_tracker(self, memory):
+        """A FANUC's joint map; the stored robot, asked elsewhere than it was measured, is where it is."""
+        cell = TrackedArm(imperfect_arm(3), matrix=FANUC)
+        nominal = robot_id(memory, tuple(map(tuple, FANUC)))
+        geometry = made(memory, sweeps(cell), robot_id=nominal)
+        result = geometry.result
+        assert [sweep.turned for sweep in result.sweeps][1] == ["joint_2", "joint_3"]
+        assert result.sweeps[1].targets[0].radius is None
+        record = memory.robots.create(from_geometry(geometry.id), None)
+        robot = memory.robots.load(record.id)[0]
+        assert json.loads(record.document)["geometry_id"] == geometry.id
+        assert robot.joint_map.matrix == pytest.approx(FANUC)
+        assert memory.robots.create(RobotDocument.model_validate(result.robot.model_dump()), None)
+        angles = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 6))
+        read = cell.readings(angles)
+        T = result.base_frame.transform_tracker_to_base
+        flange = np.array([target.position for target in result.targets])
+        configurations = Configurations(robot, robot.joint_map.model_angles(angles))
+        turned = np.einsum("nij,tj->nti", configurations.flange_rotation, flange)
+        predicted = turned + configurations.flange_translation[:, None]
+        gap = predicted - (read @ np.array(T.rotation).T + T.translation)
+        assert np.abs(gap).max() < 150e-6
+        assert np.sqrt(np.mean(gap**2)) < 40e-6
+
+    def test_dh_tables_are_robots_that_can_be_posted(self, memory):
+        geometry = made(memory, sweeps(TrackedArm(), count=8), robot_id=robot_id(memory))
+        for table in geometry.result.dh:
+            assert len(table.rows) == 6
+            assert table.deviation < 1e-3
+            assert [(pair.joint, pair.made_parallel) for pair in table.parallel] == [("joint_2", True)]
+            rows = [row.model_dump() for row in table.rows]
+            model = {"format": "dh", "convention": table.convention, "rows": rows}
+            request = RobotDocument.model_validate({"name": "as a table", "model": model})
+            assert memory.robots.create(request, None)
+
+    def test_dh_numbers_that_run_away_are_said(self, memory):
+        """Axes 2 and 3 are 1.1 mrad off parallel: d between them is a kilometre."""
+        result = made(memory, sweeps(TrackedArm(imperfect_arm(2)), count=8)).result
+        assert max(abs(row.d) for table in result.dh for row in table.rows) > 100.0
+        finding = next(one for one in result.findings if one.code == "axes_nearly_parallel")
+        assert finding.severity == "note"
+        assert finding.figure == pytest.approx(1.08e-3, abs=1e-5)
+
+    def test_without_a_nominal_model(self, memory):
+        cell = TrackedArm()
+        flange = {"by": "targets", "targets": ["P11", "P10", "P12"]}
+        result = made(memory, sweeps(cell), base={"by": "axes", "height": 0.78}, flange=flange).result
+        assert result.links == []
+        assert result.flange == "targets"
+        second = {target.name: target.position for target in result.targets}
+        assert second["P11"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+        assert second["P10"][1:] == pytest.approx((0.0, 0.0), abs=1e-9)
+        R = np.array(result.base_frame.transform_tracker_to_base.rotation)
+        assert R @ cell.rotation == pytest.approx(np.eye(3), abs=3e-4)
+
+    def test_a_geometry_that_is_not_there_makes_no_robot(self, memory):
+        with pytest.raises(RequestError) as caught:
+            memory.robots.create(from_geometry("nobody"), None)
+        assert caught.value.where == "model.geometry_id"
+
+
+class TestFindings:
+    def test_a_bumped_tracker_is_placed(self, memory):
+        document = sweeps(TrackedArm(), seed=4)
+        for position in document["sweeps"][2]["observations"][9:]:
+            position["targets"] = {name: [x + 3e-4, y, z] for name, (x, y, z) in position["targets"].items()}
+        found = made(memory, document).result.findings
+        bump = next(finding for finding in found if finding.code == "tracker_bumped")
+        assert (bump.severity, bump.where) == ("error", "sweep of joint_3, position 10")
+        assert bump.figure == pytest.approx(3e-4, rel=0.3)
+        assert bump.remedy
+
+    def test_joints_that_do_not_repeat_make_sweeps_disagree(self, memory):
+        cell, rng = TrackedArm(), np.random.default_rng(5)
+        document = sweeps(cell, seed=5)
+        for j, sweep in enumerate(document["sweeps"]):
+            real = cell.sweep(j, np.linspace(*SWEEPS[j], 15), HOME + rng.normal(0.0, 3e-4, 6))
+            sweep["observations"] = [
+                one | {"joints": shown["joints"]}
+                for one, shown in zip(positions(cell, real, rng), sweep["observations"], strict=True)
+            ]
+        together = made(memory, document).result
+        assert "sweeps_disagree" in {finding.code for finding in together.findings}
+        assert together.goodness.agreement_probability < 1e-6
+        alone = made(memory, document, fit="one_by_one").result
+        assert alone.goodness.agreement_probability is None
+        assert {finding.code for finding in alone.findings} == {"wrist_centres_disagree"}
+
+    def test_whether_the_controllers_angles_are_good_enough(self, memory):
+        document = sweeps(TrackedArm(), seed=6)
+        assert made(memory, document).result.goodness.controller_probability > 1e-3
+        for j, sweep in enumerate(document["sweeps"]):
+            for position in sweep["observations"]:
+                position["joints"][j] += 60e-6 * np.sin(12.0 * position["joints"][j])
+        assert made(memory, document).result.goodness.controller_probability < 1e-6
+
+    def test_sigma_from_the_residuals(self, memory):
+        document = sweeps(TrackedArm(), seed=7)
+        del document["noise"]
+        goodness = made(memory, document).result.goodness
+        assert goodness.sigma_source == "residuals"
+        assert goodness.sigma == pytest.approx(SIGMA, rel=0.1)
+
+    def test_an_instruments_sheet_weighs_readings(self, memory):
+        """Noise across the line of sight four times that along it: χ² is right, and the axes are better."""
+        cell, rng = TrackedArm(), np.random.default_rng(8)
+        document = sweeps(cell, seed=8, sigma=1e-12)
+        for sweep in document["sweeps"]:
+            for position in sweep["observations"]:
+                for name, point in position["targets"].items():
+                    sight = np.array(point) / np.linalg.norm(point)
+                    noise = rng.normal(0.0, 40e-6, 3)
+                    along = rng.normal(0.0, 10e-6)
+                    position["targets"][name] = (
+                        point + noise - sight * (sight @ noise) + sight * along
+                    ).tolist()
+        sheet = {
+            "range": {"constant": 10e-6, "per_distance": 0.0},
+            "transverse": {"constant": 40e-6, "per_distance": 0.0},
+        }
+        goodness = made(memory, document, noise={"instrument": sheet}).result.goodness
+        assert goodness.variance_factor == pytest.approx(1.0, abs=0.2)
+        assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
+
+
+class TestPoses:
+    def test_calibration_of_the_nominal_model(self, memory):
+        cell = TrackedArm(imperfect_arm(2))
+        result = made(memory, poses(cell), robot_id=robot_id(memory)).result
+        assert (result.poses.unknowns, result.poses.determined) == (33, 33)
+        assert result.poses.only_together == []
+        assert result.goodness.variance_factor == pytest.approx(1.0, abs=0.4)
+        assert [estimate.way for estimate in result.wrist.estimates] == ["axes"]
+        for j, found in enumerate(result.axes):
+            point, direction = cell.axis(j, np.zeros(6))
+            check_axis(found.tracker.model_dump(), point, direction)
+
+    def test_a_joint_that_never_turned_is_named(self, memory):
+        result = made(memory, poses(TrackedArm(), still=3), robot_id=robot_id(memory)).result
+        assert result.poses.determined == 29
+        assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
+        assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
+        assert result.axes[3].position_uncertainty is None
+        assert result.axes[3].base.point_covariance is None
+        assert result.axes[1].position_uncertainty < 100e-6
+        assert result.base_frame.covariance is not None
+        assert result.wrist is None
+        assert result.no_wrist
+        unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}
+        assert ("a", "joint_4") in unknown
+        assert ("a", "joint_2") not in unknown
+
+    def test_without_a_robot_they_are_refused(self):
+        with pytest.raises(ValueError, match="nominal"):
+            GeometryRequest.model_validate(poses(TrackedArm()))
+
+    def test_too_few(self, memory):
+        with pytest.raises(RequestError, match="27 coordinates for 33 unknowns"):
+            made(memory, poses(TrackedArm(), count=3), robot_id=robot_id(memory))
+
+
+class TestDrift:
+    MOTION = rotation_by([0.3, 0.2, 1.0], 120e-6), np.array([0.0, 4e-4, -2e-4])
+
+    def test_within_the_sweeps(self, memory):
+        cell, rng = TrackedArm(), np.random.default_rng(2)
+        before = base_readings(cell, rng)
+        still = made(memory, sweeps(cell), base_targets={"before": before, "after": base_readings(cell, rng)})
+        assert not still.result.drift.significant
+        moved = base_readings(cell, rng, self.MOTION)
+        moved["B4"] = [moved["B4"][0] + 1e-3, *moved["B4"][1:]]
+        drift = made(memory, sweeps(cell), base_targets={"before": before, "after": moved}).result
+        assert drift.drift.significant
+        assert drift.drift.moved_targets == ["B4"]
+        codes = {finding.code: finding.where for finding in drift.findings}
+        assert codes == {"base_drifted": "base_targets", "base_target_moved": "base_targets.after.B4"}
+
+    def test_is_removed_from_a_later_set(self, memory):
+        cell, rng = TrackedArm(), np.random.default_rng(3)
+        nominal = robot_id(memory)
+        geometry = made(
+            memory, sweeps(cell), robot_id=nominal, base_targets={"before": base_readings(cell, rng)}
+        )
+        assert geometry.result.drift is None
+        document = simulate_campaign(default_arm(), load="pull", sigma=1e-9, seed=3)["measurement_set"]
+        R, t = self.MOTION
+        tracked = in_tracker(document, R @ cell.rotation, R @ cell.translation + t)
+        tracked["units"] = {"length": "m", "angle": "rad", "force": "N"} | document["units"]
+        later = base_readings(cell, rng, self.MOTION)
+        frame = {"geometry_id": geometry.id, "base_targets": later}
+        sets = [
+            stored(memory, tracked | {"frame": frame | kept}, nominal)
+            for kept in ({}, {"base_targets": None})
+        ]
+        truth = memory.sets.prepared(stored(memory, document, nominal)).measurements.position
+        gaps = [np.abs(memory.sets.prepared(one).measurements.position - truth).max() for one in sets]
+        assert gaps[0] < 120e-6 < 250e-6 < gaps[1]
+        warnings = memory.sets.document(sets[0]).warnings
+        assert "base_drifted" in {warning.code for warning in warnings}
+
+    def test_that_cannot_be_compared(self, memory):
+        cell, rng = TrackedArm(), np.random.default_rng(4)
+        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        document = simulate_campaign(default_arm(), seed=3, configurations=4)["measurement_set"]
+        frame = {"geometry_id": geometry.id, "base_targets": base_readings(cell, rng)}
+        with pytest.raises(MeasurementError) as caught:
+            stored(memory, document | {"frame": frame}, robot_id(memory))
+        assert caught.value.where == "frame.base_targets"
+
+
+class TestFrames:
+    R, T = rotation_by([0.4, -1.0, 0.7], 2.3), np.array([1.3, -2.1, 0.4])
+
+    def prepared(self, parts, document):
+        return parts.sets.prepared(stored(parts, document, robot_id(parts))).measurements
+
+    @pytest.mark.parametrize("kind", ["positions", "deflections"])
+    @pytest.mark.parametrize("length", ["m", "mm"])
+    @pytest.mark.parametrize("noise", ["sigma", "covariance", "instrument"])
+    def test_the_same_set_in_another_frame(self, memory, kind, length, noise):
+        """Everything that the solver is given is as if it had been posted in R0."""
+        units = {"length": length, "angle": "deg", "force": "N"}
+        document = simulate_campaign(
+            default_arm(), load="pull", seed=1, configurations=4, units=units, readings=kind
+        )["measurement_set"]
+        unit = {"m": 1.0, "mm": 1e3}[length]
+        with_noise(document, noise, unit)
+        tracked = self.turned(document, unit, noise)
+        expected, found = self.prepared(memory, document), self.prepared(memory, tracked)
+        assert found.sigma == pytest.approx(expected.sigma, rel=1e-9)
+        for name in ("position", "deflection", "force", "moment", "load_point"):
+            assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-9)
+        assert found.covariance == pytest.approx(expected.covariance, abs=1e-9)
+
+    def turned(self, document, unit, noise):
+        """The document as the tracker says it: x = Rᵀ (y − T)."""
+        R, t = self.R, unit * self.T
+        out = json.loads(json.dumps(document))
+        out["frame"] = {"rotation": R.tolist(), "translation": t.tolist(), "forces": "tracker"}
+        ways = {
+            "unloaded": lambda place: R.T @ (np.array(place) - t),
+            "loaded": lambda place: R.T @ (np.array(place) - t),
+            "deflection": lambda vector: R.T @ vector,
+            "unloaded_covariance": lambda C: symmetric(R.T @ C @ R),
+            "loaded_covariance": lambda C: symmetric(R.T @ C @ R),
+        }
+        for observation in out["observations"]:
+            observation["force"] = (R.T @ observation["force"]).tolist()
+            for reading in observation["readings"]:
+                said = {name: way(reading[name]).tolist() for name, way in ways.items() if name in reading}
+                reading.update(said)
+        if noise == "instrument":
+            station = np.array(document["noise"]["instrument"]["station"])
+            out["noise"]["instrument"]["station"] = (R.T @ (station - t)).tolist()
+        return out
+
+    def test_forces_stay_in_r0_unless_said_otherwise(self, memory):
+        document = simulate_campaign(default_arm(), seed=1, configurations=4)["measurement_set"]
+        frame = {"rotation": self.R.tolist(), "translation": self.T.tolist()}
+        plain, turned = (
+            self.prepared(memory, document | {"frame": frame | more}) for more in ({}, {"forces": "tracker"})
+        )
+        assert plain.force == pytest.approx(self.prepared(memory, document).force)
+        assert turned.force == pytest.approx(plain.force @ self.R.T)
+
+    def test_targets_of_the_geometry_stand_in(self, memory):
+        """Deflections of targets that the set does not place; not where the flange frame is another."""
+        cell = TrackedArm()
+        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        document = simulate_campaign(
+            default_arm(), load="pull", seed=1, configurations=4, readings="deflections"
+        )["measurement_set"]
+        del document["flange_targets"]
+        for observation in document["observations"]:
+            for name, reading in zip(("P10", "P11", "P12"), observation["readings"], strict=False):
+                reading["target"] = name
+        framed = document | {"frame": {"geometry_id": geometry.id}}
+        identified = memory.robots.create(from_geometry(geometry.id), None).id
+        for robot in (robot_id(memory), identified):
+            set_id = stored(memory, framed, robot)
+            places = memory.sets.prepared(set_id).measurements.position[0]
+            assert places == pytest.approx(cell.targets[: len(places)], abs=30e-6)
+        other = memory.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
+        with pytest.raises(MeasurementError, match="its place is not given"):
+            stored(memory, framed, other)
+
+    def test_sets_of_earlier_versions_are_read_and_a_frame_is_part_of_the_hash(self, memory):
+        """That the hash of a set in R0 is what it was, `test_encoder_readings` pins."""
+        document = simulate_campaign(default_arm(), seed=1, configurations=4)["measurement_set"]
+        record = memory.store.get(MeasurementSetRecord, stored(memory, document, robot_id(memory)))
+        older = json.loads(record.document)
+        assert (older.pop("frame"), older.pop("resolved_frame")) == (None, None)
+        assert StoredMeasurementSet.model_validate(older) == StoredMeasurementSet.model_validate_json(
+            record.document
+        )
+        hashes = {record.content_hash}
+        for shift, forces in ((0.0, "base"), (0.1, "base"), (0.0, "tracker")):
+            frame = {"rotation": np.eye(3).tolist(), "translation": [shift, 0.0, 0.0], "forces": forces}
+            framed = stored(memory, document | {"frame": frame}, robot_id(memory))
+            hashes.add(memory.store.get(MeasurementSetRecord, framed).content_hash)
+        assert len(hashes) == 4
+
+    def test_a_set_outlives_its_geometry(self, memory):
+        cell = TrackedArm()
+        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        document = simulate_campaign(default_arm(), seed=2, configurations=4)["measurement_set"]
+        tracked = in_tracker(document, cell.rotation, cell.translation)
+        frame = {"geometry_id": geometry.id}
+        set_id = stored(memory, tracked | {"frame": frame}, robot_id(memory))
+        memory.geometries.delete(geometry.id)
+        with pytest.raises(DeletedError):
+            memory.geometries.current(geometry.id)
+        assert Parts.of(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
+            self.prepared(memory, document).position, abs=200e-6
+        )
+        with pytest.raises(RequestError) as caught:
+            stored(memory, tracked | {"frame": frame}, robot_id(memory))
+        assert caught.value.where == "frame.geometry_id"
+
+    @pytest.mark.parametrize(
+        ("frame", "where"),
+        [
+            ({"rotation": (2 * np.eye(3)).tolist(), "translation": [0, 0, 0]}, "frame.rotation"),
+            ({"rotation": np.diag([1.0, 1.0, -1.0]).tolist(), "translation": [0, 0, 0]}, "frame.rotation"),
+            ({"rotation": np.zeros((3, 3)).tolist(), "translation": [0, 0, 0]}, "frame.rotation"),
+            ({"rotation": np.eye(3).tolist()}, "frame"),
+            ({"geometry_id": "a", "rotation": np.eye(3).tolist(), "translation": [0, 0, 0]}, "frame"),
+            ({}, "frame"),
+            (
+                {"rotation": np.eye(3).tolist(), "translation": [0, 0, 0], "base_targets": BASE_TARGETS},
+                "frame",
+            ),
+            ({"geometry_id": "nobody"}, "frame.geometry_id"),
+        ],
+    )
+    def test_frames_that_are_none(self, client, frame, where):
+        robot = client.post("/v1/robots", json=LEVER).json()["id"]
+        answer = client.post("/v1/measurement-sets", json=LEVER_SET | {"robot_id": robot, "frame": frame})
+        assert answer.status_code == 422
+        assert answer.json()["where"] == where
+
+
+LEVER = {
+    "name": "lever",
+    "model": {
+        "format": "dh",
+        "convention": "standard",
+        "rows": [dict.fromkeys("ad", 1.0) | dict.fromkeys(("alpha", "theta"), 0.0)],
+    },
+}
+LEVER_SET = {
+    "name": "lever",
+    "units": {"length": "m", "angle": "rad", "force": "N"},
+    "encoders": "motor",
+    "load_point": [0, 0, 0],
+    "observations": [
+        {
+            "label": "1",
+            "joints": [0.0],
+            "force": [0, 100, 0],
+            "readings": [{"target": "P", "unloaded": [1, 0, 1], "loaded": [1, 1e-3, 1]}],
+        }
+    ],
+}
+
+
+class TestResource:
+    def test_is_stored_listed_and_deleted_on_every_database(self, parts):
+        document = GeometryRequest.model_validate(sweeps(TrackedArm()) | {"name": "cell 3"})
+        key = IdempotencyKey("key", "hash")
+        records = [parts.geometries.create(document, key) for _ in range(2)]
+        assert records[0] == records[1]
+        geometry = parts.geometries.current(records[0].id)
+        assert Geometry.model_validate_json(parts.geometries.document(geometry.id)) == geometry
+        assert (geometry.state, geometry.name) == ("succeeded", "cell 3")
+        named = made(parts, sweeps(TrackedArm()), robot_id=robot_id(parts))
+        for column, value, count in (
+            ("name", "cell 3", 1),
+            ("state", "succeeded", 2),
+            ("robot_id", robot_id(parts), 1),
+        ):
+            assert len(parts.store.page(GeometryEntry, limit=9, filters={column: value}).records) == count
+        parts.geometries.delete(named.id)
+        assert len(parts.store.page(GeometryEntry, limit=9).records) == 1
+        assert parts.geometries.restore(named.id)
+
+    def test_equal_inputs_have_equal_hashes(self):
+        document = sweeps(TrackedArm(), count=4)
+        hashes = []
+        for changes in ({}, {"name": "another"}, {"fit": "one_by_one"}):
+            request = GeometryRequest.model_validate(document | changes)
+            hashes.append(GeometryWork(request, None, "").input_hash(request))
+        assert hashes[0] == hashes[1] != hashes[2]
+
+    def test_filters(self, client):
+        assert client.get("/v1/geometries", params={"colour": "red"}).status_code == 422
+        assert client.get("/v1/geometries/nobody").status_code == 404
+
+
+def without(document, sweep):
+    document["sweeps"].pop(sweep)
+
+
+def short(document, count):
+    document["sweeps"][3]["observations"] = document["sweeps"][3]["observations"][:count]
+
+
+def still(document):
+    for position in document["sweeps"][2]["observations"]:
+        position["joints"][2] = 0.1
+
+
+def ragged(document):
+    document["sweeps"][1]["observations"][3]["joints"].pop()
+
+
+def crowded(document):
+    for number, position in enumerate(document["sweeps"][0]["observations"]):
+        position["targets"] = {f"T{number}": [1.0, 2.0, 3.0 + 0.1 * number]}
+
+
+def far(document):
+    for position in document["sweeps"][0]["observations"]:
+        position["targets"] = {name: [1e12, -1e12, 1e12] for name in position["targets"]}
+
+
+def alike(document):
+    for sweep in document["sweeps"]:
+        for position in sweep["observations"]:
+            position["targets"]["P11"] = position["targets"]["P12"] = position["targets"]["P10"]
+
+
+HOSTILE = {
+    "a joint without a sweep": (lambda d: without(d, 4), "sweeps"),
+    "three positions": (lambda d: short(d, 3), "sweep of joint_4"),
+    "a joint that did not move": (still, "sweep of joint_3"),
+    "angles of fewer joints": (ragged, "sweeps[1].observations[3].joints"),
+    "a joint that there is not": (lambda d: d["sweeps"][0].update(joint="J1"), "sweeps[0].joint"),
+    "two sweeps of one joint": (lambda d: d["sweeps"].append(d["sweeps"][0]), "sweeps"),
+    "a target of its own each time": (crowded, "sweeps"),
+    "far away": (far, None),
+    "no sweeps": (lambda d: d.pop("sweeps"), "body"),
+    "no units": (lambda d: d.pop("units"), "units"),
+    "poses, too": (lambda d: d.update(poses=d["sweeps"][0]["observations"]), "body"),
+    "a robot that there is not": (lambda d: d.update(robot_id="nobody"), "robot_id"),
+    "a flange on a target not read": (
+        lambda d: d.update(flange={"by": "targets", "targets": ["P10", "P11", "Q"]}),
+        "flange.targets[2]",
+    ),
+    "a nominal flange of no model": (lambda d: d.update(flange={"by": "nominal"}), "body"),
+    "a tracker at a target": (
+        lambda d: d.update(
+            noise={
+                "instrument": {
+                    "station": d["sweeps"][0]["observations"][0]["targets"]["P10"],
+                    "range": {"constant": 1e-5, "per_distance": 0},
+                    "transverse": {"constant": 1e-5, "per_distance": 0},
+                }
+            }
+        ),
+        "noise.instrument.station",
+    ),
+    "a joint map of another robot": (
+        lambda d: d.update(joint_map={"matrix": [[1.0]], "offset": [0.0]}),
+        None,
+    ),
+    "base targets on a line": (
+        lambda d: d.update(
+            base_targets={when: {f"B{i}": [i, i, i] for i in range(3)} for when in ("before", "after")}
+        ),
+        "base_targets",
+    ),
+    "no common base targets": (
+        lambda d: d.update(
+            base_targets={"before": {f"B{i}": [i, 0, i * i] for i in range(3)}, "after": BASE_TARGETS | {}}
+        ),
+        None,
+    ),
+    "all targets in one place, flange by them": (
+        lambda d: (alike(d), d.update(flange={"by": "targets", "targets": ["P10", "P11", "P12"]})),
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_cannot_be_used_is_refused_with_its_place(client, name):
+    change, where = HOSTILE[name]
+    document = sweeps(TrackedArm(), count=8)
+    change(document)
+    answer = client.post("/v1/geometries", json=document)
+    assert answer.status_code == 422, answer.text[:500]
+    problem = answer.json()
+    assert problem["remedy"]
+    if where is not None:
+        assert problem["where"] == where
+
+
+def test_targets_that_say_nothing_new_are_no_fault(memory):
+    """Three names of one target: no triangle, so that nothing is trilaterated."""
+    document = sweeps(TrackedArm(), count=8)
+    alike(document)
+    result = made(memory, document).result
+    assert "trilateration" not in {estimate.way for estimate in result.wrist.estimates}
+
+
+def test_limits_are_stated():
+    with pytest.raises(ValueError, match="at most 600 positions"):
+        GeometryRequest.model_validate(sweeps(TrackedArm(), count=600 // 6 + 1))
+    many = poses(TrackedArm(), count=MAX_GEOMETRY_READINGS // 3 + 1) | {"robot_id": "a"}
+    with pytest.raises(ValueError, match="at most 2000 readings"):
+        GeometryRequest.model_validate(many)
+
+
+class TestCommand:
+    @pytest.fixture
+    def file(self, tmp_path):
+        path = tmp_path / "sweeps.json"
+        path.write_text(json.dumps(sweeps(TrackedArm())))
+        robot = tmp_path / "robot.json"
+        robot.write_text(json.dumps(simulate_campaign(default_arm(), configurations=2)))
+        return [str(path), "--robot", str(robot)]
+
+    def test_tables(self, file, tmp_path):
+        output = tmp_path / "identified.json"
+        shown = CliRunner().invoke(app, ["geometry", *file, "--output", str(output)], env={"COLUMNS": "100"})
+        assert shown.exit_code == 0, shown.output
+        for text in (
+            "Links, nominal and identified",
+            "trilateration",
+            "decoupled method applies",
+            "µrad",
+            "mm",
+        ):
+            assert text in shown.output
+        assert RobotDocument.model_validate_json(output.read_text()).model.format == "urdf"
+        again = CliRunner().invoke(app, ["geometry", *file, "--output", str(output)])
+        assert again.exit_code == 2
+        assert "--overwrite" in again.output
+
+    def test_json(self, file):
+        shown = CliRunner().invoke(app, ["geometry", file[0], "--fit", "one_by_one", "--json"])
+        geometry = Geometry.model_validate_json(shown.stdout)
+        assert geometry.request.fit == "one_by_one"
+        assert geometry.result.base_frame.by == "axes"
+
+    def test_refused(self, tmp_path):
+        document = sweeps(TrackedArm())
+        short(document, 3)
+        (tmp_path / "short.json").write_text(json.dumps(document))
+        shown = CliRunner().invoke(app, ["geometry", str(tmp_path / "short.json")])
+        assert shown.exit_code == 2
+        assert "sweep of joint_4" in shown.output
+        assert "remedy" in shown.output
+
+
+def symmetric(C):
+    return 0.5 * (C + C.T)
+
+
+def with_noise(document, kind, unit):
+    """State noise in one of the ways, in the units of the document."""
+    document.pop("noise", None)
+    if kind == "sigma":
+        document["noise"] = {"sigma": 2e-5 * unit}
+    elif kind == "instrument":
+        document["noise"] = {
+            "instrument": {
+                "station": [-3.0 * unit, 1.0 * unit, 0.5 * unit],
+                "range": {"constant": 1e-5 * unit, "per_distance": 1e-6},
+                "transverse": {"constant": 2e-5 * unit, "per_distance": 6e-6},
+            }
+        }
+    else:
+        rng = np.random.default_rng(9)
+        for observation in document["observations"]:
+            for reading in observation["readings"]:
+                for name in ("unloaded_covariance", "loaded_covariance"):
+                    factor = 1e-5 * unit * (np.eye(3) + 0.5 * rng.normal(size=(3, 3)))
+                    reading[name] = (factor @ factor.T).tolist()

@@ -1,0 +1,221 @@
+"""Imports over HTTP: a preview, a measurement set that can be posted, and hostile forms."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import socket
+
+import pytest
+from support.importing_samples import CAMPAIGN, JOINTS, POINTS
+from test_importing_excel import SHEET, bomb, repacked, workbook
+
+from jointstiff.schemas.imports import ImportAnswer
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES
+from jointstiff.service.problems import MAX_PROBLEM_BYTES
+from jointstiff.simulator import default_arm, simulate_campaign
+
+OPTIONS = {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}
+MM = {"length": "mm", "angle": "deg", "force": "N"}
+FORM = {"Content-Type": "multipart/form-data; boundary=XyZ"}
+HEAD = b'--XyZ\r\nContent-Disposition: form-data; name="files"; filename="a.csv"\r\n\r\n'
+
+
+def send(client, *files, **options):
+    fields = [("files", file) for file in files]
+    return client.post("/v1/imports", files=[*fields, ("options", (None, json.dumps(options)))])
+
+
+def answered(client, *files, **options):
+    answer = send(client, *files, **options)
+    assert answer.status_code == 200, answer.text
+    return ImportAnswer.model_validate_json(answer.content)
+
+
+def refused(answer, *statuses):
+    assert answer.status_code in statuses, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert len(answer.content) <= MAX_PROBLEM_BYTES
+    problem = Problem.model_validate_json(answer.content)
+    assert problem.status == answer.status_code
+    return problem
+
+
+def table_of(campaign):
+    """The readings of a campaign document as a table, in its units: m, rad, N."""
+    readings = campaign["measurement_set"]
+    targets = [reading["target"] for reading in readings["observations"][0]["readings"]]
+    header = ["label", *(f"J{i} [rad]" for i in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")]
+    header += [f"{t} {s} {axis} [m]" for t in targets for s in ("unloaded", "loaded") for axis in "xyz"]
+    rows = [header]
+    for one in readings["observations"]:
+        numbers = [*one["joints"], *one["force"]]
+        for reading in one["readings"]:
+            numbers += [*reading["unloaded"], *reading["loaded"]]
+        rows.append([one["label"], *map(repr, numbers)])
+    return "\n".join(";".join(row) for row in rows).encode()
+
+
+class TestAnswers:
+    def test_from_a_table_to_the_same_stiffnesses(self, client):
+        campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
+        sent = campaign["measurement_set"]
+        options = {name: sent[name] for name in ("encoders", "noise", "load_point", "name") if name in sent}
+        found = send(client, ("cell 3.csv", table_of(campaign)), **options).json()
+        assert found["missing"] == []
+        robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
+        stiffness = []
+        for readings in (sent, found["measurement_set"]):
+            stored = client.post("/v1/measurement-sets", json=readings | {"robot_id": robot})
+            assert stored.status_code == 201, stored.text
+            run = client.post("/v1/runs", json={"measurement_set_id": stored.json()["id"]}).json()
+            stiffness.append([joint["stiffness"] for joint in run["result"]["joints"]])
+        assert stiffness[0] == stiffness[1]
+
+    def test_the_preview_says_what_was_understood(self, client):
+        found = answered(client, ("j.csv", JOINTS.encode()), ("p.txt", POINTS.encode()), units=MM, **OPTIONS)
+        assert [file.file for file in found.preview.files] == ["j.csv", "p.txt"]
+        assert found.preview.files[1].assumptions == [
+            "there is no header: the columns are name, x, y, z",
+        ]
+        assert found.measurement_set.name == "j"
+        assert found.measurement_set.observations[0].readings[0].loaded == (1245.6021, -310.1098, 237.9853)
+        assert found.measurement_set.load_point == (0.0, 0.0, 120.0)
+
+    def test_what_is_missing_is_said_and_no_set_made(self, client):
+        found = answered(client, ("p.txt", POINTS.encode()), units=MM)
+        assert found.measurement_set is None
+        for words in ("joint angles", "force", "`load_point`", "`encoders`"):
+            assert any(words in text for text in found.missing), words
+        found = answered(client, ("a.csv", CAMPAIGN.encode()), load_point=[0.0, 0.0, 0.0])
+        assert [text.partition(" ")[0] for text in found.missing] == ["which"]
+
+    def test_deflections_need_the_places_of_their_targets(self, client):
+        text = "label;J1 [deg];Fx [N];Fy [N];Fz [N];tcp dx [mm];tcp dy [mm];tcp dz [mm]\nc1;1;0;0;9;0;0;1\n"
+        for targets, complete in (({}, False), ({"other": [0.0] * 3}, False), ({"tcp": [0.0] * 3}, True)):
+            found = answered(client, ("a.csv", text.encode()), flange_targets=targets, **OPTIONS)
+            assert (found.measurement_set is not None) is complete
+            assert any("flange_targets" in text for text in found.missing) is not complete
+
+    def test_nothing_is_stored(self, client):
+        before = client.get("/v1/measurement-sets").json()
+        answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
+        assert client.get("/v1/measurement-sets").json() == before
+
+    def test_excel(self, client):
+        from_text = answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
+        from_excel = answered(client, ("a.xlsx", workbook()), **OPTIONS)
+        assert from_excel.measurement_set == from_text.measurement_set
+
+    @pytest.mark.parametrize(
+        ("text", "where", "reason"),
+        [
+            (CAMPAIGN.replace("-20.25", "x"), "a.csv:3:3", "not a number"),
+            (CAMPAIGN.replace("[N]", "[kg]", 1), "a.csv:2:5", "kg"),
+            ("", "a.csv", "empty"),
+        ],
+    )
+    def test_a_wrong_file_gets_its_place_and_the_remedy(self, client, text, where, reason):
+        problem = refused(send(client, ("a.csv", text.encode())), 422)
+        assert problem.type.endswith(":invalid-file")
+        assert problem.where == where
+        assert reason in problem.detail
+        assert problem.remedy
+
+    @pytest.mark.parametrize(
+        ("options", "where"),
+        [
+            (b"{", "options"),
+            (b"[]", "options"),
+            (b'{"unit": 1}', "options.unit"),
+            (b'{"units": {"length": "inch", "angle": "deg", "force": "N"}}', "options.units.length"),
+            (b'{"encoders": "both"}', "options.encoders"),
+            (b'{"load_point": [1, 2]}', "options.load_point"),
+            (b"\xff", "options"),
+            (b"[" * 50_000, "options"),
+        ],
+    )
+    def test_wrong_options(self, client, options, where):
+        form = [("files", ("a.csv", CAMPAIGN.encode())), ("options", (None, options))]
+        problem = refused(client.post("/v1/imports", files=form), 422)
+        assert problem.where.startswith(where)
+
+    def test_fields(self, client):
+        def post(*form):
+            return client.post("/v1/imports", files=list(form))
+
+        file = ("files", ("a.csv", b"1"))
+        assert refused(post(("options", (None, b"{}"))), 422).detail == "0 files"
+        assert "'other'" in refused(post(file, ("other", (None, b"1"))), 422).detail
+        assert refused(post(file, *[("options", (None, b"{}"))] * 2), 422).where == "options"
+        assert refused(post(("files", (None, b"1"))), 422).where == "files"
+        assert refused(post(("files", ("a" * 201, b"1"))), 422).where == "files"
+        assert refused(post(file, file), 422).detail == "two files of this name"
+        refused(post(file, ("options", (None, b" " * 70_000))), 413)
+
+    @pytest.mark.parametrize("media_type", ["application/json", "text/csv", "multipart/mixed", ""])
+    def test_only_forms(self, client, media_type):
+        answer = client.post("/v1/imports", content=b"{}", headers={"Content-Type": media_type})
+        assert "multipart/form-data" in refused(answer, 415).detail
+
+
+HOSTILE = {
+    "empty": b"",
+    "another boundary": HEAD.replace(b"XyZ", b"abc") + b"1\r\n--abc--\r\n",
+    "no end": HEAD + CAMPAIGN.encode(),
+    "cut short": (HEAD + CAMPAIGN.encode() + b"\r\n--XyZ--")[:-3],
+    "thousands of parts": (HEAD + b"\r\n") * 20_000 + b"--XyZ--",
+    "boundaries only": b"--XyZ\r\n" * 500_000 + b"--XyZ--",
+    "almost boundaries": HEAD + b"\r\n--Xy" * 1_000_000 + b"\r\n--XyZ--",
+    "a megabyte of headers": HEAD[:-2] + b"X-A: b\r\n" * 150_000 + b"\r\n1\r\n--XyZ--",
+    "one long header": HEAD.replace(b"a.csv", b"a" * 1_000_000) + b"1\r\n--XyZ--",
+    "backslashes": HEAD.replace(b"a.csv", b"\\" * 3_999) + b"1\r\n--XyZ--",
+    "headers in latin-1": HEAD.replace(b"a.csv", b"\xe9.csv") + b"1\r\n--XyZ--",
+    "nul in a name": HEAD.replace(b"a.csv", b"a\x00.csv") + b"1\r\n--XyZ--",
+    "markup in a name": HEAD.replace(b"a.csv", b"<script>\x07") + b"1\r\n--XyZ--",
+    "base64": HEAD[:-2] + b"Content-Transfer-Encoding: base64\r\n\r\nMTsy\r\n--XyZ--",
+    "another charset": HEAD[:-2] + b"Content-Type: text/csv; charset=utf-7\r\n\r\n+AGE-\r\n--XyZ--",
+    "a form in a form": HEAD + HEAD.replace(b"XyZ", b"abc") + b"1\r\n--abc--\r\n--XyZ--",
+    "gzip": gzip.compress(HEAD + b"1\r\n--XyZ--"),
+}
+
+
+class TestHostileForms:
+    @pytest.mark.parametrize("name", HOSTILE)
+    def test_refused(self, client, name):
+        answer = client.post("/v1/imports", content=HOSTILE[name], headers=FORM)
+        refused(answer, 413, 422)
+        assert "\x07" not in answer.text
+        assert client.get("/health").is_success
+
+    @pytest.mark.parametrize(
+        "content",
+        [
+            bomb(MAX_UNPACKED_BYTES + 1),
+            bomb(1, parts=1001),
+            repacked(workbook(), SHEET, lambda _: b"<a>" * 5_000_000),
+            repacked(workbook(), SHEET, lambda data: b'<!DOCTYPE a [<!ENTITY b "c">]>' + data),
+            b"PK\x03\x04" + b"\xff" * 10_000,
+        ],
+        ids=["unpacked", "parts", "tags", "entities", "noise"],
+    )
+    def test_excel_bombs(self, client, content):
+        assert refused(send(client, ("a.xlsx", content)), 422).where.startswith("a.xlsx")
+
+    def test_too_large(self, client):
+        problem = refused(send(client, ("a.csv", b"1;2\n" * (2 << 20))), 413)
+        assert "8192 KiB" in problem.detail
+
+    def test_a_body_without_end_is_cut_off(self, service):
+        """Chunked, so that no length is declared; the answer comes although the body never ends."""
+        host, port = service.url.removeprefix("http://").split(":")
+        chunk = b"x" * 65_536
+        with socket.create_connection((host, int(port)), timeout=20) as connection:
+            connection.sendall(
+                b"POST /v1/imports HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n"
+                b"Content-Type: multipart/form-data; boundary=XyZ\r\n\r\n"
+            )
+            for _ in range((8 << 20) // len(chunk) + 1):
+                connection.sendall(b"%x\r\n%s\r\n" % (len(chunk), chunk))
+            assert connection.recv(64).startswith(b"HTTP/1.1 413 ")

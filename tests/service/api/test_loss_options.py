@@ -1,0 +1,119 @@
+"""Robust loss and complementary stiffness as a user asks for them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.campaigns import prepare
+from typer.testing import CliRunner
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import Run, RunOptions, RunResult
+from jointstiff.service.cli.app import app
+from jointstiff.service.conversion import ReadingArrays
+from jointstiff.service.jobs.identify import run_identification
+from jointstiff.service.resources import PreparedSet
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.fixture(scope="module")
+def document():
+    """A dead weight, and a target that was bumped in one observation."""
+    simulated = simulate_campaign(default_arm(), load="dead_weight", seed=2)
+    simulated["measurement_set"]["observations"][4]["readings"][1]["loaded"][2] -= 2e-3
+    return simulated
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path, document):
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("NO_COLOR", "1")
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps(document))
+
+    def invoke(*arguments):
+        return CliRunner().invoke(app, ["identify", str(path), *arguments])
+
+    return invoke
+
+
+def result(document, **options) -> RunResult:
+    robot, measurements = prepare(document)
+    observations = Campaign.model_validate_json(json.dumps(document)).measurement_set.observations
+    readings = ReadingArrays.from_observations(observations)
+    prepared = PreparedSet(robot, measurements, readings, [], "robot", "hash")
+    return run_identification(prepared, RunOptions(**options))
+
+
+def test_huber_names_the_bumped_target(document):
+    found = result(document, loss="huber")
+    assert found.robust.threshold == 2.8
+    worst = found.robust.suspicious[0]
+    assert (worst.observation, worst.target) == ("c05", "P11")
+    assert worst.weight == pytest.approx(2.8 / worst.residual_norm)
+    assert found.robust.suspicious_count == len(found.robust.suspicious)
+    assert len(found.certificate.solved_by) == 2
+    assert result(document).robust is None
+
+
+def test_huber_is_nearer_the_truth_than_the_squared_loss(document):
+    errors = []
+    for loss in ("huber", "squared"):
+        pairs = zip(result(document, loss=loss).joints, default_arm().stiffnesses, strict=True)
+        errors.append(max(abs(j.compliance * k - 1) for j, k in pairs if j.compliance is not None))
+    assert errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("method", ["complete_pose", "partial_pose", "decoupled_partial_pose"])
+def test_every_run_tells_the_complementary_stiffness(document, method):
+    found = (
+        result(document, method=method),
+        result(document, method=method, complementary_stiffness="included"),
+    )
+    neglected, included = (of.complementary_stiffness for of in found)
+    assert (neglected.included, neglected.iterations) == (False, 0)
+    assert included.included
+    assert included.iterations > 1
+    assert neglected.largest_ratio == pytest.approx(included.largest_ratio, rel=0.05)
+    assert neglected.largest_shift == pytest.approx(included.largest_shift, rel=0.05)
+
+
+def test_it_warns_where_it_matters_and_says_the_remedy(document):
+    method = "decoupled_partial_pose"
+    remedies = {warning.code: warning.remedy for warning in result(document, method=method).warnings}
+    assert remedies["complementary_stiffness_matters"] == "set complementary_stiffness: included"
+    included = result(document, method=method, complementary_stiffness="included")
+    assert "complementary_stiffness_matters" not in {warning.code for warning in included.warnings}
+
+
+def test_residuals_are_those_of_the_model_that_was_fitted():
+    exact = simulate_campaign(default_arm(), load="dead_weight", seed=2, sigma=0.0)
+    assert result(exact, complementary_stiffness="included").rms_residual < 1e-8
+    assert result(exact).rms_residual > 1e-6
+
+
+def test_options_of_the_command(command):
+    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5", "--complementary-stiffness")
+    found = Run.model_validate_json(shown.stdout)
+    assert found.request.loss == "huber"
+    assert found.result.robust.threshold == 1.5
+    assert found.result.complementary_stiffness.included
+    refused = command("--huber-threshold", "1.5")
+    assert refused.exit_code == 2
+    assert "huber" in refused.output
+
+
+def test_table_tells_both(command):
+    shown = command("--loss", "huber").stdout
+    assert "c05, P11: residual of" in shown
+    assert "threshold 2.8 sigma" in shown
+    assert "complementary stiffness neglected" in shown
+
+
+@pytest.mark.parametrize("option", [("--loss", "huber"), ("--complementary-stiffness",)])
+def test_resampling_is_refused_in_words(command, option):
+    refused = command("--resample", "10", "--repetitions", "5", *option)
+    assert refused.exit_code != 0
+    assert "resampling" in refused.output
+    assert "remedy" in refused.output

@@ -1,0 +1,110 @@
+"""The contract: what the OpenAPI description promises is what the service does, whatever is sent."""
+
+from __future__ import annotations
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, settings
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from jointstiff.schemas.comparison import ComparisonRequest
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.robot import RobotRequest
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.api.examples import (
+    COMPARISONS,
+    GEOMETRIES,
+    IMPORTS,
+    MEASUREMENT_SETS,
+    PAIRS,
+    ROBOTS,
+    RUNS,
+)
+from jointstiff.service.app import create_app
+from jointstiff.service.importing import SourceFile
+from jointstiff.service.resources import import_files
+from jointstiff.service.store import Store
+
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
+
+
+with Store.open("sqlite://") as store:
+    DOCUMENT = create_app(store).openapi()
+
+schema = schemathesis.openapi.from_dict(DOCUMENT)
+
+
+@schema.parametrize()
+@settings(
+    max_examples=60,
+    deadline=None,
+    phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+def test_the_service_keeps_its_contract(case, service):
+    case.call_and_validate(base_url=service.url, checks=CHECKS)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["/v1/robots", "/v1/geometries", "/v1/measurement-sets", "/v1/runs", "/v1/comparisons", "/v1/pairs"],
+)
+def test_bodies_and_errors_are_described(name):
+    operation = DOCUMENT["paths"][name]["post"]
+    content = operation["requestBody"]["content"]["application/json"]
+    assert content["examples"]
+    assert content["schema"]["$ref"].split("/")[-1] in DOCUMENT["components"]["schemas"]
+    assert {"201", "413", "415", "422"} <= operation["responses"].keys()
+    assert operation["description"]
+
+
+def test_examples_are_valid():
+    for model, examples in (
+        (RobotRequest, ROBOTS),
+        (GeometryRequest, GEOMETRIES),
+        (MeasurementSetRequest, MEASUREMENT_SETS),
+        (RunRequest, RUNS),
+        (PairRequest, PAIRS),
+        (ComparisonRequest, COMPARISONS),
+    ):
+        for example in examples.values():
+            model.model_validate(example)
+
+
+def test_imports_are_described_and_their_example_is_complete():
+    operation = DOCUMENT["paths"]["/v1/imports"]["post"]
+    content = operation["requestBody"]["content"]["multipart/form-data"]
+    assert content["schema"]["properties"]["options"]["$ref"].endswith("/ImportRequest")
+    assert "ImportRequest" in DOCUMENT["components"]["schemas"]
+    assert {"200", "413", "415", "422"} <= operation["responses"].keys()
+    for example in IMPORTS.values():
+        files = [SourceFile(f"{i}.csv", text.encode()) for i, text in enumerate(example["files"])]
+        assert import_files(files, ImportRequest.model_validate(example["options"])).measurement_set
+
+
+@pytest.mark.parametrize("kind", ["run", "comparison", "pair"])
+def test_deletion_is_described(kind):
+    address = f"/v1/{kind}s/{{{kind}_id}}"
+    assert {"204", "404", "409"} <= DOCUMENT["paths"][address]["delete"]["responses"].keys()
+    assert {"200", "404"} <= DOCUMENT["paths"][f"{address}/restore"]["post"]["responses"].keys()
+
+
+def test_numbers_carry_their_unit():
+    schemas = DOCUMENT["components"]["schemas"]
+    for name in ("compliance", "stiffness", "standard_uncertainty", "compliance_interval"):
+        assert schemas["JointResult"]["properties"][name]["unit"], name
+    assert schemas["RunResult"]["properties"]["rms_residual"]["unit"] == "m"
+    assert schemas["DhRow"]["properties"]["alpha"]["unit"] == "rad"

@@ -1,0 +1,53 @@
+"""The page as the service answers with it: security headers, no inline code, files that never change."""
+
+import asyncio
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+from fastapi import FastAPI
+
+from jointstiff.service.api import install_page
+
+
+def test_page_has_a_strict_policy_and_no_inline_code(client):
+    answer = client.get("/")
+    assert answer.status_code == 200, answer.text
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "http" not in policy
+    assert not re.search(r"<script(?![^>]*\bsrc=)|<style|\bstyle=|\bon\w+=", answer.text)
+    assert not re.search(r"(src|href)=\"(https?:)?//", answer.text)
+
+
+def test_files_of_the_page_are_served_for_ever_and_are_not_sniffed(client):
+    page = client.get("/").text
+    files = re.findall(r"(?:src|href)=\"\./(assets/[^\"]+)\"", page)
+    assert files
+    for file in files:
+        answer = client.get(f"/{file}")
+        assert answer.status_code == 200
+        assert "immutable" in answer.headers["cache-control"]
+        assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_unknown_paths_and_files_outside_the_bundle_are_the_apis_to_refuse(client):
+    for path in ("/nowhere", "/assets/nothing.js", "/assets/../index.html", "/assets/%2e%2e/%2e%2e/app.py"):
+        answer = client.get(path)
+        assert answer.status_code == 404
+        assert answer.headers["content-type"].startswith("application/problem+json")
+
+
+def test_a_page_that_was_not_built_says_so(tmp_path):
+    app = FastAPI()
+    install_page(app, tmp_path)
+
+    async def ask():
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://page") as client:
+            return await client.get("/")
+
+    with ThreadPoolExecutor(1) as own_loop:  # the browser's tests leave one running in this thread
+        answer = own_loop.submit(lambda: asyncio.run(ask())).result()
+    assert answer.status_code == 503
+    assert "scripts/setup" in answer.text

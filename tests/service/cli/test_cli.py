@@ -1,0 +1,278 @@
+"""The command line as a newcomer uses it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+from support.campaigns import shared
+from typer.testing import CliRunner
+
+from jointstiff.schemas.comparison import Comparison
+from jointstiff.schemas.run import Run
+from jointstiff.service.cli.app import app
+
+
+@pytest.fixture
+def run(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def invoke(*arguments):
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    return invoke
+
+
+@pytest.fixture
+def campaign(run, tmp_path):
+    path = tmp_path / "campaign.json"
+    assert run("simulate", path, "--load", "dead_weight", "--seed", 2).exit_code == 0
+    return path
+
+
+def test_help_names_every_command_and_where_to_start(run):
+    shown = run("--help").output
+    for command in ("identify", "compare", "import", "serve", "worker", "simulate", "post", "demo"):
+        assert command in shown
+        assert run(command, "--help").exit_code == 0
+    assert "jointstiff simulate campaign.json" in shown
+
+
+def test_identify_prints_a_table_with_units_and_reasons(run, campaign):
+    shown = run("identify", campaign)
+    assert shown.exit_code == 0, shown.output
+    assert "10⁶ N·m/rad" in shown.stdout
+    assert "not observable" in shown.stdout
+    assert "the load never twists joint_1" in shown.stdout
+    assert "95 % interval" in shown.stdout
+
+
+def test_identify_json_is_the_run(run, campaign):
+    found = Run.model_validate_json(run("identify", campaign, "--json", "--method", "complete_pose").stdout)
+    assert found.state == "succeeded"
+    assert found.request.method == "complete_pose"
+    assert found.provenance.versions["jointstiff"]
+
+
+def test_options_override_the_file(run, campaign):
+    shown = run("identify", campaign, "--json", "--unconstrained", "--confidence", "0.9")
+    request = Run.model_validate_json(shown.stdout).request
+    assert not request.positive
+    assert request.confidence == 0.9
+
+
+def test_compare_shows_three_methods_twice(run, campaign):
+    shown = run("compare", campaign).stdout
+    for column in ("CP free", "CP ≥ 0", "PP free", "PP ≥ 0", "DPP free", "DPP ≥ 0"):
+        assert column in shown
+    assert "explained" in shown
+    found = Comparison.model_validate_json(run("compare", campaign, "--json").stdout)
+    assert [(entry.method, entry.positive) for entry in found.result.entries] == [
+        (method, positive)
+        for method in ("complete_pose", "complete_pose", "partial_pose", "decoupled_partial_pose")
+        for positive in (False, True)
+    ]
+
+
+def test_compare_says_why_a_method_is_missing(run, tmp_path):
+    path = tmp_path / "fanuc.json"
+    path.write_text(json.dumps(shared("fanuc_r2000ic/campaign")))
+    shown = run("compare", path)
+    assert shown.exit_code == 0
+    assert "needs 3 targets" in shown.stdout
+    assert "81.0 %" in shown.stdout
+
+
+def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
+    document = shared("fanuc_r2000ic/campaign")
+    del document["robot"]["joint_map"]
+    path = tmp_path / "fanuc.json"
+    path.write_text(json.dumps(document))
+    assert "-1.86" in run("identify", path, "--unconstrained").stdout
+    constrained = run("identify", path).stdout
+    assert "rigid" in constrained
+    assert "cannot tell it from rigid" in constrained
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "Invalid JSON"),
+        ("{}", "robot: Field required"),
+        ("[1, 2", "Invalid JSON"),
+        ('{"robot": {}, "measurement_set": {}}', "robot.name: Field required"),
+    ],
+)
+def test_files_that_are_no_campaign(run, tmp_path, text, expected):
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    shown = run("identify", path)
+    assert shown.exit_code == 2
+    assert expected in shown.stderr
+    assert "Traceback" not in shown.output
+
+
+def test_faults_in_the_readings_name_the_place(run, campaign):
+    document = json.loads(campaign.read_text())
+    document["measurement_set"]["observations"][4]["joints"].pop()
+    campaign.write_text(json.dumps(document))
+    shown = run("identify", campaign)
+    assert shown.exit_code == 2
+    assert "measurement_set.observations[4].joints" in shown.stderr
+    assert "remedy" in shown.stderr
+
+
+def test_simulate_does_not_overwrite(run, campaign):
+    before = campaign.read_bytes()
+    assert run("simulate", campaign).exit_code == 2
+    assert campaign.read_bytes() == before
+    assert run("simulate", campaign, "--overwrite", "--load", "dead_weight", "--seed", 2).exit_code == 0
+    assert campaign.read_bytes() == before
+
+
+def test_missing_file(run, tmp_path):
+    assert run("identify", tmp_path / "nothing.json").exit_code == 2
+
+
+@pytest.mark.parametrize("url", ["mysql://x/y", "nonsense", "sqlite:////proc/nothing/x.db"])
+def test_serve_with_a_database_that_cannot_be(run, url):
+    shown = run("serve", "--database", url, "--port", "0")
+    assert shown.exit_code == 2
+    assert "remedy" in shown.stderr
+
+
+def test_serve_on_a_port_in_use(run, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        shown = run("serve", "--port", port, "--database", f"sqlite:///{tmp_path / 'x.db'}")
+    assert shown.exit_code == 2
+    assert f"cannot listen on 127.0.0.1:{port}" in shown.stderr
+
+
+def test_demo_shows_the_whole_path_and_ends(tmp_path):
+    command = [sys.executable, "-m", "jointstiff", "demo", "--once", "--port", "0"]
+    done = subprocess.run(
+        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Joint stiffness, partial pose" in done.stdout
+    assert "DPP ≥ 0" in done.stdout
+
+
+def test_demo_leaves_the_service_running_until_interrupted(tmp_path):
+    command = [sys.executable, "-m", "jointstiff", "demo", "--port", "0"]
+    process = subprocess.Popen(
+        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        for line in process.stdout:
+            if "The service runs at" in line:
+                break
+        else:
+            pytest.fail("it ended")
+        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C does
+        assert process.wait(timeout=30) == 0
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_compare_shows_the_warnings_of_the_set(run, campaign):
+    document = json.loads(campaign.read_text())
+    for observation in document["measurement_set"]["observations"]:
+        observation["force"] = [-f for f in observation["force"]]
+    campaign.write_text(json.dumps(document))
+    for command in ("compare", "identify"):
+        assert "moved against" in " ".join(run(command, campaign).stdout.split())
+
+
+def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, campaign):
+    shown = run("identify", campaign, "--resample", 10, "--repetitions", 200)
+    assert shown.exit_code == 0, shown.output
+    assert "200 fits of 10 configurations drawn at random" in shown.stdout
+    found = Run.model_validate_json(
+        run("identify", campaign, "--resample", 10, "--repetitions", 200, "--json").stdout
+    )
+    joints = found.result.resampling.joints
+    assert joints[0].compliance_mean is None  # the whole set does not show it, so no part of it does
+    for joint, whole in zip(joints[1:], found.result.joints[1:], strict=True):
+        assert abs(joint.compliance_mean - whole.compliance) < 3 * whole.standard_uncertainty
+    assert found.progress.done == found.progress.total == 200
+
+
+def test_draws_larger_than_the_set_are_refused(run, campaign):
+    shown = run("identify", campaign, "--resample", 20)
+    assert shown.exit_code == 2
+    assert "run.resampling.size" in shown.stderr
+
+
+def test_post_follows_a_long_run(run, campaign, service):
+    document = json.loads(campaign.read_text())
+    document["run"] = {"resampling": {"size": 10, "repetitions": 100_000}}
+    campaign.write_text(json.dumps(document))
+    shown = run("post", campaign, "--server", service.url)
+    assert shown.exit_code == 0, shown.stderr
+    assert "100000 fits" in shown.stdout
+
+
+def test_version(run):
+    assert run("--version").stdout.startswith("jointstiff 0.")
+
+
+def test_simulate_where_nothing_can_be_written(run, tmp_path):
+    shown = run("simulate", tmp_path / "nowhere" / "x.json")
+    assert shown.exit_code == 2
+    assert "cannot write" in shown.stderr
+
+
+def test_a_byte_order_mark_does_no_harm(run, campaign):
+    campaign.write_bytes(b"\xef\xbb\xbf" + campaign.read_bytes())
+    assert run("identify", campaign).exit_code == 0
+
+
+def test_post_to_a_running_service(run, campaign, service):
+    shown = run("post", campaign, "--server", service.url)
+    assert shown.exit_code == 0, shown.stderr
+    assert f"{service.url}/v1/runs/" in shown.stdout
+    assert "Joint stiffness" in shown.stdout
+
+
+def test_post_to_nobody(run, campaign):
+    shown = run("post", campaign, "--server", "http://127.0.0.1:9")
+    assert shown.exit_code == 2
+    assert "jointstiff serve" in shown.stderr
+
+
+def test_the_database_is_one_file_after_the_service_ends(tmp_path):
+    path = tmp_path / "x.db"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", f"sqlite:///{path}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert str(path) in process.stdout.readline() + process.stdout.readline()
+    process.terminate()
+    assert process.wait(timeout=20) in {0, -signal.SIGTERM}
+    process.stdout.close()
+    assert [found.name for found in tmp_path.iterdir()] == ["x.db"]
+
+
+@pytest.mark.parametrize("columns", ["40", "200"])
+def test_numbers_are_never_cut_by_a_narrow_terminal(run, campaign, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert "…" not in run("compare", campaign).stdout

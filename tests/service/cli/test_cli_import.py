@@ -1,0 +1,144 @@
+"""`jointstiff import`: a preview first, a campaign on demand, places of mistakes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.importing_samples import CAMPAIGN, JOINTS, POINTS
+from test_imports_api import table_of
+from typer.testing import CliRunner
+
+from jointstiff.schemas.imports import ImportAnswer
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.run import Run
+from jointstiff.service.cli.app import app
+from jointstiff.service.importing import MAX_FILE_BYTES
+from jointstiff.simulator import default_arm, simulate_campaign
+
+UNITS = ["--units", "length=mm,angle=deg,force=N"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv("NO_COLOR", "1")
+    for name, text in (("joints.csv", JOINTS), ("points.txt", POINTS), ("table.csv", CAMPAIGN)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def robot_file(folder):
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
+    (folder / "campaign.json").write_text(json.dumps(campaign))
+    (folder / "robot.json").write_text(json.dumps(campaign["robot"]))
+    (folder / "cell.csv").write_bytes(table_of(campaign))
+    return campaign
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["import", *map(str, arguments)])
+
+
+def test_shows_what_was_understood_and_writes_nothing(folder):
+    before = sorted(folder.iterdir())
+    shown = run("joints.csv", "points.txt", *UNITS)
+    assert shown.exit_code == 0, shown.output
+    for words in (
+        "joints.csv: utf-8, comma between cells, decimal point, 2 rows",
+        "J2 [deg]",
+        "position x",
+        "assumed: there is no header",
+        "2 observations (c01, c02), 2 joints, 2 complete readings; targets: P10",
+        "missing: which encoders",
+        "missing: the load point",
+    ):
+        assert words in shown.stdout, words
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("robot", ["campaign.json", "robot.json"])
+def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
+    point = ",".join(map(repr, robot_file["measurement_set"]["load_point"]))
+    sigma = robot_file["measurement_set"]["noise"]["sigma"]
+    options = ("--robot", robot, "--encoders", "motor", "--load-point", point, "--sigma", sigma)
+    shown = run("cell.csv", *options, "--output", "new.json")
+    assert shown.exit_code == 0, shown.output
+    assert "jointstiff identify new.json" in shown.stderr
+    found, expected = (
+        Run.model_validate_json(CliRunner().invoke(app, ["identify", name, "--json"]).stdout)
+        for name in ("new.json", "campaign.json")
+    )
+    assert found.result == expected.result
+    kept = (folder / "new.json").read_bytes()
+    again = run("cell.csv", *options, "--output", "new.json", "--encoders", "secondary")
+    assert (again.exit_code, (folder / "new.json").read_bytes()) == (2, kept)
+    assert run("cell.csv", *options, "--output", "new.json", "--overwrite").exit_code == 0
+
+
+def test_a_measurement_set_without_a_robot(folder):
+    options = (
+        "--encoders",
+        "secondary",
+        "--load-point",
+        "0,0,120",
+        "--name",
+        "cell 3",
+        "--output",
+        "set.json",
+    )
+    shown = run("table.csv", *options, "--json")
+    assert shown.exit_code == 0, shown.output
+    written = MeasurementSetDocument.model_validate_json((folder / "set.json").read_bytes())
+    assert written == ImportAnswer.model_validate_json(shown.stdout).measurement_set
+    assert (written.name, written.encoders, written.load_point) == ("cell 3", "secondary", (0.0, 0.0, 120.0))
+
+
+def test_what_is_missing_is_not_written(folder):
+    shown = run("table.csv", "--output", "set.json", "--encoders", "motor")
+    assert shown.exit_code == 2
+    assert "label" in shown.stdout
+    assert "load point" in shown.stderr
+    assert not (folder / "set.json").exists()
+
+
+def test_names_made_up_otherwise(folder):
+    text = POINTS.replace("_unloaded", ".0kg").replace("_loaded", ".150kg").replace("_P10", ".P10")
+    (folder / "points.txt").write_text(text)
+    options = ("--point-name", "{label}.{target}.{state}")
+    words = ("--state-word", "0kg=unloaded", "--state-word", "150kg=loaded")
+    assert run("points.txt", *UNITS, *options).exit_code == 2
+    found = ImportAnswer.model_validate_json(run("points.txt", *UNITS, *options, *words, "--json").stdout)
+    assert (found.preview.targets, found.preview.reading_count) == (["P10"], 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "words"),
+    [
+        (("-20.25", "x"), (), "table.csv:3:3: 'x' is not a number"),
+        (("J2 [deg]", "elbow"), (), "table.csv:2:3: "),
+        (("", ""), ("--units", "length=inch,angle=deg,force=N"), "units.length"),
+        (("", ""), ("--point-name", ""), "point_name"),
+        (("", ""), ("--state-word", "a=heavy"), "state_words.a"),
+        (("", ""), ("--robot", "table.csv"), "JSON"),
+        (("", ""), ("--robot", "empty.json"), "name"),
+        (("", ""), ("--load-point", "1,2"), "0,0,120.5"),
+        (("", ""), ("--flange-target", "P10"), "has no ="),
+    ],
+)
+def test_refused_with_place_and_remedy(folder, change, arguments, words):
+    (folder / "table.csv").write_text(CAMPAIGN.replace(*change, 1))
+    (folder / "empty.json").write_text("{}")
+    shown = run("table.csv", *arguments)
+    assert shown.exit_code == 2
+    assert words in shown.stderr
+    assert "Traceback" not in shown.output
+
+
+def test_too_much(folder):
+    (folder / "table.csv").write_bytes(b"1;2\n" * (MAX_FILE_BYTES // 4 + 1))
+    shown = run("joints.csv", "table.csv", "points.txt")
+    assert shown.exit_code == 2
+    assert "exceed 8 MiB together" in shown.stderr

@@ -1,0 +1,114 @@
+"""Units, exact storage, and the translation of bounds."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.campaigns import estimate, prepare
+
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.service.conversion import ReadingArrays, content_hash
+from jointstiff.service.conversion.joints import _stiffness_interval
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.mark.parametrize("length", ["m", "mm"])
+@pytest.mark.parametrize("angle", ["rad", "deg"])
+@pytest.mark.parametrize("force", ["N", "kN", "kgf"])
+@pytest.mark.parametrize("readings", ["positions", "deflections"])
+def test_units_do_not_matter(length, angle, force, readings):
+    options = {
+        "load": "pull",
+        "configurations": 8,
+        "seed": 1,
+        "moment": 50.0,
+        "readings": readings,
+        "sigma": 1e-6,
+    }
+    expected = estimate(*prepare(simulate_campaign(default_arm(), **options)))
+    units = {"length": length, "angle": angle, "force": force, "moment": "N.mm"}
+    found = estimate(*prepare(simulate_campaign(default_arm(), **options, units=units)))
+    # Readings are rounded in their own unit when the campaign is written, to a hundredth of sigma.
+    np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-3)
+    assert found.sigma == pytest.approx(expected.sigma)
+
+
+coordinate = st.floats(-1e12, 1e12, allow_nan=False)
+vector = st.lists(coordinate, min_size=3, max_size=3)
+text = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
+
+
+@st.composite
+def observations(draw):
+    labels = draw(st.lists(text, min_size=1, max_size=4, unique=True))
+    joints = draw(st.integers(1, 5))
+    return [
+        {
+            "label": label,
+            "joints": draw(st.lists(coordinate, min_size=joints, max_size=joints)),
+            "force": draw(vector),
+            **draw(st.fixed_dictionaries({}, optional={"moment": vector, "load_point": vector})),
+            "readings": [
+                {"target": target, **reading}
+                for target, reading in draw(
+                    st.dictionaries(
+                        text,
+                        st.one_of(
+                            st.fixed_dictionaries({"unloaded": vector, "loaded": vector}),
+                            st.fixed_dictionaries({"deflection": vector}),
+                        ),
+                        min_size=1,
+                        max_size=3,
+                    )
+                ).items()
+            ],
+        }
+        for label in labels
+    ]
+
+
+@settings(max_examples=100, deadline=None)
+@given(observations())
+def test_what_is_stored_comes_back_bit_for_bit(sent):
+    arrays = ReadingArrays.from_observations([Observation.model_validate(o) for o in sent])
+    restored = ReadingArrays.unpack(arrays.pack())
+    assert restored.digest() == arrays.digest()
+    for given_, kept in zip(sent, restored.observations(), strict=True):
+        dumped = json.loads(kept.model_dump_json(exclude_none=True))
+        by_target = {reading["target"]: reading for reading in dumped.pop("readings")}
+        assert by_target == {reading["target"]: reading for reading in given_["readings"]}
+        assert dumped == {k: v for k, v in given_.items() if k != "readings"}
+
+
+def test_content_hash_changes_with_every_number_and_not_with_the_name():
+    document = simulate_campaign(default_arm(), configurations=3)["measurement_set"]
+
+    def hashed(changed):
+        message = MeasurementSetDocument.model_validate(changed)
+        return content_hash(message, ReadingArrays.from_observations(message.observations))
+
+    original = hashed(document)
+    assert hashed(document | {"name": "another"}) == original
+    assert hashed(document | {"encoders": "secondary"}) != original
+    assert hashed(document | {"noise": {"sigma": 3e-5}}) != original
+    nudged = json.loads(json.dumps(document))
+    nudged["observations"][2]["readings"][1]["loaded"][0] += 1e-12
+    assert hashed(nudged) != original
+
+
+@pytest.mark.parametrize(
+    ("compliance", "stiffness"),
+    [
+        ((1e-7, 4e-7), (2.5e6, 1e7)),
+        ((0.0, 4e-7), (2.5e6, None)),
+        ((-1e-7, 4e-7), None),
+        ((-4e-7, -1e-7), None),
+        (None, None),
+    ],
+)
+def test_stiffness_interval(compliance, stiffness):
+    assert _stiffness_interval(compliance) == pytest.approx(stiffness)

@@ -1,0 +1,277 @@
+"""Excel files: as openpyxl writes them, and as those do who mean harm."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import re
+import zipfile
+
+import openpyxl
+import pytest
+from support.importing_samples import CAMPAIGN, points_of, read, values_of
+
+from jointstiff.service.importing import ImportFileError
+from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES
+
+ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
+
+
+def rows_of_values():
+    return [ROWS[0], *([row[0], *map(float, row[1:])] for row in ROWS[1:])]
+
+
+def workbook(rows=None, change=lambda _book, _sheet: None):
+    book = openpyxl.Workbook()
+    for row in rows_of_values() if rows is None else rows:
+        book.active.append(row)
+    change(book, book.active)
+    output = io.BytesIO()
+    book.save(output)
+    return output.getvalue()
+
+
+def repacked(content, name, change):
+    """The same workbook with one part changed, and its checksums right."""
+    output = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as old,
+        zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
+        for part in old.namelist():
+            data = old.read(part)
+            new.writestr(part, change(data) if part == name else data)
+    return output.getvalue()
+
+
+SHEET = "xl/worksheets/sheet1.xml"
+TEXTS = "xl/sharedStrings.xml"
+
+
+def as_excel_writes(content):
+    """Texts in a part of their own, which cells refer to by number; openpyxl writes them into the cells."""
+    texts = []
+
+    def number(match):
+        texts.append(match[1])
+        return b't="s"><v>%d</v></c>' % (len(texts) - 1)
+
+    def relate(data):
+        kind = b"http://schemas.openxmlformats.org/officeDocument/2006/relationships/sharedStrings"
+        relation = b'<Relationship Type="%s" Target="sharedStrings.xml" Id="rIdT"/>' % kind
+        return data.replace(b"</Relationships>", relation + b"</Relationships>")
+
+    pattern = rb't="inlineStr"><is>(<t>[^<]*</t>)</is></c>'
+    content = repacked(content, SHEET, lambda data: re.sub(pattern, number, data))
+    content = repacked(content, "xl/_rels/workbook.xml.rels", relate)
+    output = io.BytesIO(content)
+    with zipfile.ZipFile(output, "a") as archive:
+        archive.writestr(
+            TEXTS,
+            b'<sst xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">'
+            + b"".join(b"<si>%s</si>" % text for text in texts)
+            + b"</sst>",
+        )
+    return output.getvalue()
+
+
+def refused(content, reason, line=None, column=None, **options):
+    with pytest.raises(ImportFileError) as caught:
+        read(("a.xlsx", content), **options)
+    error = caught.value
+    assert reason in error.reason
+    assert (error.file, error.line, error.column) == ("a.xlsx", line, column)
+    return error
+
+
+def test_a_workbook_reads_as_the_text_does():
+    imported = read(("a.xlsx", workbook()))
+    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+    file = imported.preview.files[0]
+    assert (file.format, file.sheet, file.encoding, file.delimiter, file.decimal_mark) == (
+        "xlsx",
+        "Sheet",
+        None,
+        None,
+        None,
+    )
+
+
+def test_comments_empty_rows_and_columns():
+    rows = [["# day 1"], [], *([*row, None, None] for row in rows_of_values()), [], ["% end"]]
+    imported = read(("a.xlsx", workbook(rows)))
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+    assert imported.preview.files[0].assumptions == ["comments were skipped (2 rows), the first in row 1"]
+
+
+def test_which_sheet():
+    def other(book, _):
+        book.create_sheet("notes")["A1"] = "windy"
+
+    content = workbook(change=other)
+    refused(content, "several sheets are filled: 'Sheet, notes'")
+    assert read(("a.xlsx", content), sheet="Sheet").preview.files[0].sheet == "Sheet"
+    refused(content, "there is no sheet 'Tabelle1'", sheet="Tabelle1")
+    empty = workbook(change=lambda book, _: book.create_sheet("empty"))
+    assert read(("a.xlsx", empty)).preview.files[0].sheet == "Sheet"
+    refused(workbook([]), "no row of data")
+
+
+@pytest.mark.parametrize(
+    ("value", "number_format", "reason"),
+    [
+        ("=B2+1", None, "formula where a number must be"),
+        (datetime.date(2026, 5, 1), None, "date where"),
+        (45000.5, "dd.mm.yyyy", "date where"),
+        (45000.5, '[$-407]d. mmm "x"', "date where"),
+        (0.5, "0.00%", "percentage where"),
+        (True, None, "truth value where"),
+        ("#DIV/0!", None, "error where"),
+        ("1.5", "@", "text where"),
+        ("1,5", None, "text where"),
+        ("n/a", None, "text where"),
+    ],
+)
+def test_cells_that_are_no_numbers(value, number_format, reason):
+    def change(_, sheet):
+        sheet["C3"] = value
+        if number_format:
+            sheet["C3"].number_format = number_format
+
+    refused(workbook(change=change), reason, 3, 3)
+
+
+@pytest.mark.parametrize(
+    "number_format", ["0.000", '0.00 "mm"', "0.00E+00", "#,##0.00_-;[Red]-#,##0.00", "@", "General"]
+)
+def test_formats_of_numbers(number_format):
+    def change(_, sheet):
+        for row in sheet.iter_rows(min_row=2, min_col=2):
+            for cell in row:
+                cell.number_format = number_format
+
+    assert points_of(read(("a.xlsx", workbook(change=change)))) == points_of(read(("a.csv", CAMPAIGN)))
+
+
+def test_columns_left_out_may_hold_anything():
+    rows = [[*row, value] for row, value in zip(
+        rows_of_values(), ["date", datetime.date(2026, 11, 20), "=1/0", True], strict=True)]  # fmt: skip
+    assert points_of(read(("a.xlsx", workbook(rows)))) == points_of(read(("a.csv", CAMPAIGN)))
+
+
+def test_labels_as_numbers_match_those_of_texts():
+    rows = [["label", "x [mm]", "y [mm]", "z [mm]"], [1, 0.5, 2, 3], [2, 1.5, 2, 3]]
+    texts = "1 7 8 9.5\n2 7 8 9.5\n"
+    units = {"length": "mm", "angle": "deg", "force": "N"}
+    imported = read(("P10_loaded.xlsx", workbook(rows)), ("P10_unloaded.txt", texts), units=units)
+    assert points_of(imported)["2", "P10", "loaded"] == (1.5, 2, 3)
+    assert points_of(imported)["2", "P10", "unloaded"] == (7, 8, 9.5)
+
+
+def test_hidden_rows_are_read_and_told():
+    def hide(_, sheet):
+        sheet.row_dimensions[3].hidden = True
+
+    imported = read(("a.xlsx", workbook(change=hide)))
+    assert imported.preview.observation_count == 3
+    assert "1 rows or columns are hidden" in imported.preview.files[0].assumptions[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        (b'<dimension ref="A1:M4"', b'<dimension ref="A1:B2"', None),
+        (b'<row r="3"', b'<row r="2"', "row '2' follows row 2"),
+        (b'<row r="3"', b'<row r="x"', "row 'x' follows row 2"),
+        (b'r="C3"', b'r="B3"', "cell 'B3' is not in its place"),
+        (b'r="C3"', b'r="C4"', "cell 'C4' is not in its place"),
+        (b'r="C3"', b'r="c3"', "cell 'c3' is not in its place"),
+        (b'r="C3"', b'r="XFD3"', "more than 256 columns"),
+        (b'r="A3" t="inlineStr"', b'r="A3" t="x"', "unknown type 'x'"),
+        (b'<c r="C3"', b'<c s="999" r="C3"', "unknown format '999'"),
+        (b"<v>-20.25</v>", b"<v>-20.25</v><v>1</v>", "cannot have"),
+        (b"<v>-20.25</v>", b"<is><t>-20.25</t></is>", "cannot have"),
+        (b'r="A3" t="inlineStr"', b'r="A3"', "cannot have"),
+        (b"spreadsheetml/2006/main", b"spreadsheetml/2007/main", "no row of data"),
+        (b"</sheetData>", b"</sheetdata>", "not well-formed"),
+        (b"<worksheet", b"<!DOCTYPE a [<!ENTITY b 'c'>]><worksheet", "a document type"),
+        (b"<sheetData>", b"<sheetData>" + b"<a>" * 40, "levels of elements"),
+    ],
+)
+def test_sheets_that_are_not_in_order(old, new, reason):
+    content = workbook()
+
+    def change(data):
+        assert old in data
+        return data.replace(old, new)
+
+    changed = repacked(content, SHEET, change)
+    if reason is None:
+        assert points_of(read(("a.xlsx", changed))) == points_of(read(("a.csv", CAMPAIGN)))
+    else:
+        with pytest.raises(ImportFileError, match=re.escape(reason)):
+            read(("a.xlsx", changed))
+
+
+def test_texts_by_number():
+    content = as_excel_writes(workbook())
+    assert points_of(read(("a.xlsx", content))) == points_of(read(("a.csv", CAMPAIGN)))
+    missing = repacked(content, TEXTS, lambda _: b'<sst xmlns="urn:other"><si><t>a</t></si></sst>')
+    with pytest.raises(ImportFileError, match="unknown text '0'"):
+        read(("a.xlsx", missing))
+    pieces = b"<r><t>c</t></r><r><t>01</t></r><rPh><t>x</t></rPh>"
+    phonetic = repacked(content, TEXTS, lambda data: data.replace(b"<t>c01</t>", pieces))
+    assert points_of(read(("a.xlsx", phonetic))) == points_of(read(("a.csv", CAMPAIGN)))
+
+
+def bomb(size, name=SHEET, parts=1):
+    output = io.BytesIO()
+    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(parts):
+            archive.writestr(name if parts == 1 else f"{number}/{name}", b" " * size)
+    return output.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"PK\x03\x04", "not an Excel file"),
+        (b"PK\x03\x04" + b"x" * 1000, "not an Excel file"),
+        (workbook()[:-30], "not an Excel file"),
+        (bomb(MAX_UNPACKED_BYTES + 1), "more than 64 MiB when unpacked"),
+        (bomb(MAX_UNPACKED_BYTES // 8, parts=9), "more than 64 MiB when unpacked"),
+        (bomb(1, parts=1001), "more than 1000 parts"),
+        (bomb(10), "there is no part 'xl/_rels/workbook.xml.rels'"),
+    ],
+)
+def test_hostile_archives(content, reason):
+    refused(content, reason)
+
+
+def test_a_stated_size_that_lies():
+    """The archive says 10 bytes, and unpacks to 80 MiB: no more than stated is read, and refused."""
+    content = repacked(workbook(), SHEET, lambda _: b" " * (80 << 20))
+    size = (80 << 20).to_bytes(4, "little")
+    assert content.count(size) == 2
+    refused(content.replace(size, (10).to_bytes(4, "little")), "not an Excel file (.xlsx), or damaged")
+
+
+def test_many_tags():
+    with pytest.raises(ImportFileError, match="tags in part"):
+        read(("a.xlsx", repacked(workbook(), SHEET, lambda _: b"<a>" + b"<b/>" * 6_000_001 + b"</a>")))
+
+
+def test_expanding_entities():
+    lines = b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">' + b"".join(
+        b'<!ENTITY %c "%s">' % (98 + number, b"&%c;" % (97 + number) * 10) for number in range(8)
+    )  # fmt: skip
+    for part in (
+        SHEET,
+        "xl/workbook.xml",
+        TEXTS,
+        "xl/styles.xml",
+        "xl/_rels/workbook.xml.rels",
+    ):
+        content = repacked(as_excel_writes(workbook()), part, lambda _: lines + b"]><a>&i;</a>")
+        refused(content, "a document type")

@@ -1,0 +1,379 @@
+"""Campaign tables: what is understood, and what is refused, where and with which remedy."""
+
+from __future__ import annotations
+
+import pytest
+from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, values_of
+
+from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.service.api import MAX_SET_BYTES
+from jointstiff.service.importing import MAX_FILE_BYTES, ImportFileError, SourceFile, read_files
+from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_ROWS
+
+UNITS = {"length": "mm", "angle": "deg", "force": "N"}
+ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
+LINE_1 = ROWS[1]
+
+
+def refused(content, *, reason, line=None, column=None, name="a.csv", **options):
+    with pytest.raises(ImportFileError) as caught:
+        read((name, content), **options)
+    error = caught.value
+    assert reason in error.reason
+    assert (error.file, error.line, error.column) == (name, line, column)
+    assert error.remedy
+    assert str(error).startswith(repr(name))
+    return error
+
+
+def changed(old, new, count=1):
+    assert old in CAMPAIGN
+    return CAMPAIGN.replace(old, new, count)
+
+
+def test_a_campaign_becomes_a_measurement_set():
+    imported = read(("day1.csv", CAMPAIGN))
+    assert imported.complete
+    assert imported.preview.missing == ["the load point (`load_point`), in the flange frame"]
+    document = imported.document("cell 3", "motor", load_point=(0.0, 0.0, 120.0))
+    assert isinstance(document, MeasurementSetDocument)
+    assert document.units.model_dump() == {**UNITS, "moment": None}
+    assert [one.label for one in document.observations] == ["c01", "c02", "c03"]
+    first = document.observations[0]
+    assert first.joints == [10.5, -20.25, 30.0]
+    assert first.force == (0.0, 0.0, -1471.5)
+    assert first.readings[0].unloaded == READ_POINTS["c01", "P10", "unloaded"]
+    assert first.readings[0].loaded == READ_POINTS["c01", "P10", "loaded"]
+
+
+def test_the_preview_tells_all():
+    preview = read(("day1.csv", CAMPAIGN)).preview
+    file = preview.files[0]
+    assert (file.format, file.encoding, file.delimiter, file.decimal_mark) == (
+        "text",
+        "utf-8",
+        "semicolon",
+        "point",
+    )
+    meanings = [(column.meaning, column.unit) for column in file.columns]
+    assert meanings[:5] == [
+        ("name", None),
+        ("joint 1", "deg"),
+        ("joint 2", "deg"),
+        ("joint 3", "deg"),
+        ("force x", "N"),
+    ]
+    assert meanings[-1] == ("P10 loaded z", "mm")
+    assert file.row_count == 3
+    assert file.first_rows[0] == LINE_1
+    assert file.assumptions == [
+        "comments were skipped (1 line); the first: 'cell 3, dead weight, 2026-11-20'"
+    ]
+    assert (preview.observation_count, preview.joint_count, preview.reading_count) == (3, 3, 3)
+    assert (preview.targets, preview.states) == (["P10"], ["unloaded", "loaded"])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize(
+    ("delimiter", "mark", "quote"),
+    [
+        ("semicolon", ".", False),
+        ("semicolon", ",", False),
+        ("comma", ".", False),
+        ("comma", ",", True),
+        ("tab", ",", False),
+        ("whitespace", ".", True),
+        ("whitespace", ",", True),
+    ],
+)
+def test_dialects(encoding, end, delimiter, mark, quote):
+    rows = [[cell.replace("deg", "°") for cell in row] for row in ROWS]
+    imported = read(("a.csv", Dialect(delimiter, mark, encoding, end, quote).write(rows)))
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
+    file = imported.preview.files[0]
+    assert (file.delimiter, file.decimal_mark) == (delimiter, "comma" if mark == "," else "point")
+
+
+@pytest.mark.parametrize(
+    ("joint", "force", "unloaded", "loaded"),
+    [
+        ("J{} (deg)", "F{}/N", "P10_unloaded_{} [mm]", "P10_{}_loaded [mm]"),
+        ("q{}[°]", "F_{} [N]", "P10 ul {} (mm)", "loaded P10 {}/mm"),
+        ("Joint {} [degrees]", "force {} [N]", "{} P10 unloaded [MM]", "P10 LOADED {} [mm]"),
+        ("axis_{} /deg", "F-{} (N)", "P10_u_{}[mm]", "P10_l_{}[mm]"),
+        ("θ{} [deg]", "FORCE {} [N]", "P10  Unloaded  {} [mm]", "P10 load {} [ mm ]"),
+    ],
+)
+@pytest.mark.parametrize("case", [str.lower, str.upper])
+def test_spellings_of_headers(joint, force, unloaded, loaded, case):
+    header = ["Label", *(joint.format(number) for number in (1, 2, 3))]
+    header += [text.format(case(axis)) for text in (force, unloaded, loaded) for axis in "xyz"]
+    content = CAMPAIGN.replace(";".join(ROWS[0]), ";".join(header))
+    imported = read(("a.csv", content))
+    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+
+
+def test_a_row_for_each_target():
+    content = """label,J1 [rad],J2 [rad],Fx [kgf],Fy [kgf],Fz [kgf],Mx [Nm],My [Nm],Mz [Nm],\
+load point x [m],load point y [m],load point z [m],target,dx [m],dy [m],dz [m],comment
+c01,0.1,0.2,0,0,-150,1,2,3,0.1,0.2,0.3,P10,0.0001,0.0002,-0.0013,ok
+c01,0.1,0.2,0,0,-150,1,2,3,0.1,0.2,0.3,P11,0.0002,0.0003,-0.0012,
+"""
+    imported = read(("a.csv", content))
+    assert points_of(imported) == {
+        ("c01", "P10", "deflection"): (0.0001, 0.0002, -0.0013),
+        ("c01", "P11", "deflection"): (0.0002, 0.0003, -0.0012),
+    }
+    assert "flange_targets" in imported.preview.missing[0]
+    targets = {"P10": (0.0, 0.0, 0.1), "P11": (0.1, 0.0, 0.1)}
+    document = imported.document("a", "secondary", flange_targets=targets)
+    assert (document.units.moment, document.units.force) == ("N.m", "kgf")
+    assert document.observations[0].moment == (1.0, 2.0, 3.0)
+    assert document.observations[0].load_point == (0.1, 0.2, 0.3)
+    error = refused(content.replace("-150,1,2,3,0.1,0.2,0.3,P11", "-151,1,2,3,0.1,0.2,0.3,P11"),
+                    reason="the force of 'c01' differs", line=3)  # fmt: skip
+    assert "label" in error.remedy
+    refused(content.replace("P11", "P10"), reason="P10 deflection of 'c01' is there twice", line=3, column=14)
+
+
+def test_a_row_for_each_target_and_state():
+    content = """label target state x[mm] y[mm] z[mm]
+c01 P10 unloaded 1 2 3.5
+c01 P10 Loaded 1.5 2 3
+"""
+    imported = read(("a.txt", content))
+    assert points_of(imported) == {
+        ("c01", "P10", "unloaded"): (1, 2, 3.5),
+        ("c01", "P10", "loaded"): (1.5, 2, 3),
+    }
+    refused(content.replace("Loaded", "warm"), reason="'warm' is no word for a state",
+            line=3, column=3, name="a.txt")  # fmt: skip
+    assert read(("a.txt", content.replace("Loaded", "warm")), state_words={"Warm": "loaded"}).preview.states
+
+
+def test_rows_that_are_commented_out_are_told():
+    """A point may also be named #2: that it was not read must be seen."""
+    imported = read(("a.csv", changed("c02;", "#2;")))
+    assert imported.preview.observation_count == 2
+    assert (
+        imported.preview.files[0].assumptions[-1]
+        == "1 of the comments look like rows of data; they were not read"
+    )
+
+
+def test_units_are_never_guessed():
+    bare = CAMPAIGN.replace(" [deg]", "").replace(" [N]", "").replace(" [mm]", "")
+    error = refused(bare, reason="joint 1 has no unit", line=2, column=2)
+    assert "`units`" in error.remedy
+    assert read(("a.csv", bare), units=UNITS).units == UNITS
+    refused(CAMPAIGN, reason="in mm by its header, but in m by `units`", line=2, column=8,
+            units=UNITS | {"length": "m"})  # fmt: skip
+    refused(
+        changed("P10 loaded z [mm]", "P10 loaded z [m]"), reason="P10 loaded z in m, while", line=2, column=13
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "column"), [("Fx [kg]", 5), ("Fx [lbf]", 5), ("J1 [grad]", 2), ("J1 [mm]", 2), ("Fx []", 5)]
+)
+def test_unknown_units(unit, column):
+    old = "Fx [N]" if column == 5 else "J1 [deg]"
+    refused(changed(old, unit), reason="is no unit of", line=2, column=column)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("1.2.3", "not a number"),
+        ("nan", "not a number"),
+        ("inf", "not a number"),
+        ("-Infinity", "not a number"),
+        ("1e999", "beyond"),
+        ("1e13", "beyond"),
+        ("1_000", "not a number"),
+        ("0x10", "not a number"),
+        ("1 000.5", "not a number"),
+        ("1\u00a0000.5", "not a number"),
+        ("٣.٥", "not a number"),
+        ("−1.5", "not a number"),
+        ("--1", "not a number"),
+        ("1.5mm", "not a number"),
+        ("1.5 # bumped", "not a number"),
+        ("1e", "not a number"),
+        (".", "not a number"),
+        ("", "empty cell"),
+        ("9" * 50, "not a number"),
+        ("1245,7134", "decimal point, others a comma"),
+    ],
+)
+def test_faulty_numbers(text, reason):
+    refused(changed("1102.5518", text), reason=reason, line=4, column=8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason", "line", "column"),
+    [
+        ("c02;", "c01;", "the label 'c01' is there twice", 4, None),
+        ("c02;", ";", "an empty name", 4, 1),
+        ("c02;-15", "c02;-15;0", "14 cells, where line 2 has 13", 4, 14),
+        ("c02;-15;", "c02;", "12 cells, where line 2 has 13", 4, 13),
+        (";J2 [deg]", ";J1 [deg]", "a second column for joint 1", 2, 3),
+        (";J2 [deg]", ";J4 [deg]", "there is no column joint 2", 2, 2),
+        (";J2 [deg]", ";J0 [deg]", "counted from 1", 2, 3),
+        (";Fy [N]", ";Fx [N]", "a second column for force x", 2, 6),
+        ("P10 loaded z", "P10 loaded x", "a second column for P10 loaded x", 2, 13),
+        ("P10 loaded z", "P11 loaded z", "there is no column P10 loaded z", 2, 11),
+        ("P10 loaded z", "P10 loded z", "there is no column P10 loaded z", 2, 11),
+        ("P10 loaded z", "P10 loaded w", "is not understood", 2, 13),
+        ("label", "labl", "is not understood", 2, 1),
+        ("label", "comment", "no column names the observations", 2, None),
+        ("label", "", "is not understood", 2, 1),
+        ("label", '"label', "quotation marks", 2, None),
+        ("label", 'la"bel', "a quotation mark within", 2, 1),
+        ("c02;", "c\x002;", "a control character", 4, None),
+        ("c02;", "c\u20282;", "no name", 4, 1),
+        ("c02;", "c" * 201 + ";", "is no name", 4, 1),
+        ("c02;", "c" * (MAX_CELL_LENGTH + 1) + ";", "a cell of more than", 4, 1),
+    ],
+)
+def test_faulty_tables(old, new, reason, line, column):
+    refused(changed(old, new), reason=reason, line=line, column=column)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason", "line"),
+    [
+        (b"", "empty", None),
+        (b" \n\n", "empty", None),
+        (b"# only\n// comments\n", "no row of data", None),
+        (b"label;x [mm]\n", "a header, and no row of data", 1),
+        (b"\xff\xfe\x00", "not valid UTF-16", None),
+        (b"\xd0\xcf\x11\xe0rest", "an old Excel file", None),
+        (b"\x89PNG\r\n\x1a\n", "a control character", 1),
+        ("pos\u00e9;1;2;3\n".encode() + b"b\xff;1;2;3", "not UTF-8 from byte", 2),
+        (b"1.5 2.5 3.5\n", "3 cells without a header", 1),
+        (b"1.5;1.5;2.5;3.5\n", "'1.5' where the name of a point must be", 1),
+        (b"a;1;2;3;4;5;6;7\n", "8 cells without a header", 1),
+    ],
+)
+def test_files_that_are_no_tables(content, reason, line):
+    with pytest.raises(ImportFileError) as caught:
+        read(("a.csv", content), units=UNITS)
+    assert reason in caught.value.reason
+    assert caught.value.line == line
+
+
+def test_a_comma_of_thousands_or_decimals():
+    """1,234 is both; the file decides, or it is refused."""
+    table = "label;J1 [deg];Fx [N];Fy [N];Fz [N]\nc01;{};0;0;-1500\n"
+    error = refused(
+        table.format("1,234"), reason="decimal comma or a separator of thousands", line=2, column=2
+    )
+    assert "decimal_mark" in error.remedy
+    assert values_of(read(("a", table.format("1,234")), decimal_mark="comma"))["c01", "joint"] == (1.234,)
+    refused(table.format("1,234"), reason="not a number with a decimal point", line=2, column=2,
+            decimal_mark="point")  # fmt: skip
+    decided = read(("a", table.format("1,234") + "c02;0,5;0;0;-1500\n"))
+    assert values_of(decided)["c01", "joint"] == (1.234,)
+    assert "the comma is the decimal mark" in decided.preview.files[0].assumptions
+    assumed = read(("a", table.format("1.234")))
+    assert values_of(assumed)["c01", "joint"] == (1.234,)
+    assert "separates no thousands" in assumed.preview.files[0].assumptions[0]
+
+
+def test_both_marks_in_one_number():
+    refused(changed("1102.5518", "1,102.5518"), reason="a decimal point, others a comma", line=4, column=8)
+
+
+def test_a_comma_between_cells_or_in_numbers():
+    whitespace = "label J1[deg] Fx[N] Fy[N] Fz[N]\nc01 1,5 0 0 -1500,25\n"
+    assert values_of(read(("a", whitespace)))["c01", "force"] == (0, 0, -1500.25)
+    commas = "label,J1[deg],Fx[N],Fy[N],Fz[N]\nc01,1,5,0,0,-1500,25\n"
+    refused(commas, reason="7 cells, where line 1 has 5", line=2, column=6)
+
+
+def test_trailing_delimiters_of_the_whole_file():
+    every = CAMPAIGN.replace("\n", ";\n").replace("2026-11-20;", "2026-11-20")
+    imported = read(("a.csv", every))
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+    assert any("empty last column" in note for note in imported.preview.files[0].assumptions)
+    refused(changed("237.9853\n", "237.9853;\n"), reason="14 cells", line=3, column=14)
+
+
+def test_empty_rows_of_spreadsheets_are_skipped():
+    content = CAMPAIGN + ";" * 12 + "\n\n"
+    assert read(("a.csv", content)).preview.observation_count == 3
+
+
+def test_readings_that_are_missing():
+    content = changed("1102.5518;402.9017;318.4406", ";;")
+    refused(content, reason="target P10 was read loaded only", line=4, column=8)
+    imported = read(("a.csv", content), allow_missing=True)
+    assert [one.label for one in imported.assembly.observations] == ["c01", "c03"]
+    assert "c02: target P10 was read loaded only; left out" in imported.preview.assumptions
+    refused(changed("1102.5518;402.9017", ";402.9017"), reason="empty cell", line=4, column=8,
+            allow_missing=True)  # fmt: skip
+    refused(changed("c02;-15;-35.125;42.75", "c02;;;"), reason="no joint in this row", line=4, column=2)
+
+
+def test_columns_to_leave_out():
+    content = "\n".join(
+        line if line.startswith(("#", "label")) else line.replace(";", ";night;", 1)
+        for line in CAMPAIGN.replace("label;", "label;shift;").splitlines()
+    )
+    refused(content, reason="the header 'shift' is not understood", line=2, column=2)
+    imported = read(("a.csv", content), ignore=["shift"])
+    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
+    assert imported.preview.files[0].columns[1].meaning == "ignored"
+
+
+def test_a_header_of_the_caller():
+    body = "".join(CAMPAIGN.splitlines(keepends=True)[2:])
+    assert points_of(read(("a.csv", body), header=ROWS[0])) == points_of(read(("a.csv", CAMPAIGN)))
+    refused(CAMPAIGN, reason="not a number", line=2, column=2, header=ROWS[0])
+    refused(body, reason="13 cells, but the header has 12", line=1, column=13, header=ROWS[0][:-1])
+
+
+def test_what_is_missing_is_told_and_refused():
+    imported = read(("a.csv", "label;J1 [deg]\nc01;1.5\n"))
+    assert not imported.complete
+    assert [text.split()[0] for text in imported.preview.missing] == ["the", "readings:", "the"]
+    with pytest.raises(ImportFileError, match="no measurement set yet") as caught:
+        imported.document("a", "motor")
+    assert "Fx" in caught.value.remedy
+
+
+def test_limits():
+    assert MAX_FILE_BYTES == MAX_SET_BYTES
+    big = [SourceFile(str(index), b"a" * (MAX_FILE_BYTES // 2 + 1)) for index in range(2)]
+    with pytest.raises(ImportFileError, match="exceed 8 MiB"):
+        read_files(big)
+    for files in ([], [SourceFile(str(index), b"a") for index in range(65)]):
+        with pytest.raises(ImportFileError, match="1 to 64 files"):
+            read_files(files)
+    with pytest.raises(ImportFileError, match="two files of this name"):
+        read_files([SourceFile("a", b"a")] * 2)
+    refused(b"a\n" * (MAX_ROWS + 1), reason="more than 320000 rows", line=MAX_ROWS + 1)
+    refused(";".join("a" * (MAX_COLUMNS + 1)), reason="more than 256 columns", line=1)
+    refused(b"a" * 70_000, reason="a line of more than", line=1)
+    refused(b'"' + b"a" * 20_000, reason="quotation marks", line=1)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b";" * 65_000,
+        b'""' * 30_000,
+        b"\t" * 60_000 + b"a",
+        b"#" * 100_000,
+        b"a;b\n" * 100_000,
+        b"\r" * 10_000 + b"x",
+    ],
+)
+def test_hostile_texts(content):
+    with pytest.raises(ImportFileError):
+        read_files([SourceFile("a.csv", content)], ImportOptions())

@@ -1,0 +1,152 @@
+"""Long runs without an engine: the service's side of them, and what a worker does with them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.jobs import Parts
+from jointstiff.service.jobs import life as module
+from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.jobs.resample import ResamplingWork
+from jointstiff.service.jobs.runs import RunKind
+from jointstiff.service.store import IdempotencyKey, NotFoundError, Store, TooManyJobsError
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def announced():
+    return []
+
+
+@pytest.fixture
+def runs(store, announced):
+    """Runs whose long ones are announced to a list instead of an engine."""
+    return runs_of(store, lambda _connection, kind, run_id: announced.append((kind, run_id)))
+
+
+def runs_of(store, announce=None):
+    return Jobs(RunKind(Parts.of(store).sets), store, announce)
+
+
+def stored_set(store, **options):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
+    parts = Parts.of(store)
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
+    readings = document["measurement_set"] | {"robot_id": robot.id}
+    return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
+
+
+def request(set_id, **changes):
+    resampling = {"size": 8, "repetitions": 300, "seed": 4}
+    return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)
+
+
+def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, announced):
+    set_id = stored_set(store)
+    key = IdempotencyKey("key", "hash")
+    first, second = (runs.create(request(set_id), key) for _ in range(2))
+    assert first.id == second.id
+    assert announced == [("run", first.id)]
+    assert runs.current(first.id).state == "queued"
+
+    def broken(_connection, _kind, _run_id):
+        raise RuntimeError("the engine is not there")
+
+    with pytest.raises(RuntimeError, match="not there"):
+        runs_of(store, broken).create(request(set_id), IdempotencyKey("other", "hash"))
+    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == announced[-1][1]
+
+
+def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, announced):
+    set_id = stored_set(store)
+    run = runs.create(request(set_id), None)
+    work = runs.work(run.id)
+    spans = [(0, 1), (1, 170), (170, 300)]
+    computed = {span: work.encode(work.compute(span)) for span in reversed(spans)}
+    runs.start(run.id)
+    for span in [*spans, spans[1]]:  # one of them twice, as an engine may
+        runs.log.report(run.id, *span)
+    assert runs.current(run.id).state == "running"
+    assert runs.current(run.id).progress.done == 300
+    runs.conclude(run.id, [computed[span] for span in spans])
+    at_once = runs_of(store).create(request(set_id), None)
+    assert runs.current(run.id).result == runs.current(at_once.id).result
+    assert runs.current(run.id).result.resampling.repetitions == 300
+    assert runs.current(run.id).provenance.ended_at is not None
+
+
+def test_a_run_ends_once(store, runs):
+    run = runs.create(request(stored_set(store)), None)
+    runs.log.report(run.id, 0, 120)
+    cancelled = runs.cancel(run.id)
+    assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
+    work = runs.work(run.id)
+    runs.conclude(run.id, [work.encode(work.compute((0, 300)))])
+    runs.fail(run.id, RuntimeError("late"))
+    assert runs.current(run.id) == cancelled
+    assert runs.cancel(run.id) == cancelled
+
+
+def test_a_failure_of_the_steps_is_the_end_of_the_run(store, runs):
+    run = runs.create(request(stored_set(store)), None)
+    runs.fail(run.id, UnsupportedMethodError("no", where="method", remedy="another"))
+    failed = runs.current(run.id)
+    assert failed.state == "failed"
+    assert (failed.error.detail, failed.error.where) == ("no", "method")
+
+
+def test_refused_before_anything_is_stored(store, runs, announced):
+    set_id = stored_set(store, targets={"P10": (0.1, 0.1, 0.0)})
+    with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
+        runs.create(request(set_id, method="complete_pose"), None)
+    with pytest.raises(RequestError, match="draws of 13 configurations from 12") as refused:
+        runs.create(request(set_id, resampling={"size": 13}), None)
+    assert refused.value.where == "resampling.size"
+    for option in (
+        {"loss": "huber"},
+        {"complementary_stiffness": "included"},
+        {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}},
+        {"stiffness_order": [["joint_2", "joint_5"]]},
+    ):
+        with pytest.raises(UnsupportedMethodError, match="resampling") as refused:
+            runs.create(request(set_id, **option), None)
+        assert refused.value.where == "resampling"
+    assert announced == []
+
+
+def test_unknown_runs(runs):
+    for look in (runs.current, runs.document, runs.cancel):
+        with pytest.raises(NotFoundError):
+            look("nothing")
+
+
+def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
+    prepared = Parts.of(store).sets.prepared(stored_set(store))
+    options = request("x", resampling={"size": 8, "repetitions": 100_000})
+    spans = ResamplingWork(prepared, options, options.resampling).steps()
+    assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
+    assert (spans[0][0], spans[-1][1]) == (0, 100_000)
+    assert len(spans) > 2
+
+
+def test_as_many_as_may_wait_and_no_more(store, runs, announced, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OPEN", 2)
+    set_id = stored_set(store)
+    first, _ = (runs.create(request(set_id), None) for _ in range(2))
+    with pytest.raises(TooManyJobsError, match="have not ended"):
+        runs.create(request(set_id), None)
+    runs.cancel(first.id)
+    runs.create(request(set_id), None)
+    assert len(announced) == 3

@@ -1,0 +1,186 @@
+"""The client while the service is away: requests are repeated, and nothing is stored twice."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+import uuid
+
+import httpx
+import pytest
+
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.library import RefusedError, ServiceClient
+from jointstiff.service.library import client as module
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.fixture
+def campaign():
+    document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
+    document["robot"]["name"] = document["measurement_set"]["name"] = uuid.uuid4().hex
+    return document
+
+
+class LossyTransport(httpx.HTTPTransport):
+    """Carries every request to the service, and loses the first answer to each."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = set()
+
+    def handle_request(self, request):
+        answer = super().handle_request(request)
+        mark = (request.method, request.url.path, request.headers.get("Idempotency-Key"))
+        if mark not in self.seen and request.url.path != "/health":
+            self.seen.add(mark)
+            answer.read()
+            answer.close()
+            raise httpx.ReadError("the connection was lost")
+        return answer
+
+
+def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, campaign):
+    warnings = []
+    with ServiceClient(service.url, warnings.append, LossyTransport()) as client:
+        client.ping()
+        robot, stored = client.post_campaign(campaign)
+        run = client.ended(client.run(stored["id"], {}))
+        comparison = client.ended(client.compare(stored["id"], {"constraints": ["positive"]}))
+    assert run.state == comparison.state == "succeeded"
+    assert len(warnings) == 4
+    assert all("the connection was lost; trying again" in warning for warning in warnings)
+    with httpx.Client(base_url=service.url) as plain:
+        for collection, query, identifier in [
+            ("robots", {"name": campaign["robot"]["name"]}, robot["id"]),
+            ("measurement-sets", {"robot_id": robot["id"]}, stored["id"]),
+            ("runs", {"robot_id": robot["id"]}, run.id),
+            ("comparisons", {"robot_id": robot["id"]}, comparison.id),
+        ]:
+            items = plain.get(f"/v1/{collection}", params=query).json()["items"]
+            assert [item["id"] for item in items] == [identifier]
+
+
+class AwayTransport(httpx.BaseTransport):
+    """A service that answered once and whose database is away since."""
+
+    def __init__(self):
+        self.requests = 0
+
+    def handle_request(self, _request):
+        self.requests += 1
+        if self.requests == 1:
+            return httpx.Response(200, json={})
+        problem = Problem(type="urn:x", title="away", status=503, detail="the database does not answer")
+        return httpx.Response(503, content=problem.model_dump_json())
+
+
+def test_patience_ends(monkeypatch):
+    """With what the service said last; a clock of our own goes as fast as the client sleeps."""
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(module.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    warnings, transport = [], AwayTransport()
+    with ServiceClient("http://nowhere", warnings.append, transport) as client:
+        client.ping()
+        with pytest.raises(RefusedError, match="the database does not answer"):
+            client.run("x", {})
+    assert module.PATIENCE_SECONDS - 5 < now[0] <= module.PATIENCE_SECONDS
+    assert warnings == ["the database does not answer; trying again for 60 s"]
+    assert transport.requests > 20
+
+
+ESCAPE = "\x1b]0;owned\x07"
+ALIEN = {
+    "a page": httpx.Response(200, html="<html>"),
+    "a list": httpx.Response(200, json=[1]),
+    "no id": httpx.Response(201, json={}),
+    "an id that would steer a terminal": httpx.Response(201, json={"id": "\x1b[2J"}),
+    "not a text": httpx.Response(200, content=b"\xff\xfe\x00"),
+    "nested": httpx.Response(200, content=b"[" * 100_000),
+    "nothing": httpx.Response(204),
+    "a redirect": httpx.Response(301, headers={"location": "http://elsewhere"}),
+    "a status of its own": httpx.Response(599),
+    "no run": httpx.Response(201, json={"id": "r1"}),
+}
+
+
+@pytest.mark.parametrize("answer", ALIEN.values(), ids=ALIEN.keys())
+def test_an_answer_that_is_not_the_services_is_refused(answer):
+    transport = httpx.MockTransport(lambda _: answer)
+    with ServiceClient("http://nowhere", transport=transport) as client:
+        with pytest.raises(RefusedError, match="an answer that is not Jointstiff's") as refused:
+            client.run("x", {})
+        assert refused.value.problem.remedy
+
+
+def test_an_answer_that_cannot_be_decoded_is_refused():
+    def garbled(_request):
+        stream = httpx.ByteStream(b"not compressed")
+        return httpx.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
+
+    with (
+        ServiceClient("http://nowhere", transport=httpx.MockTransport(garbled)) as client,
+        pytest.raises(RefusedError, match="cannot be decoded"),
+    ):
+        client.ping()
+
+
+def test_what_a_service_says_does_not_steer_the_terminal():
+    problem = Problem(type="urn:x", title=ESCAPE, status=422, detail=ESCAPE, remedy=ESCAPE)
+    transport = httpx.MockTransport(lambda _: httpx.Response(422, content=problem.model_dump_json()))
+    with (
+        ServiceClient("http://nowhere", transport=transport) as client,
+        pytest.raises(RefusedError, match="owned") as refused,
+    ):
+        client.run("x", {})
+    said = refused.value.problem
+    assert all(text.isprintable() for text in (said.title, said.detail, said.remedy))
+
+
+def test_what_is_no_address_is_refused():
+    with pytest.raises(RefusedError, match="no answer from"):
+        ServiceClient("http://[::1")
+
+
+def test_nobody_at_the_address_is_told_at_once():
+    began = time.monotonic()
+    with ServiceClient("http://127.0.0.1:9") as client, pytest.raises(RefusedError, match="no answer"):
+        client.run("x", {})
+    assert time.monotonic() - began < module.PATIENCE_SECONDS / 2
+
+
+def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, campaign):
+    database, port = f"sqlite:///{tmp_path / 'x.db'}", 0
+    process = serve(database, port)
+    warnings, started = [], []
+    try:
+        address = process.stdout.readline().split()[3].rstrip(",")
+        port = int(address.rpartition(":")[2])
+        with ServiceClient(address, warnings.append) as client:
+            client.ping()
+            _, stored = client.post_campaign(campaign)
+            process.kill()
+            process.wait()
+            starting = threading.Timer(0.3, lambda: started.append(serve(database, port)))
+            starting.start()
+            run = client.ended(client.run(stored["id"], {}))
+            starting.join()
+            listed = httpx.get(f"{address}/v1/runs").json()["items"]
+        assert run.state == "succeeded"
+        assert len(warnings) == 1
+        assert [item["id"] for item in listed] == [run.id]
+    finally:
+        for each in (process, *started):
+            each.kill()
+            each.wait()
+            each.stdout.close()
+
+
+def serve(database, port):
+    command = [sys.executable, "-u", "-m", "jointstiff", "serve", "--workers", "0"]
+    return subprocess.Popen(
+        [*command, "--port", str(port), "--database", database], stdout=subprocess.PIPE, text=True
+    )

@@ -1,0 +1,328 @@
+"""Opening a store: addresses, versions, several processes at once, and databases that fail."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+
+import psycopg
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from sqlalchemy import text
+
+from jointstiff.service.store import (
+    ComparisonRecord,
+    MeasurementSetRecord,
+    RobotRecord,
+    RunEntry,
+    RunRecord,
+    Standing,
+    Store,
+    StoreError,
+    StoreUnavailableError,
+    migrations,
+)
+from jointstiff.service.store import database as database_module
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.migrations import configuration
+from jointstiff.service.store.tables import metadata
+
+TIME = datetime(2026, 11, 20, tzinfo=UTC)
+
+
+def test_ping_names_the_database(database_url: str) -> None:
+    with Store.open(database_url) as store:
+        assert store.ping() == database_url.partition(":")[0]
+
+
+def test_the_migrations_build_what_the_tables_say(database_url: str) -> None:
+    Store.open(database_url).close()
+    database = Database.open(database_url)
+    with database.reading() as connection:
+        # SQLite numbers its rows without being told, which looks like a default that is missing.
+        options = {"compare_type": True, "compare_server_default": "postgresql" in database_url}
+        context = MigrationContext.configure(connection, opts=options)
+        assert compare_metadata(context, metadata) == []
+    database.close()
+
+
+def test_the_migrations_can_be_taken_back(database_url: str) -> None:
+    Store.open(database_url).close()
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "base")
+    database.close()
+    with Store.open(database_url) as store:
+        assert store.page(RobotRecord, limit=1).records == ()
+
+
+def test_a_database_of_a_newer_version_is_refused_and_left_alone(database_url: str) -> None:
+    Store.open(database_url).close()
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    with pytest.raises(StoreError, match="9999") as caught:
+        Store.open(database_url)
+    assert "newer version" in caught.value.remedy
+    with database.reading() as connection:
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == "9999"
+    database.close()
+
+
+def test_a_migration_that_fails_leaves_nothing(database_url: str) -> None:
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("CREATE TABLE idempotency_keys (of_another_program INTEGER)"))
+    with pytest.raises(StoreUnavailableError, match="idempotency_keys"):
+        Store.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("DROP TABLE idempotency_keys"))
+    database.close()
+    Store.open(database_url).close()
+
+
+def open_together(urls: list[str]) -> None:
+    barrier = threading.Barrier(len(urls))
+
+    def work(url: str) -> str:
+        barrier.wait(30)
+        with Store.open(url) as store:
+            return store.ping()
+
+    with ThreadPoolExecutor(len(urls)) as pool:
+        assert len(list(pool.map(work, urls))) == len(urls)
+
+
+def test_threads_open_a_fresh_database_together(database_url: str) -> None:
+    open_together([database_url] * 8)
+
+
+def test_threads_open_many_fresh_databases_together(tmp_path: Path) -> None:
+    open_together([f"sqlite:///{tmp_path}/{number}.db" for number in range(8)])
+
+
+def test_a_migration_locks_others_out_by_the_database_alone(
+    database_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Like processes, which do not share the lock in memory, but meeting without fail."""
+    calls: list[str] = []
+
+    def slow_upgrade(config: Config, revision: str) -> None:
+        upgrade(config, revision)
+        calls.append(revision)
+        time.sleep(0.2)
+
+    upgrade = command.upgrade
+    monkeypatch.setattr(command, "upgrade", slow_upgrade)
+    monkeypatch.setattr(migrations, "_alembic_lock", nullcontext())
+    open_together([database_url] * 4)
+    assert calls == ["head"]
+
+
+def test_processes_open_a_fresh_database_together(database_url: str) -> None:
+    program = (
+        "import sys, time; from service.store import Store; print('ready', flush=True);"
+        "sys.stdin.readline(); Store.open(sys.argv[1]).close(); print('opened')"
+    )
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-W", "error", "-c", program, database_url],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    for process in processes:
+        output, errors = process.communicate(timeout=60)
+        assert (output, errors) == ("opened\n", "")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "jointstiff.db",
+        "mysql://user@host/database",
+        "postgresql+asyncpg://user@host/database",
+        "postgresql://user@host:port/database",
+        "sqlite://host/path",
+        "sqlite://user@/path",
+        "sqlite:///path?mode=ro",
+    ],
+)
+def test_other_addresses_are_refused(url: str) -> None:
+    with pytest.raises(StoreError) as caught:
+        Store.open(url)
+    assert "sqlite:///" in caught.value.remedy
+
+
+def test_errors_do_not_show_the_password(tmp_path: Path) -> None:
+    for url in (
+        "postgresql://user:secret@127.0.0.1:1/database",
+        f"postgresql://user:secret@/database?host={tmp_path}",
+        f"postgresql://user:secret@/database?host={tmp_path}&nonsense=1",
+        "mysql://user:secret@host/database",
+        "sqlite://user:secret@host/path",
+        "postgresql://user:secret@host:port/database",
+    ):
+        with pytest.raises(StoreError) as caught:
+            Store.open(url)
+        assert "secret" not in str(caught.value)
+
+
+class TestSqlite:
+    def test_in_memory(self) -> None:
+        record = RobotRecord("r1", "n", TIME, "h", "{}")
+        with Store.open("sqlite://") as store, ThreadPoolExecutor(8) as pool:
+            store.add(record)
+            found = pool.map(lambda _: store.get(RobotRecord, "r1"), range(50))
+            assert set(found) == {record}
+
+    def test_is_durable_and_checks_references(self, tmp_path: Path) -> None:
+        database = Database.open(f"sqlite:///{tmp_path / 'jointstiff.db'}")
+        for block in (database.reading, database.writing):
+            with block() as connection:
+                settings = {
+                    name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+                    for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+                }
+            assert settings == {
+                "journal_mode": "wal",
+                "synchronous": 2,
+                "foreign_keys": 1,
+                "busy_timeout": 20_000,
+            }
+        database.close()
+
+    def test_a_folder_that_is_not_there(self, tmp_path: Path) -> None:
+        with pytest.raises(StoreUnavailableError, match="unable to open"):
+            Store.open(f"sqlite:///{tmp_path / 'missing' / 'jointstiff.db'}")
+
+    def test_a_file_of_another_kind(self, tmp_path: Path) -> None:
+        path = tmp_path / "notes.txt"
+        path.write_text("These are notes. " * 100)
+        with pytest.raises(StoreUnavailableError, match="not a database"):
+            Store.open(f"sqlite:///{path}")
+        assert path.read_text() == "These are notes. " * 100
+
+    def test_opening_waits_for_a_writer(self, tmp_path: Path) -> None:
+        path = tmp_path / "jointstiff.db"
+        other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        other.execute("BEGIN IMMEDIATE")  # before the file has a write-ahead log
+        release = threading.Timer(0.2, other.close)
+        release.start()
+        Store.open(f"sqlite:///{path}").close()
+        release.join()
+
+    def test_a_writer_that_never_ends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(database_module, "_BUSY_SECONDS", 0.2)
+        path = tmp_path / "jointstiff.db"
+        with Store.open(f"sqlite:///{path}") as store:
+            other = sqlite3.connect(path, isolation_level=None)
+            other.execute("BEGIN IMMEDIATE")
+            record = RobotRecord("r1", "n", TIME, "h", "{}")
+            with pytest.raises(StoreUnavailableError, match="locked"):
+                store.add(record)
+            with ThreadPoolExecutor(4) as pool:
+                futures = [pool.submit(store.add, record) for _ in range(4)]
+            assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
+            assert store.page(RobotRecord, limit=1).records == (), "readers do not wait"
+            other.close()
+            assert store.add(record) == record
+
+
+class TestPostgresql:
+    def test_another_encoding_is_refused(self, new_postgresql_database: Callable[..., str]) -> None:
+        url = new_postgresql_database("ENCODING 'LATIN1' TEMPLATE template0")
+        with pytest.raises(StoreError, match="LATIN1"):
+            Store.open(url)
+
+    def test_a_lost_connection_is_replaced(self, new_postgresql_database: Callable[..., str]) -> None:
+        url = new_postgresql_database()
+        with Store.open(url) as store, psycopg.connect(url, autocommit=True) as other:
+            others = "FROM pg_stat_activity WHERE datname = current_database()"
+            query = f"SELECT pg_terminate_backend(pid) {others} AND pid != pg_backend_pid()"
+            assert len(other.execute(query).fetchall()) >= 1
+            assert store.ping() == "postgresql"
+
+    def test_times_do_not_depend_on_the_servers_zone(
+        self, new_postgresql_database: Callable[..., str]
+    ) -> None:
+        url = new_postgresql_database()
+        with psycopg.connect(url, autocommit=True) as other:
+            other.execute("ALTER ROLE postgres SET timezone = 'Pacific/Chatham'")
+        try:
+            record = RobotRecord("r1", "n", TIME, "h", "{}")
+            with Store.open(url) as store:
+                store.add(record)
+                assert store.get(RobotRecord, "r1").created_at.isoformat().endswith("+00:00")
+        finally:
+            with psycopg.connect(url, autocommit=True) as other:
+                other.execute("ALTER ROLE postgres RESET timezone")
+
+
+def test_runs_from_before_links_could_bend_are_listed_by_what_bends(database_url: str) -> None:
+    elastic = '{"request": {"elasticity": "diagonal_links"}}'
+    with Store.open(database_url) as store:
+        store.add(RobotRecord("r1", "robot", TIME, "", "{}"))
+        store.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b""))
+        for name, document in (("old", '{"request": {}}'), ("links", elastic)):
+            run = ("s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, document)
+            store.add(RunRecord(name, *run))
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "0006")
+    database.close()
+    with Store.open(database_url) as store:
+        listed = {run.id: run.elasticity for run in store.page(RunEntry, limit=9).records}
+        assert listed == {"old": "joints", "links": "diagonal_links"}
+
+
+def test_a_database_that_knew_runs_only_keeps_them_and_their_progress(database_url: str) -> None:
+    with Store.open(database_url) as store:
+        store.add(RobotRecord("r1", "robot", TIME, "", "{}"))
+        store.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b""))
+        store.add(
+            RunRecord("u1", "s1", "r1", "partial_pose", "covariance", True, "joints", "running", TIME, "{}")
+        )
+        store.job_log(RunRecord).report("u1", 0, 120)
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        config = configuration()
+        config.attributes["connection"] = connection
+        command.downgrade(config, "0002")
+        assert connection.execute(text("SELECT run_id, start, done FROM run_steps")).all() == [("u1", 0, 120)]
+    database.close()
+    with Store.open(database_url) as store:
+        log = store.job_log(RunRecord)
+        log.report("u1", 0, 120)
+        log.report("u1", 120, 200)
+        assert log.standing("u1") == Standing("running", 200)
+        assert store.get(RunRecord, "u1").document == "{}"
+        comparison = ComparisonRecord("c1", "s1", "r1", "queued", TIME, "{}")
+        assert store.add(comparison) == store.get(ComparisonRecord, "c1") == comparison
+        assert store.job_log(ComparisonRecord).open_jobs() == ["c1"]

@@ -1,0 +1,246 @@
+"""Every job ends: what the janitor of a worker does about work that nobody does."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from test_runs import request, runs_of, stored_set
+
+from jointstiff.service.store import Store, StoreUnavailableError
+from jointstiff.service.workers.engine import _patient, _until_ended
+from jointstiff.service.workers.queue import VERSION, Outcome
+from jointstiff.service.workers.recovery import Janitor
+
+SILENCE = timedelta(seconds=30)
+
+
+class LedgerEngine:
+    """An engine that is a ledger: what is pending, with whom, and what became of jobs."""
+
+    def __init__(self):
+        self.ledger = self
+        self.active = []
+        self.taken = {}
+        self.ended = {}
+        self.resumed = []
+        self.renewed = []
+        self.forgotten = []
+
+    def pending(self):
+        return dict(self.taken)
+
+    def resume(self, workflows):
+        for name, kind in workflows:
+            self.resumed.append((name, kind))
+            self.taken.pop(name)
+
+    def outcomes(self, job_ids):
+        return {name: outcome for name, outcome in self.ended.items() if name in job_ids}
+
+    def renew(self, kind, job_id):
+        self.renewed.append((kind, job_id))
+        self.ended[job_id] = Outcome("ENQUEUED", VERSION)
+
+    def forget_ended(self, _age, limit):
+        return self.forgotten[:limit]
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def runs(store):
+    return runs_of(store, lambda _connection, _kind, _run_id: None)
+
+
+@pytest.fixture
+def engine():
+    return LedgerEngine()
+
+
+def janitor_of(store, runs, engine, executor="alive"):
+    return Janitor(store.heartbeats, {"run": runs}, engine, executor)
+
+
+def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):
+    janitor = janitor_of(store, runs, engine)
+    engine.taken = {"job-1": ("job", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
+    engine.active = ["part-2"]
+    janitor.look()
+    assert sorted(engine.resumed) == [("job-1", "job"), ("part-1", "part")]
+
+
+def test_it_does_not_matter_who_noticed_first_and_died(store, runs, engine):
+    """Nothing is forgotten on the way: whoever looks next finds the same."""
+    engine.taken = {"job-1": ("job", "dead")}
+    store.heartbeats.forget("dead")
+    janitor_of(store, runs, engine, "another").look()
+    assert engine.resumed == [("job-1", "job")]
+
+
+def test_the_living_are_left_alone(store, runs, engine):
+    first, second = (janitor_of(store, runs, engine, name) for name in ("a", "b"))
+    first.look()
+    engine.taken = {"job-1": ("job", "b")}
+    engine.active = ["job-1"]
+    second.look()
+    first.look()
+    assert engine.resumed == []
+
+
+def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store, runs, engine):
+    janitor = janitor_of(store, runs, engine)
+    engine.taken = {"part-1": ("part", "alive")}
+    janitor.look()
+    assert engine.resumed == []  # it may be about to begin
+    janitor.look()
+    assert engine.resumed == [("part-1", "part")]
+
+
+@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
+def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome(status, VERSION)}
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    assert runs.current(run.id).state == "queued"
+    janitor.look()
+    assert runs.current(run.id).state == "failed"
+
+
+def test_a_run_that_the_engine_does_not_know_is_announced_again(store, runs, engine):
+    """Who announced it anew may have died between taking the old announcement back and giving the new one."""
+    run = runs.create(request(stored_set(store)), None)
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    assert engine.renewed == []
+    janitor.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).state == "queued"
+
+
+def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
+    store, runs, engine, monkeypatch
+):
+    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
+    runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
+    runs.log.report(waiting.id, 0, 120)
+    janitor = janitor_of(store, runs, engine)
+    for number in range(3):
+        assert {runs.current(run.id).state for run in (poison, waiting, heavy)} == {"queued"}
+        dead = f"dead-{number}"
+        engine.taken = {run.id: ("job", dead) for run in (poison, waiting, heavy)}
+        engine.taken[f"{poison.id}-1"] = ("part", dead)
+        engine.ended = {run.id: Outcome("PENDING", VERSION) for run in (poison, waiting, heavy)}
+        janitor.look()
+    assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
+
+
+def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, engine, monkeypatch):
+    def refuse(_workflows):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(engine, "resume", refuse)
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome("ERROR", VERSION)}
+    engine.taken = {"part-1": ("part", "dead")}
+    janitor = janitor_of(store, runs, engine)
+    for _ in range(2):
+        with pytest.raises(KeyError, match="odd"):
+            janitor.look()
+    assert runs.current(run.id).state == "failed"
+
+
+@pytest.mark.parametrize("status", ["ENQUEUED", "PENDING"])
+def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome(status, VERSION)}
+    janitor = janitor_of(store, runs, engine)
+    for _ in range(3):
+        janitor.look()
+    assert runs.current(run.id).state == "queued"
+
+
+def test_a_run_that_waits_for_a_worker_of_an_earlier_version_is_announced_anew(store, runs, engine):
+    run = runs.create(request(stored_set(store)), None)
+    runs.log.report(run.id, 0, 120)
+    engine.ended = {run.id: Outcome("PENDING", VERSION - 1)}
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    janitor.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).progress.done == 0
+    engine.ended = {run.id: Outcome("PENDING", VERSION + 1)}  # this worker is the outdated one
+    janitor.look()
+    assert len(engine.renewed) == 1
+
+
+def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
+    ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    for run in (ended, goes_on):
+        runs.log.report(run.id, 0, 120)
+        engine.ended[run.id] = Outcome("PENDING", VERSION)
+    runs.cancel(ended.id)
+    before = runs.document(ended.id)
+    engine.forgotten = [ended.id]
+    janitor_of(store, runs, engine).look()
+    assert (runs.log.done(ended.id), runs.log.done(goes_on.id)) == (0, 120)
+    assert runs.document(ended.id) == before
+
+
+def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
+    janitor = janitor_of(store, runs, engine)
+    janitor.look()
+    engine.taken = {"part-1": ("part", "alive"), "part-2": ("part", "other")}
+    janitor.hand_over()
+    assert engine.resumed == [("part-1", "part")]
+
+
+def test_a_clock_that_was_set_back_does_not_keep_the_dead_alive(store, monkeypatch):
+    now = datetime(2026, 11, 20, tzinfo=UTC)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now + timedelta(hours=1))
+    store.heartbeats.beat("dead", SILENCE)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now)
+    assert store.heartbeats.beat("alive", SILENCE) == ["alive"]
+
+
+def test_the_living_are_counted_by_their_beats(store, monkeypatch):
+    now = datetime(2026, 11, 20, tzinfo=UTC)
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now)
+    for executor in ("a", "b"):
+        store.heartbeats.beat(executor, SILENCE)
+    assert store.heartbeats.living(SILENCE) == ["a", "b"]
+    monkeypatch.setattr(store.heartbeats, "_now", lambda _: now + 2 * SILENCE)
+    assert store.heartbeats.living(SILENCE) == []
+
+
+def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():
+    asked = []
+
+    def compute(span):
+        asked.append(span)
+        return "" if span[0] == 2 else "computed"
+
+    spans = [(i, i + 1) for i in range(1000)]
+    assert _until_ended(compute, spans) == ["computed", "computed", ""]
+    assert asked == spans[:3]
+    assert _until_ended(compute, spans[3:]) == ["computed"] * 997
+
+
+def test_a_step_waits_for_the_database(monkeypatch):
+    """An outage is no result of a step."""
+    monkeypatch.setattr("jointstiff.service.workers.engine.time.sleep", lambda _: None)
+    failures = iter([StoreUnavailableError("away", "wait")] * 50)
+
+    @_patient
+    def step(value):
+        for failure in failures:
+            raise failure
+        return value
+
+    assert step(3) == 3

@@ -1,0 +1,168 @@
+"""The door for semidefinite programs: optimum, certificate and degrees of freedom against outside truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import nnls
+
+from jointstiff.solver.convex import (
+    Cone,
+    LeastSquares,
+    SemidefiniteProgram,
+    certify_cone,
+    diagonal,
+    effective_freedom,
+    raised,
+    solve_cone,
+    to_matrix,
+)
+from jointstiff.solver.convex.semidefinite import solve as semidefinite
+from jointstiff.solver.convex.semidefinite.symmetric import to_vector
+from jointstiff.solver.errors import SolverError
+
+GAP = 1e-6
+
+
+def random_program(seed, *, cone=None, weight=None, rows=40):
+    rng = np.random.default_rng([seed, 50])
+    cone = cone or Cone(int(rng.integers(0, 4)), tuple(rng.integers(1, 5, rng.integers(1, 4)).tolist()))
+    R = rng.standard_normal((rows, cone.dimension)) * 10.0 ** rng.uniform(-1.5, 0.0, cone.dimension)
+    R[:, : cone.nonnegative] /= np.linalg.norm(R[:, : cone.nonnegative], axis=0)
+    z = rng.standard_normal(rows)
+    weight = weight or 10.0 ** rng.uniform(-4.0, 0.0)
+    fit = LeastSquares(R, z / np.linalg.norm(z))
+    return SemidefiniteProgram(fit, cone, weight, np.zeros(cone.nonnegative, dtype=bool))
+
+
+def objective(program, x):
+    """From the matrices themselves."""
+    traces = sum(np.trace(to_matrix(x[place], size)) for size, place in program.cone.blocks())
+    return float(np.square(program.fit.R @ x - program.fit.z).sum() + program.weight * traces)
+
+
+@settings(max_examples=30, deadline=None)
+@given(arrays(float, (4, 4), elements=st.floats(-1e3, 1e3)), arrays(float, (4, 4), elements=st.floats(-1, 1)))
+def test_vectors_have_the_inner_product_of_the_matrices(A, B):
+    A, B = A + A.T, B + B.T
+    np.testing.assert_allclose(to_vector(A) @ to_vector(B), np.trace(A @ B), atol=1e-9)
+    np.testing.assert_allclose(to_matrix(to_vector(A), 4), A)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 6), st.floats(-12, 3))
+def test_a_raised_block_has_no_computed_eigenvalue_below_zero(seed, size, decade):
+    half = np.random.default_rng(seed).standard_normal((size, 1)) * 10.0**decade
+    block = to_vector(half @ half.T)
+    lifted = raised(block, size)
+    assert np.linalg.eigvalsh(to_matrix(lifted, size)).min() >= 0.0
+    np.testing.assert_allclose(lifted, block, atol=1e-13 * np.abs(block).max())
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_no_feasible_point_is_better_than_the_certificate_allows(seed):
+    """Truth from outside: the objective itself, at points on the way to anywhere else in the cone."""
+    program = random_program(seed)
+    solution = solve_cone(program, gap=GAP)
+    assert solution.certificate.primal >= 0.0
+    assert program.cone.least(solution.x) >= 0.0
+    best, rng = objective(program, solution.x), np.random.default_rng(seed)
+    for step in (1e-6, 1e-4, 1e-2, 1.0):
+        for _ in range(20):
+            other = program.cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
+            assert objective(program, other) >= best - solution.certificate.gap**2
+
+
+def test_a_single_matrix_has_the_known_optimum():
+    """R the identity: nearest to a matrix with a trace penalty is soft thresholding of its eigenvalues."""
+    rng = np.random.default_rng(3)
+    vectors = np.linalg.qr(rng.standard_normal((5, 5)))[0]
+    values = np.array([0.8, 0.4, 0.11, 0.05, -0.6])
+    z = to_vector((vectors * values) @ vectors.T)
+    size = float(np.linalg.norm(z))
+    weight = 0.2 / size
+    program = SemidefiniteProgram(
+        LeastSquares(np.eye(15), z / size), Cone(0, (5,)), weight, np.zeros(0, dtype=bool)
+    )
+    found = solve_cone(program, gap=1e-7).x * size
+    expected = (vectors * np.maximum(values - 0.1, 0.0)) @ vectors.T
+    np.testing.assert_allclose(to_matrix(found, 5), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_scalars_alone_are_nonnegative_least_squares(seed):
+    program = random_program(seed, cone=Cone(6), weight=1.0)
+    np.testing.assert_allclose(
+        solve_cone(program, gap=1e-7).x, nnls(program.fit.R, program.fit.z)[0], atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_effective_freedom_is_the_divergence_of_the_fit(seed):
+    """Against differences of refits: what changes of the readings come through."""
+    program = random_program(seed, cone=Cone(3, (4, 3)), weight=0.03)
+    step = 1e-3
+
+    def fitted(z):
+        return program.fit.R @ solve_cone(replace(program, fit=LeastSquares(program.fit.R, z)), gap=1e-7).x
+
+    divergence = 0.0
+    for k, unit in enumerate(np.eye(len(program.fit.z))):
+        ends = [fitted(program.fit.z + sign * step * unit)[k] for sign in (1, -1)]
+        divergence += (ends[0] - ends[1]) / (2 * step)
+    freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
+    assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
+    assert 0.0 < freedom.sum() < program.cone.dimension
+
+
+def test_without_a_penalty_all_that_the_readings_show_is_free():
+    program = random_program(1, cone=Cone(0, (3,)), weight=1e-6)
+    inside = to_vector(np.diag([3.0, 2.0, 1.0]))
+    z = program.fit.R @ inside
+    program = replace(program, fit=LeastSquares(program.fit.R / np.linalg.norm(z), z / np.linalg.norm(z)))
+    freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
+    assert freedom.sum() == pytest.approx(6.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("spoil", ["shifted", "shrunk", "zero"])
+def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
+    """Whatever the solver says: an answer with status Solved that is wrong is refused."""
+    program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
+    right = solve_cone(program, gap=GAP).x
+    wrong = {"shifted": right + 1e-2, "shrunk": 0.9 * right, "zero": 0.0 * right}[spoil]
+    wrong = program.cone.project(wrong)
+    excess = objective(program, wrong) - objective(program, right)
+    assert certify_cone(program, wrong, 0.0).gap >= 0.99 * np.sqrt(excess)
+    monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: wrong)
+    monkeypatch.setattr(semidefinite, "polished", lambda *_: None)
+    with pytest.raises(SolverError, match="its gap is"):
+        solve_cone(program, gap=GAP)
+
+
+def test_a_failure_of_the_solver_is_an_error(monkeypatch):
+    monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: None)
+    with pytest.raises(SolverError, match="not solved"):
+        solve_cone(random_program(0), gap=GAP)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.floats(-3, 3))
+def test_the_bound_of_the_dual_is_below_every_objective(seed, decade):
+    """For any feasible point: the objective less the gap squared is below the objective at the optimum."""
+    program = random_program(seed, weight=10.0 ** -abs(decade))
+    x = program.cone.project(np.random.default_rng(seed).standard_normal(program.cone.dimension))
+    best = objective(program, solve_cone(program, gap=GAP).x)
+    gap = certify_cone(program, x, 0.0).gap
+    assert objective(program, x) - gap**2 <= best + GAP**2
+
+
+def test_the_penalty_is_on_traces():
+    program = random_program(0, cone=Cone(1, (3,)), weight=0.5)
+    expected = np.zeros(7)
+    expected[1:][diagonal(3)] = 0.5
+    np.testing.assert_array_equal(program.penalty, expected)

@@ -1,0 +1,335 @@
+"""Exactness against rational arithmetic, and certificates that cannot be had by cheating."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from itertools import pairwise, product
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import isotonic_regression, lsq_linear
+from support.campaigns import METHODS, estimate, prepare
+
+from benchmarks.exact_nnls import exact_nnls
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.convex import (
+    Bounds,
+    Constraints,
+    IdentificationProblem,
+    Inequalities,
+    cone_program,
+    solve,
+)
+from jointstiff.solver.convex import solve as module
+from jointstiff.solver.convex.certificate import CERTIFICATE_TOLERANCE
+from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.regression import regressor_blocks
+
+
+def random_problem(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Random columns, half of them correlated, over twelve decades."""
+    n = int(rng.integers(1, 9))
+    A = rng.standard_normal((n + 1, n))
+    if rng.random() < 0.5:
+        A = A @ (np.eye(n) + rng.uniform(-0.6, 0.6, (n, n)))
+    return A * 10.0 ** rng.uniform(-6, 6, n), rng.standard_normal(n + 1)
+
+
+def test_ten_thousand_problems_against_exact_arithmetic():
+    rng = np.random.default_rng(20171)
+    worst, active, finders = 0.0, Counter(), Counter()
+    for _ in range(10_000):
+        A, b = random_problem(rng)
+        exact = np.array([float(x.p) / float(x.q) if x else 0.0 for x in exact_nnls(A, b)])
+        found = solve(IdentificationProblem(A, b, Bounds.positive(len(exact))))
+        free = exact > 0
+        assert (found.compliance[~free] == 0).all(), "the support differs"
+        if free.any():
+            worst = max(worst, np.abs(found.compliance[free] / exact[free] - 1).max())
+        assert found.certificate.holds
+        active[int((~free).sum())] += 1
+        finders[found.certificate.solved_by] += 1
+    assert worst <= 1e-8
+    assert all(active[k] > 100 for k in range(5)), active
+    assert {"least_squares", "pivoting", "clarabel"} <= set(finders), finders
+
+
+@pytest.mark.parametrize("wrong", [0, -1, 1])
+def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
+    """Whatever the finders say, only the data decide: without a right one the solve must fail."""
+
+    def fixed(scaled):
+        return np.full(len(scaled.lower), wrong, dtype=np.int8)
+
+    # Optimum (1, 0), which is neither at all bounds nor at none, nor the projection of least squares.
+    A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
+    for name in ("_support_without_bounds", "_support_from_pivoting", "_support_from_clarabel"):
+        monkeypatch.setattr(module, name, fixed)
+    bounds = Bounds(np.zeros(2), np.full(2, 10.0))
+    found = solve(IdentificationProblem(A, b, bounds))
+    assert found.certificate.solved_by == "active_set"
+    np.testing.assert_allclose(found.compliance, [1.0, 0.0], rtol=1e-15)
+    monkeypatch.setattr(module, "_support_from_active_set", fixed)
+    with pytest.raises(SolverError, match="no solution satisfies the optimality conditions"):
+        solve(IdentificationProblem(A, b, bounds))
+
+
+def test_clarabel_that_does_not_say_optimal_is_not_believed(monkeypatch):
+    monkeypatch.setitem(cone_program._CLARABEL, "max_iter", 1)
+    for name in ("_support_without_bounds", "_support_from_pivoting"):
+        monkeypatch.setattr(module, name, lambda _: None)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        A, b = random_problem(rng)
+        found = solve(IdentificationProblem(A, b, Bounds.positive(len(A[0]))))
+        assert found.certificate.solved_by == "active_set"
+
+
+@pytest.mark.parametrize("finder", ["clarabel", "active_set"])
+def test_each_finder_alone_solves(monkeypatch, finder):
+    """The cheap proposals aside, Clarabel and the active set agree with exact arithmetic."""
+    names = ["_support_without_bounds", "_support_from_pivoting"]
+    names += ["_support_from_clarabel"] if finder == "active_set" else []
+    for name in names:
+        monkeypatch.setattr(module, name, lambda _: None)
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        A, b = random_problem(rng)
+        exact = np.array([float(x.p) / float(x.q) if x else 0.0 for x in exact_nnls(A, b)])
+        found = solve(IdentificationProblem(A, b, Bounds.positive(len(exact))))
+        np.testing.assert_allclose(found.compliance, exact, rtol=1e-8)
+
+
+numbers = st.integers(-1000, 1000).map(float)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    A=arrays(np.float64, (6, 4), elements=numbers),
+    b=arrays(np.float64, 6, elements=numbers),
+    lower=arrays(np.float64, 4, elements=st.sampled_from([-np.inf, -1.0, 0.0, 0.5])),
+    width=arrays(np.float64, 4, elements=st.sampled_from([0.25, 2.0, np.inf])),
+)
+def test_bounds_of_every_kind(A, b, lower, width):
+    """Ties, dependent columns and bounds on both sides: certified, and as good as the cone program."""
+    A = A + np.eye(6, 4)  # no zero column
+    if not (np.abs(A).max(axis=0) > 0).all():
+        return
+    upper = np.maximum(lower, -2.0) + width
+    found = solve(IdentificationProblem(A, b, Bounds(lower, upper)))
+    assert ((lower <= found.compliance) & (found.compliance <= upper)).all()
+    assert found.certificate.holds
+    x = cp.Variable(4)
+    below, above = np.isfinite(lower), np.isfinite(upper)
+    constraints = [x[below] >= lower[below], x[above] <= upper[above]]
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - b)), constraints)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a reference that is inaccurate says so by its status
+        problem.solve(solver=cp.CLARABEL)
+    theirs = problem.value
+    if problem.status != cp.OPTIMAL:
+        theirs = 2.0 * lsq_linear(A, b, bounds=(lower, upper), method="trf", tol=1e-14).cost
+    ours = float(np.sum((A @ found.compliance - b) ** 2))
+    assert ours <= theirs * (1 + 1e-6) + 1e-3
+
+
+def test_bounds_that_cross_are_refused():
+    with pytest.raises(RequestError, match="not below"):
+        Bounds(np.array([1.0]), np.array([1.0]))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_data_that_are_not_finite_are_refused(bad):
+    A = np.eye(2)
+    A[0, 1] = bad
+    with pytest.raises(SolverError, match="overflows"):
+        IdentificationProblem(A, np.ones(2), Bounds.positive(2))
+
+
+def test_a_zero_column_is_refused():
+    with pytest.raises(SolverError, match="no effect"):
+        IdentificationProblem(np.array([[1.0, 0.0]]), np.ones(1), Bounds.positive(2))
+
+
+def test_zero_right_hand_side_gives_zero():
+    found = solve(IdentificationProblem(np.eye(3), np.zeros(3), Bounds.positive(3)))
+    np.testing.assert_array_equal(found.compliance, 0.0)
+    assert CERTIFICATE_TOLERANCE <= 1e-12
+
+
+@pytest.mark.parametrize("epsilon", [1e-9, 1e-8, 1e-7, 1e-6, 1e-3])
+def test_nearly_dependent_columns_are_solved_or_refused_never_certified_wrong(epsilon):
+    """What is certified is what is returned: no clipping after the proof, no slack that grows with x."""
+    e = np.eye(4)
+    A = np.column_stack([e[0], -e[0] + epsilon * e[1], e[2], (e[2] + e[3]) / np.sqrt(2)])
+    b = e[1] - 5e-4 * A[:, 2] + 1e-3 * A[:, 3]
+    exact = np.array([float(x.p) / float(x.q) if x else 0.0 for x in exact_nnls(A, b)])
+    try:
+        found = solve(IdentificationProblem(A, b, Bounds.positive(4)))
+    except SolverError:
+        return
+    np.testing.assert_allclose(found.compliance[2:], exact[2:], rtol=1e-8, atol=1e-12)
+
+
+def by_enumeration(A, b, rows, least) -> np.ndarray:
+    """The optimum under ``rows @ x ≥ least`` by trying every set of tight rows: slow, and surely right."""
+    best, value = None, np.inf
+    n = A.shape[1]
+    for tight in product([False, True], repeat=len(rows)):
+        active = rows[list(tight)]
+        if len(active) > n or np.linalg.matrix_rank(active) < len(active):
+            continue
+        t = len(active)
+        system = np.block([[A.T @ A, active.T], [active, np.zeros((t, t))]])
+        x = np.linalg.solve(system, np.r_[A.T @ b, least[list(tight)]])[:n]
+        cost = float(np.sum((A @ x - b) ** 2))
+        if (rows @ x >= least - 1e-9).all() and cost < value:
+            best, value = x, cost
+    return best
+
+
+class TestOrder:
+    """Compliances in an order, besides their bounds."""
+
+    @pytest.mark.parametrize("finder", ["any", "clarabel"])
+    def test_against_enumeration(self, monkeypatch, finder):
+        if finder == "clarabel":
+            monkeypatch.setattr(module, "active_rows", lambda _: None)
+        rng, finders = np.random.default_rng(8), Counter()
+        for _ in range(150 if finder == "any" else 40):
+            n = int(rng.integers(2, 5))
+            A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
+            shuffled = rng.permutation(n).tolist()
+            constraints = Constraints(Bounds.positive(n), tuple(pairwise(shuffled)))
+            order = constraints.inequalities
+            problem = IdentificationProblem(A, b, constraints.bounds, order)
+            found = solve(problem)
+            rows = np.vstack([np.eye(n), order.matrix])
+            exact = by_enumeration(A, b, rows, np.zeros(len(rows)))
+            np.testing.assert_allclose(found.compliance, exact, rtol=1e-8, atol=1e-10)
+            assert found.certificate.holds
+            level = constraints.level(found.compliance, found.tight)
+            assert constraints.hold(level)
+            finders[found.certificate.solved_by] += 1
+        assert finders["least_distance" if finder == "any" else "clarabel"] > 15, finders
+
+    def test_isotonic_regression_with_weights_over_decades(self):
+        """A joint that hardly shows, between two that do: the rows of the order are nearly parallel."""
+        rng = np.random.default_rng(4)
+        for k in range(300):
+            n = int(rng.integers(3, 8))
+            weight, value = 10.0 ** rng.uniform(-3, 3, n), rng.standard_normal(n) + rng.choice([0.0, 3.0])
+            bounds, least = (Bounds.positive(n), 0.0) if k % 2 else (Bounds.unconstrained(n), -np.inf)
+            order = Constraints(bounds, tuple(pairwise(range(n)))).inequalities
+            found = solve(IdentificationProblem(np.diag(weight), weight * value, bounds, order))
+            exact = np.maximum(isotonic_regression(value, weights=weight**2).x, least)
+            np.testing.assert_allclose(found.compliance, exact, atol=1e-7)
+
+    def test_units_over_decades(self):
+        """In other units the optimum is the same: the order then relates multiples of the parameters."""
+        A, b = np.array([[1.0, 0.5], [0.0, 1.0], [0.3, 0.2]]), np.array([2.0, 0.1, 0.4])
+        expected = solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS))).compliance
+        assert expected[0] == pytest.approx(expected[1], rel=1e-14)
+        for factor in (1e-9, 1e9):
+            scaled = IdentificationProblem(A / factor, b, Bounds.positive(2), Inequalities(*LESS))
+            np.testing.assert_allclose(solve(scaled).compliance, factor * expected, rtol=1e-12)
+
+    def test_dependent_columns(self):
+        """The sum of the last two is determined; an order still finds a certified optimum."""
+        A = np.array([[1.0, 0.4, 0.4], [0.0, 1.0, 1.0], [0.2, 0.0, 0.0]])
+        order = Constraints(Bounds.positive(3), ((0, 1), (1, 2)))
+        found = solve(IdentificationProblem(A, np.array([3.0, 1.0, 0.2]), order.bounds, order.inequalities))
+        assert found.certificate.holds
+        assert order.hold(order.level(found.compliance, found.tight))
+
+    def test_wrong_rows_are_never_certified(self, monkeypatch):
+        monkeypatch.setattr(module, "active_rows", lambda general: np.zeros(len(general.d), dtype=bool))
+        monkeypatch.setattr(module, "clarabel_point", lambda *_: None)
+        A, b = np.eye(2), np.array([1.0, 0.0])
+        with pytest.raises(SolverError, match="no solution satisfies"):
+            solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS)))
+
+    def test_an_inequality_that_says_nothing_is_refused(self):
+        with pytest.raises(SolverError, match="says nothing"):
+            Inequalities(np.zeros((1, 2)), np.zeros(1))
+
+
+LESS = np.array([[-1.0, 1.0]]), np.zeros(1)
+
+
+class TestConstraints:
+    def test_bounds_are_handed_on(self):
+        bounds = Bounds(np.array([0.2, 0.0, 0.0]), np.array([np.inf, np.inf, 0.9]))
+        tight = Constraints(bounds, ((0, 1), (1, 2))).bounds
+        np.testing.assert_array_equal(tight.lower, 0.2)
+        np.testing.assert_array_equal(tight.upper, 0.9)
+
+    def test_what_is_left_of_an_order_without_its_middle(self):
+        whole = Constraints(Bounds.positive(4), ((0, 1), (1, 2), (2, 3)))
+        assert whole.select(np.array([0, 2, 3])).order == ((0, 1), (1, 2))
+        assert whole.select(np.array([1])).order == ()
+
+    def test_known_joints_become_bounds(self):
+        told = Constraints(Bounds.positive(3), ((0, 2), (2, 1))).given(
+            np.array([0, 1]), np.array([1.0, 3.0]), np.array([2])
+        )
+        assert (told.bounds.lower.tolist(), told.bounds.upper.tolist(), told.order) == ([1.0], [3.0], ())
+
+    def test_known_joints_that_leave_no_room(self):
+        with pytest.raises(RequestError, match="no room"):
+            Constraints(Bounds.positive(3), ((0, 2), (2, 1))).given(
+                np.array([0, 1]), np.array([1.0, 1.0]), np.array([2])
+            )
+
+    @pytest.mark.parametrize("order", [((0, 0),), ((0, 1), (1, 0)), ((0, 1), (1, 2), (2, 0))])
+    def test_circles_are_refused(self, order):
+        with pytest.raises(RequestError, match="circle"):
+            Constraints(Bounds.positive(3), order)
+
+    def test_an_order_against_the_bounds_is_refused(self):
+        bounds = Bounds(np.array([1.0, 0.0]), np.array([2.0, 0.5]))
+        with pytest.raises(RequestError, match="no room"):
+            Constraints(bounds, ((0, 1),))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_order_that_the_readings_contradict(method):
+    """The two joints come out equal, at what one common compliance fits best, and it is said why."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+    within = ["joint_6", "joint_5"]  # in truth joint 6 is the softer one
+    free = estimate(robot, measurements, method=method)
+    held = estimate(robot, measurements, method=method, stiffness_order=[within])
+    assert free.compliance[5] > free.compliance[4]
+    assert held.compliance[5] == held.compliance[4]
+    assert free.compliance[4] < held.compliance[4] < free.compliance[5]
+    for j, other in ((4, "joint_6"), (5, "joint_5")):
+        joint = held.joints[j]
+        assert joint.status == "at_bound"
+        assert f"holds it to the stiffness of {other}" in joint.reason
+        assert joint.interval[0] <= joint.compliance <= joint.interval[1]
+    across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
+    assert across.compliance[5] == across.compliance[1]
+    agreed = estimate(robot, measurements, method=method, stiffness_order=[["joint_5", "joint_6"]])
+    np.testing.assert_array_equal(agreed.compliance, free.compliance)
+    if method == "partial_pose":
+        (block,) = regressor_blocks(robot, measurements)
+        merged = np.column_stack([block.A[..., :4].reshape(-1, 4), block.A[..., 4:].sum(axis=-1).ravel()])
+        expected = np.linalg.lstsq(merged, measurements.deflection.ravel(), rcond=None)[0]
+        np.testing.assert_allclose(held.compliance[:5], expected, rtol=1e-8)
+
+
+def test_an_order_through_a_joint_that_no_load_twists():
+    """It holds between the joints on both sides, and the result says so."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight"))
+    chain = ["joint_5", "joint_1", "joint_2"]  # in truth joint 2 is the stiffer one
+    joints = estimate(robot, measurements, stiffness_order=[chain]).joints
+    assert joints[0].status == "not_observable"
+    assert joints[1].compliance == joints[4].compliance
+    for j, other in ((1, "joint_5"), (4, "joint_2")):
+        assert joints[j].status == "at_bound"
+        assert f"holds it to the stiffness of {other}" in joints[j].reason

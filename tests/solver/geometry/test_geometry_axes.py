@@ -1,0 +1,269 @@
+"""Axes, base frame, wrist centre and targets from sweeps: the shared data, and arms of our own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.geometry_truth import (
+    FANUC_MAP,
+    HOME,
+    SIGMA,
+    TARGETS,
+    Cell,
+    chi_square,
+    imperfect_arm,
+    shared_chain,
+    shared_sweeps,
+)
+
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.urdf import urdf_text
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry import Axis, RigidTransform, SweepSet
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
+from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
+from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
+from jointstiff.solver.geometry.sweeps.findings import angle_probability, geometry_findings
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.robot import read_urdf
+
+WAYS = ["one by one", "together", "together, controller's angles"]
+
+
+def identified(sweeps: SweepSet, way: str) -> SweptAxes:
+    angles = "controller" if way.endswith("angles") else "free"
+    axes = identify_axes(sweeps, angles=angles)  # type: ignore[arg-type]
+    return axes if way == "one by one" else refine_axes(axes, angles=angles)  # type: ignore[arg-type]
+
+
+def within(error: np.ndarray, covariance: np.ndarray, most: float = 4.0) -> None:
+    """Each component and the error as a whole, as unlikely as `most` standard uncertainties."""
+    assert np.all(np.abs(error) <= most * np.sqrt(np.diag(covariance)))
+    assert stats.chi2.sf(chi_square(error, covariance), len(error)) > 2 * stats.norm.sf(most)
+
+
+@pytest.mark.parametrize("way", WAYS)
+class TestSharedSweeps:
+    """Issue 5: all within 4 of their own standard uncertainties of truth.json."""
+
+    def test_axes(self, way: str) -> None:
+        sweeps, truth = shared_sweeps()
+        found = identified(sweeps, way)
+        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        for joint, axis in enumerate(truth["axes_at_zero"]):
+            true = Axis.through(R @ axis["point"] + t, R @ axis["direction"])
+            within(found.axes[joint].chart(true), found.axis_covariance(joint))
+
+    @pytest.mark.parametrize("by", ["model", "axes"])
+    def test_base_frame(self, way: str, by: str) -> None:
+        sweeps, truth = shared_sweeps()
+        found = identified(sweeps, way)
+        convention = (
+            BaseConvention.of_chain(shared_chain()) if by == "model" else BaseConvention.of_axes(found, 0.675)
+        )
+        transform = find_base_frame(found, convention).transform_tracker_to_base
+        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        true = RigidTransform(R.T, -R.T @ t)
+        within(transform.chart(true), transform.covariance)
+        within(transform.inverse().chart(true.inverse()), transform.inverse().covariance)
+
+    def test_wrist_centre(self, way: str) -> None:
+        """20 µm where the readings can do so, in the tracker's frame; in R0 the frame's part comes on top.
+
+        Axis 2 fixes the direction of R0 within 20 µrad, which at 1 m from axis 1 are 20 µm: no estimator
+        is better (Cramér-Rao bound of these readings: 6, 22 and 9 µm). Measured: 34, 20.3, 17.7 µm.
+        """
+        sweeps, truth = shared_sweeps()
+        found = identified(sweeps, way)
+        base = find_base_frame(found, BaseConvention.of_chain(shared_chain()))
+        wrist = find_wrist_centre(found)
+        true = np.array(truth["wrist_centre_in_base_at_home"])
+        R, t = (np.array(truth["tracker_from_base"][key]) for key in ("rotation", "translation"))
+        assert [estimate.way for estimate in wrist.estimates] == ["axes", "sphere", "trilateration"]
+        for estimate in (*wrist.estimates, wrist.combined):
+            within(estimate.centre - (R @ true + t), estimate.covariance)
+            centre, covariance = wrist.in_base(estimate, base, found)
+            within(centre - true, covariance)
+            assert np.linalg.norm(estimate.centre - (R @ true + t)) < 20e-6
+        assert wrist.findings() == ()
+        assert wrist.miss.probability > 0.01
+        centre, _ = wrist.in_base(wrist.combined, base, found)
+        bound = dict(zip(WAYS, (40e-6, 21e-6, 20e-6), strict=True))
+        assert np.linalg.norm(centre - true) < bound[way]
+
+    def test_targets(self, way: str) -> None:
+        sweeps, truth = shared_sweeps()
+        found = identified(sweeps, way)
+        chain = shared_chain()
+        base = find_base_frame(found, BaseConvention.of_chain(chain))
+        model = identify_model(found, base, FlangeConvention.of_chain(chain), nominal=chain)
+        true = np.array([truth["targets_in_flange"][name] for name in model.target_names])
+        within((model.targets_in_flange - true).ravel(), model.targets_covariance)
+
+    def test_nothing_is_flagged(self, way: str) -> None:
+        sweeps, _ = shared_sweeps()
+        found = identified(sweeps, way)
+        assert geometry_findings(found, found.names) == ()
+        assert 0.85 < found.variance_factor < 1.15
+
+    def test_sigma_from_the_residuals(self, way: str) -> None:
+        sweeps, _ = shared_sweeps(stated=False)
+        assert identified(sweeps, way).sigma == pytest.approx(SIGMA, rel=0.1)
+
+
+def test_the_readings_say_whether_the_controllers_angles_are_good_enough() -> None:
+    sweeps, _ = shared_sweeps()
+    assert angle_probability(identify_axes(sweeps), identify_axes(sweeps, angles="controller")) > 0.01
+    worse = [
+        replace(
+            one,
+            angles=one.angles
+            + np.outer(60e-6 * np.sin(12.0 * one.angles[:, one.joint]), np.eye(6)[one.joint]),
+        )
+        for one in sweeps.sweeps
+    ]
+    spoilt = replace(sweeps, sweeps=tuple(worse))
+    assert angle_probability(identify_axes(spoilt), identify_axes(spoilt, angles="controller")) < 1e-6
+
+
+@pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
+@pytest.mark.parametrize("way", WAYS)
+def test_exact_sweeps_of_an_imperfect_arm_give_its_axes(matrix: np.ndarray, way: str) -> None:
+    """The true axes are not quite parallel, so that coupled sweeps do not quite translate."""
+    cell = Cell(imperfect_arm(3), matrix=matrix)
+    found = identified(cell.sweeps(), way)
+    for joint in range(6):
+        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
+    posture = cell.arm.posture(np.zeros(6))
+    at_zero = posture.targets_to_base(TARGETS) @ cell.rotation.T + cell.translation
+    assert np.abs(found.targets - at_zero).max() < 1e-8
+    base = find_base_frame(
+        found, BaseConvention.of_chain(read_urdf(urdf_text(default_arm()), "base_link", "flange"))
+    )
+    true = perpendicular_truth(cell)
+    assert np.abs(base.transform_tracker_to_base.chart(true)).max() < 1e-8
+
+
+def perpendicular_truth(cell: Cell) -> RigidTransform:
+    """Tracker to the base frame as the nominal arm has it: axis 1 is z, axis 2 at height 0.78 along y."""
+    o, a = cell.arm.axis_points[1], cell.arm.axis_directions[1]
+    x = np.cross(a, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    y = np.array([-x[1], x[0], 0.0])
+    reach = -(o @ y) / (a @ y)  # along axis 2 to the foot of the common perpendicular
+    height = (o + reach * a)[2]
+    R = np.stack([x, y, [0.0, 0.0, 1.0]])
+    return RigidTransform(R, np.array([0.0, 0.0, 0.78 - height])).after(cell.tracker_to_base)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_coupled_sweep_states_its_uncertainty(way: str) -> None:
+    """A FANUC arm: turning J2 moves the forearm without rotating it, circles of one radius."""
+    cell = Cell(imperfect_arm(5), matrix=FANUC_MAP)
+    squares = []
+    for seed in range(24):
+        found = identified(cell.sweeps(np.random.default_rng(seed)), way)
+        squares.append(
+            [
+                chi_square(found.axes[j].chart(cell.axis_at(j, np.zeros(6))), found.axis_covariance(j))
+                for j in range(6)
+            ]
+        )
+    assert np.mean(squares, axis=0) == pytest.approx(np.full(6, 4.0), rel=0.6)
+
+
+def test_coupled_axes_swept_in_another_way_or_not_at_all() -> None:
+    cell = Cell(matrix=FANUC_MAP)
+    sweeps = cell.sweeps()
+    moved = cell.sweeps(home=HOME + np.radians([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    mixed = replace(sweeps, sweeps=(*sweeps.sweeps[:2], moved.sweeps[2], *sweeps.sweeps[3:]))
+    with pytest.raises(MeasurementError, match="stands elsewhere") as caught:
+        identify_axes(mixed)
+    assert "same configuration" in caught.value.remedy
+    with pytest.raises(MeasurementError, match="model joint 3"):
+        identify_axes(replace(sweeps, sweeps=(*sweeps.sweeps[:2], *sweeps.sweeps[3:])))
+
+
+def test_against_each_other_the_controllers_joints_turn_one_axis() -> None:
+    """J3 commanded against J2 keeps model joint 3 at rest; then the circles are ordinary ones."""
+    cell = Cell(imperfect_arm(2), matrix=FANUC_MAP)
+    sweeps = cell.sweeps()
+    old = sweeps.sweeps[1]
+    angles = old.angles.copy()
+    angles[:, 2] = HOME[2] + HOME[1] - angles[:, 1]
+    both = replace(old, angles=angles, points=cell.readings(angles))
+    parts = (sweeps.sweeps[0], both, *sweeps.sweeps[2:])
+    found = identify_axes(replace(sweeps, sweeps=parts))
+    assert found.sweeps.turning(both) == (1,)
+    assert np.abs(found.axes[1].chart(cell.axis_at(1, np.zeros(6)))).max() < 1e-8
+
+
+def test_two_joints_that_turn_without_being_coupled_are_refused() -> None:
+    cell = Cell()
+    sweeps = cell.sweeps()
+    angles = sweeps.sweeps[1].angles.copy()
+    angles[:, 2] += np.linspace(0.0, 0.3, len(angles))
+    bad = replace(sweeps.sweeps[1], angles=angles, points=cell.readings(angles))
+    with pytest.raises(MeasurementError, match="model joints 2 and 3 turn in one sweep"):
+        identify_axes(replace(sweeps, sweeps=(sweeps.sweeps[0], bad, *sweeps.sweeps[2:])))
+
+
+def test_sweeps_at_different_homes_fit_together() -> None:
+    cell, rng = Cell(imperfect_arm(9)), np.random.default_rng(4)
+    parts = []
+    for joint in range(6):
+        home = HOME + rng.uniform(-0.3, 0.3, 6)
+        parts.append(cell.sweeps(home=home).sweeps[joint])
+    found = identify_axes(replace(cell.sweeps(), sweeps=tuple(parts)))
+    for joint in range(6):
+        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
+
+
+def test_a_joint_without_a_sweep_is_named_and_two_sweeps_of_one_are_refused() -> None:
+    sweeps = Cell().sweeps()
+    with pytest.raises(MeasurementError, match="model joint 4, 5"):
+        identify_axes(replace(sweeps, sweeps=(*sweeps.sweeps[:3], sweeps.sweeps[5])))
+    with pytest.raises(MeasurementError, match="2 sweeps turn model joint 1"):
+        replace(sweeps, sweeps=(sweeps.sweeps[0], *sweeps.sweeps))
+
+
+class TestBaseConvention:
+    def test_without_a_model_x_points_to_axis_2_whatever_its_sense(self) -> None:
+        arm = default_arm()
+        directions = arm.axis_directions.copy()
+        directions[1] *= -1.0
+        turned = replace(arm, axis_directions=directions)
+        for one in (arm, turned):
+            cell = Cell(one)
+            found = identify_axes(cell.sweeps(np.random.default_rng(0)))
+            base = find_base_frame(found, BaseConvention.of_axes(found, 0.78))
+            gap = base.transform_tracker_to_base.chart(cell.tracker_to_base)
+            assert np.abs(gap).max() < 3e-4
+
+    def test_parallel_first_axes_define_no_frame(self) -> None:
+        arm = default_arm()
+        directions = arm.axis_directions.copy()
+        directions[1] = directions[0]
+        cell = Cell(replace(arm, axis_directions=directions))
+        found = identify_axes(cell.sweeps())
+        with pytest.raises(MeasurementError, match="define a frame"):
+            find_base_frame(found, BaseConvention.of_axes(found))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", WAYS)
+def test_regions_cover_as_they_say(way: str) -> None:
+    """Issue 5: 500 sweep sets at 15 µm, 95 % regions cover 93 to 97 %; here over all axes of 150 sets."""
+    cell, inside = Cell(imperfect_arm(8)), []
+    for seed in range(150):
+        found = identified(cell.sweeps(np.random.default_rng([seed, 5])), way)
+        squares = [
+            chi_square(found.axes[j].chart(cell.axis_at(j, np.zeros(6))), found.axis_covariance(j))
+            for j in range(6)
+        ]
+        inside.append([square < stats.chi2.ppf(0.95, 4) for square in squares])
+    assert 0.93 < np.mean(inside) < 0.97

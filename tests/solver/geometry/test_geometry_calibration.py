@@ -1,0 +1,131 @@
+"""Calibration of a nominal model from unloaded poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.geometry_truth import (
+    FANUC_MAP,
+    NAMES,
+    SIGMA,
+    TARGETS,
+    Cell,
+    chi_square,
+    imperfect_arm,
+    rodrigues,
+)
+
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.urdf import urdf_text
+from jointstiff.solver.errors import MeasurementError, NotObservableError
+from jointstiff.solver.geometry import Poses, RigidTransform
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model, link_table
+from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
+from jointstiff.solver.robot import JointMap, KinematicChain, read_urdf
+
+LIMITS = default_arm().limits
+
+
+def nominal() -> KinematicChain:
+    return read_urdf(urdf_text(default_arm()), "base_link", "flange")
+
+
+def poses(
+    cell: Cell,
+    seed: int,
+    *,
+    count: int = 30,
+    sigma: float = 0.0,
+    still: int | None = None,
+    stated: bool = True,
+) -> Poses:
+    rng = np.random.default_rng([seed, 31])
+    angles = 0.6 * rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 6)) @ np.linalg.inv(cell.matrix).T
+    if still is not None:
+        angles[:, still] = 0.3
+    points = cell.readings(angles)
+    points = points + rng.normal(0.0, sigma, points.shape) if sigma else points
+    present = np.ones((count, len(cell.targets)), dtype=bool)
+    joint_map = JointMap(cell.matrix, np.zeros(6))
+    return Poses(angles, points, present, NAMES[: len(cell.targets)], joint_map, SIGMA if stated else None)
+
+
+@pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_poses_give_the_arm(seed: int, matrix: np.ndarray) -> None:
+    tracker = rodrigues(np.random.default_rng(seed).normal(size=3), 2.5)
+    cell = Cell(imperfect_arm(seed, 3e-3), rotation=tracker, matrix=matrix)
+    found = calibrate(nominal(), poses(cell, seed))
+    assert (found.rank, found.only_together) == (33, ())
+    for joint in range(6):
+        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-8
+    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+    model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
+    assert model.targets_in_flange == pytest.approx(TARGETS, abs=0.02)
+
+
+def test_one_target_is_enough() -> None:
+    cell = Cell(imperfect_arm(1), targets=TARGETS[:1])
+    found = calibrate(nominal(), poses(cell, 1, count=40))
+    for joint in range(6):
+        assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-7
+
+
+def test_uncertainties_are_true() -> None:
+    cell, squares = Cell(imperfect_arm(4)), []
+    for seed in range(30):
+        found = calibrate(nominal(), poses(cell, seed, sigma=SIGMA))
+        errors = np.concatenate([found.axes[j].chart(cell.axis_at(j, np.zeros(6))) for j in range(6)])
+        squares.append(chi_square(errors, found.covariance[:24, :24]))
+        assert 0.7 < found.variance_factor < 1.4
+    assert np.mean(squares) == pytest.approx(24.0, rel=0.2)
+
+
+def test_sigma_from_residuals_and_missing_readings() -> None:
+    cell = Cell(imperfect_arm(4))
+    full = poses(cell, 1, sigma=SIGMA, stated=False, count=60)
+    present = np.random.default_rng(0).random(full.present.shape) > 0.4
+    some = Poses(
+        full.angles, np.where(present[..., None], full.points, np.nan), present, NAMES, full.joint_map
+    )
+    found = calibrate(nominal(), some)
+    assert found.sigma == pytest.approx(SIGMA, rel=0.2)
+    assert np.all(found.residuals[~present] == 0.0)
+
+
+def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty() -> None:
+    found = calibrate(nominal(), poses(Cell(), 2, sigma=SIGMA, still=3))
+    assert found.rank == 33 - 4
+    assert len(found.only_together) == 4
+    assert all(any(name.startswith("axis 4") for name in names) for names in found.only_together)
+    assert {finding.code for finding in found.findings()} == {"parameters_not_identified"}
+    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+    rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
+    by_key = {(row.quantity, row.joint): row.standard_uncertainty for row in rows}
+    assert np.isinf(by_key["alpha", 2])
+    assert np.isinf(by_key["a", 3])
+    assert np.isfinite(by_key["a", 1])
+    assert by_key["a", 1] < 100e-6
+
+
+def test_a_start_may_be_given() -> None:
+    cell = Cell(imperfect_arm(6))
+    rough = RigidTransform(
+        cell.rotation @ rodrigues(np.array([1.0, 2.0, 3.0]), 0.05), cell.translation + 0.05
+    )
+    given, found = (calibrate(nominal(), poses(cell, 6), start=start) for start in (rough, None))
+    for one, other in zip(given.axes, found.axes, strict=True):
+        assert np.abs(one.chart(other)).max() < 1e-8
+
+
+def test_too_few_poses_and_another_robot_are_refused() -> None:
+    with pytest.raises(NotObservableError, match="27 coordinates for 33 unknowns"):
+        calibrate(nominal(), poses(Cell(), 1, count=3))
+    chain = nominal()
+    short = KinematicChain("short", chain.base, chain.joints[4].child, chain.joints[:5])
+    with pytest.raises(MeasurementError, match="5 moving joints"):
+        calibrate(short, poses(Cell(), 1))
+    one = poses(Cell(), 1)
+    with pytest.raises(MeasurementError, match="poses"):
+        Poses(one.angles, one.points[:4], one.present, NAMES, one.joint_map)

@@ -1,0 +1,227 @@
+"""The identified model: chain, URDF, DH tables, link table, flange."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.geometry_truth import FANUC_MAP, HOME, TARGETS, Cell, chi_square, imperfect_arm
+
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.arm import SpringArm
+from jointstiff.simulator.urdf import urdf_text
+from jointstiff.solver.errors import MeasurementError, RobotError
+from jointstiff.solver.geometry import DhTable, IdentifiedAxes, RigidTransform
+from jointstiff.solver.geometry.frames.axis_frame import chain_axes
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.model.dh_identification import dh_table
+from jointstiff.solver.geometry.model.identified_model import (
+    FlangeConvention,
+    IdentifiedModel,
+    identify_model,
+    link_table,
+)
+from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
+from jointstiff.solver.robot import Configurations, JointMap, KinematicChain, Robot, dh_chain, read_urdf
+
+ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
+
+
+def nominal() -> KinematicChain:
+    return read_urdf(urdf_text(default_arm()), "base_link", "flange")
+
+
+def modelled(cell: Cell, seed: int | None = None) -> tuple[IdentifiedAxes, IdentifiedModel]:
+    found = identify_axes(cell.sweeps(None if seed is None else np.random.default_rng(seed)))
+    base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+    return found, identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
+
+
+def flange_points(chain: KinematicChain, angles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    configurations = Configurations(Robot(chain), angles)
+    turned = np.einsum("nij,tj->nti", configurations.flange_rotation, points)
+    return turned + configurations.flange_translation[:, None]
+
+
+def table_points(table: DhTable, angles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    moved = flange_points(dh_chain(table.rows, table.convention, "x"), angles, table.tool.apply(points))
+    return table.base.apply(moved)
+
+
+@pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
+def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix: np.ndarray) -> None:
+    cell = Cell(imperfect_arm(11), matrix=matrix)
+    _, model = modelled(cell)
+    robot = Robot(model.chain, JointMap(matrix, np.zeros(6)))
+    angles = robot.joint_map.model_angles(ANGLES)
+    predicted = flange_points(model.chain, angles, model.targets_in_flange)
+    read = model.base.transform_tracker_to_base.apply(cell.readings(ANGLES))
+    assert np.abs(predicted - read).max() < 1e-7
+    assert model.chain.joint_names == nominal().joint_names
+    assert model.chain.revolute[2].limits == nominal().revolute[2].limits
+
+
+def test_urdf_is_read_back_to_the_same_kinematics() -> None:
+    _, model = modelled(Cell(imperfect_arm(12)), seed=3)
+    again = read_urdf(model.chain.to_urdf(), model.chain.base, model.chain.flange)
+    assert (
+        np.abs(flange_points(again, ANGLES, TARGETS) - flange_points(model.chain, ANGLES, TARGETS)).max()
+        < 1e-9
+    )
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("seed", range(4))
+def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed: int, convention: str) -> None:
+    rng = np.random.default_rng(seed)
+    arm = imperfect_arm(seed)
+    directions = arm.axis_directions + rng.normal(0.0, 0.3, (6, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    chain = read_urdf(urdf_text(replace(arm, axis_directions=directions)), "base_link", "flange")
+    table = dh_table(chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
+    assert all(abs(row.d) < 100.0 for row in table.rows)
+    gap = table_points(table, ANGLES, TARGETS) - flange_points(chain, ANGLES, TARGETS)
+    assert np.abs(gap).max() < 1e-9
+    assert table.deviation < 1e-12
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_dh_of_exactly_parallel_axes_is_exact_and_tidy(convention: str) -> None:
+    table = dh_table(nominal(), convention, parallel_within=0.0)  # type: ignore[arg-type]
+    gap = table_points(table, ANGLES, TARGETS) - flange_points(nominal(), ANGLES, TARGETS)
+    assert np.abs(gap).max() < 1e-12
+    lengths = sorted(
+        round(abs(value), 9) for row in table.rows for value in (row.a, row.d) if abs(value) > 1e-9
+    )
+    assert lengths == [0.06, 0.24, 0.33, 0.78, 1.12, 1.31]
+    assert [pair.joint for pair in table.parallel] == [1]
+    assert table.base.rotation == pytest.approx(np.eye(3))
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_dh_of_nearly_parallel_axes_says_what_it_leaves_out(convention: str) -> None:
+    _, model = modelled(Cell(), seed=1)
+    table = dh_table(model.chain, convention)  # type: ignore[arg-type]
+    (pair,) = table.parallel
+    assert (pair.joint, pair.made_parallel) == (1, True)
+    assert 1e-6 < pair.angle < 2e-4
+    gap = table_points(table, ANGLES, np.zeros((1, 3))) - flange_points(model.chain, ANGLES, np.zeros((1, 3)))
+    measured = np.linalg.norm(gap, axis=-1).max()
+    assert 0.3 * table.deviation < measured < 1.2 * table.deviation
+    assert 1e-6 < table.deviation < 1e-3
+    exact = dh_table(model.chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
+    assert not exact.parallel[0].made_parallel
+    assert max(abs(row.d) for row in exact.rows) > 100.0
+
+
+class TestLinkTable:
+    def table(self, arm: SpringArm, seed: int | None) -> dict[tuple[str, int], tuple[float, float]]:
+        found = identify_axes(Cell(arm).sweeps(None if seed is None else np.random.default_rng(seed)))
+        base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+        rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
+        return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
+
+    def test_it_shows_what_was_changed_and_nothing_else(self) -> None:
+        arm = default_arm()
+        points = arm.axis_points.copy()
+        points[2:, 2] += 1e-3  # upper arm
+        points[4:, 0] += 2e-3  # forearm
+        rows = self.table(replace(arm, axis_points=points), None)
+        assert rows["a", 1][0] == pytest.approx(1e-3, abs=1e-8)
+        assert rows["d", 3][0] == pytest.approx(-2e-3, abs=1e-8)  # axis 4 points backwards
+        others = [gap for key, (gap, _) in rows.items() if key not in {("a", 1), ("d", 3)}]
+        assert np.abs(others).max() < 1e-7
+
+    def test_joint_offsets_show_as_theta(self) -> None:
+        arm = default_arm()
+        turn = 1e-3
+        cosine, sine = np.cos(turn), np.sin(turn)
+        about_y = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+        points, directions = arm.axis_points.copy(), arm.axis_directions.copy()
+        points[3:] = points[2] + (points[3:] - points[2]) @ about_y.T
+        directions[3:] = directions[3:] @ about_y.T
+        rows = self.table(replace(arm, axis_points=points, axis_directions=directions), None)
+        assert rows["theta", 2][0] == pytest.approx(turn, abs=1e-7)
+        assert max(abs(gap) for key, (gap, _) in rows.items() if key != ("theta", 2)) < 1e-7
+
+    def test_its_uncertainties_are_true(self) -> None:
+        exact = self.table(default_arm(), None)
+        squares = []
+        for seed in range(25):
+            rows = self.table(default_arm(), seed)
+            squares.append([((rows[key][0] - exact[key][0]) / rows[key][1]) ** 2 for key in exact])
+        assert np.mean(squares, axis=0) == pytest.approx(np.ones(len(exact)), abs=1.1)
+        assert np.mean(squares) == pytest.approx(1.0, abs=0.25)
+
+
+class TestFlange:
+    def test_targets_state_their_uncertainty(self) -> None:
+        squares = []
+        for seed in range(25):
+            _, model = modelled(Cell(), seed)
+            error = (model.targets_in_flange - TARGETS).ravel()
+            squares.append(chi_square(error, model.targets_covariance))
+        assert np.mean(squares) == pytest.approx(9.0, rel=0.35)
+
+    def test_by_targets(self) -> None:
+        cell = Cell(imperfect_arm(2))
+        found = identify_axes(cell.sweeps())
+        base = find_base_frame(found, BaseConvention.of_axes(found))
+        model = identify_model(found, base, FlangeConvention.of_targets())
+        first, second, third = model.targets_in_flange
+        assert np.abs(first).max() < 1e-12
+        assert second[1:] == pytest.approx([0.0, 0.0], abs=1e-12)
+        assert third[2] == pytest.approx(0.0, abs=1e-12)
+        assert third[1] > 0.0
+        read = base.transform_tracker_to_base.apply(cell.readings(HOME[None]))
+        assert flange_points(model.chain, HOME[None], model.targets_in_flange) == pytest.approx(
+            read, abs=1e-7
+        )
+
+    def test_by_axes_the_origin_is_the_wrist_centre(self) -> None:
+        found = identify_axes(Cell().sweeps())
+        base = find_base_frame(found, BaseConvention.of_chain(nominal()))
+        model = identify_model(found, base, FlangeConvention.of_axes())
+        _, flange = chain_axes(model.chain)
+        assert flange.translation == pytest.approx(default_arm().axis_points[4], abs=1e-8)
+
+    def test_targets_on_a_line_are_refused(self) -> None:
+        cell = Cell(targets=np.array([[0.1, 0.1, 0.0], [0.1, 0.2, 0.0], [0.1, 0.3, 0.0]]))
+        found = identify_axes(cell.sweeps())
+        base = find_base_frame(found, BaseConvention.of_axes(found))
+        with pytest.raises(MeasurementError, match="line"):
+            identify_model(found, base, FlangeConvention.of_targets())
+
+    def test_a_nominal_model_of_another_robot_is_refused(self) -> None:
+        found = identify_axes(Cell().sweeps())
+        base = find_base_frame(found, BaseConvention.of_axes(found))
+        chain = nominal()
+        short = KinematicChain("short", chain.base, chain.joints[4].child, chain.joints[:5])
+        with pytest.raises(RobotError, match="5 moving joints"):
+            identify_model(found, base, FlangeConvention.of_axes(), nominal=short)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_rigid_transforms_undo_and_follow_each_other(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    found = any_transform(rng)
+    point = rng.normal(size=3)
+    assert found.inverse().apply(found.apply(point)) == pytest.approx(point, abs=1e-12)
+    back_and_forth = found.inverse().inverse()
+    assert back_and_forth.covariance == pytest.approx(found.covariance, abs=1e-12)
+    step = 1e-6 * rng.normal(size=6)
+    moved = found.displaced(step)
+    assert found.chart(moved) == pytest.approx(step, abs=1e-12)
+    assert moved.apply(point) - found.apply(point) == pytest.approx(
+        found.sensitivity(found.apply(point)) @ step, abs=1e-10
+    )
+
+
+def any_transform(rng: np.random.Generator) -> RigidTransform:
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    factor = rng.normal(size=(6, 6))
+    return RigidTransform(rotation * np.linalg.det(rotation), rng.normal(size=3), factor @ factor.T)

@@ -1,0 +1,323 @@
+"""Advice on what to measure next: followed with exact springs, it brings what it promised."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flint import fmpq_mat
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.campaigns import estimate, prepare, shared
+from test_identifiability import straight_wrist
+
+from jointstiff.service.conversion.identifiability import to_identifiability
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS, SpringArm
+from jointstiff.simulator.equilibrium import deflections, linear_deflections
+from jointstiff.solver.inference import Advice, advise
+from jointstiff.solver.inference.advice import precision
+from jointstiff.solver.inference.candidates import Equipment, new_postures
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Configurations, KinematicChain, Robot
+
+
+class TestPrecision:
+    @settings(max_examples=100, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
+    def test_is_that_of_the_exact_inverse(self, seed, n):
+        rows = np.random.default_rng(seed).integers(-9, 10, (n + 3, n))
+        G = fmpq_mat((rows.T @ rows).tolist()) if n else None
+        if G.det() == 0:
+            return
+        inverse = G.inv()
+        scale = 1.0 / np.sqrt(np.diag(rows.T @ rows))
+        scaled = (rows * scale).T @ (rows * scale)
+        for j in range(n):
+            expected = scale[j] ** 2 / (float(inverse[j, j].p) / float(inverse[j, j].q))
+            # The least information of such integers is 1/det; double precision finds it to what is left.
+            assert precision(scaled[..., None], j)[0] == pytest.approx(expected, rel=1e-6)
+
+    def test_of_what_is_not_determined_is_zero(self):
+        rows = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 2.0], [2.0, 2.0, 0.0, 1.0]])
+        G = (rows.T @ rows)[..., None]
+        assert [float(precision(G, j)[0]) for j in range(3)] == [0.0, 0.0, 0.0]
+        # Of joint 3 the sum of the first two takes a share: 5 − 2²/5.
+        assert precision(G, 3)[0] == pytest.approx(5 - 4 / 5, rel=1e-12)
+
+    def test_all_matrices_at_once_and_untouched(self):
+        rows = np.random.default_rng(0).standard_normal((5, 7, 4))
+        G = np.einsum("mri,mrj->ijm", rows, rows)
+        before = G.copy()
+        found = precision(G, 1)
+        expected = [1 / np.linalg.inv(G[..., m])[1, 1] for m in range(5)]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        np.testing.assert_array_equal(G, before)
+
+
+class TestFollowed:
+    """What the advice promised is what the same identification finds with the advised reading."""
+
+    @pytest.mark.parametrize("name", ["dead_weight_motor", "dead_weight_secondary"])
+    def test_the_joint_that_a_weight_never_twists(self, name):
+        robot, measurements = prepare(shared(f"simulated/{name}"))
+        stiffness = shared("simulated/truth")[name]["stiffness"]
+        (advice,) = advise(robot, measurements, estimate(robot, measurements))
+        assert advice.joint == 0
+        assert advice.ratio is None
+        assert abs(advice.force[2]) < 1e-9  # sideways: upwards is as blind as downwards
+        followed = follow(arm_of(robot, stiffness), robot, measurements, advice)
+        joint = estimate(robot, followed).joints[0]
+        assert joint.status == "identified"
+        assert joint.standard_uncertainty == pytest.approx(advice.uncertainty, rel=0.01)
+        assert abs(joint.compliance - 1 / stiffness[0]) < 4 * joint.standard_uncertainty
+
+    @pytest.mark.parametrize("sigma", [2e-5, None])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_few_readings(self, seed, sigma):
+        """Weights: another direction, and a posture with the weights as they are. Both hold good."""
+        arm = default_arm()
+        robot, measurements = prepare(simulate_campaign(arm, configurations=3, seed=seed + 1))
+        measurements = replace(measurements, sigma=sigma)
+        found = estimate(robot, measurements)
+        pieces = advise(robot, measurements, found)
+        assert {piece.joint for piece in pieces} > {0}
+        assert any(piece.own_direction and piece.observation is None for piece in pieces)
+        for piece in pieces:
+            after = estimate(robot, follow(arm, robot, measurements, piece))
+            deviation = after.joints[piece.joint].standard_uncertainty / after.sigma
+            assert deviation == pytest.approx(piece.deviation, rel=0.01)
+            if piece.ratio is not None:
+                before = found.joints[piece.joint].standard_uncertainty / found.sigma
+                assert deviation / before == pytest.approx(piece.ratio, rel=0.01)
+                assert piece.ratio < 0.99
+
+    def test_a_straight_wrist_is_to_be_bent(self):
+        robot, measurements = straight_wrist(0.0)
+        pieces = advise(robot, measurements, estimate(robot, measurements))
+        assert [piece.joint for piece in pieces] == [3, 5]
+        assert all(piece.observation is None and abs(piece.joints[4]) > 0.1 for piece in pieces)
+        after = estimate(robot, follow(default_arm(), robot, measurements, pieces[0]))
+        assert after.joints[3].status == after.joints[5].status == "identified"
+        assert after.joints[3].standard_uncertainty == pytest.approx(pieces[0].uncertainty, rel=0.01)
+
+    def test_several_joints_without_a_trace(self):
+        """One posture with the weight above the wrist: joints 1 and others show nothing."""
+        arm = default_arm()
+        robot, measurements = prepare(simulate_campaign(arm, configurations=1, seed=1))
+        pieces = advise(robot, measurements, estimate(robot, measurements))
+        assert pieces
+        for piece in pieces:
+            after = estimate(robot, follow(arm, robot, measurements, piece))
+            joint = after.joints[piece.joint]
+            assert joint.standard_uncertainty == pytest.approx(piece.uncertainty, rel=0.01)
+
+
+class TestBest:
+    def test_no_direction_does_much_better(self):
+        """Against 2,000 directions in every posture of the set, by regressors of the simulator."""
+        arm = default_arm()
+        robot, measurements = prepare(simulate_campaign(arm, configurations=6, seed=0))
+        (advice, *_) = advise(robot, measurements, estimate(robot, measurements))
+        assert advice.joint == 0
+        rows = [rows_of(arm, measurements.joints[i], measurements.force[i]) for i in range(6)]
+        rng = np.random.default_rng(0)
+        best = np.inf
+        for q in measurements.joints:
+            directions = rng.standard_normal((350, 3))
+            forces = 1500.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+            along_axes = np.stack([rows_of(arm, q, axis) for axis in np.eye(3)])
+            for added in np.einsum("di,irj->drj", forces, along_axes):  # linear in the force
+                R = np.vstack([*rows, added])
+                best = min(best, np.sqrt(2 * np.linalg.inv(R.T @ R)[0, 0]))
+        assert best < advice.deviation < 1.06 * best
+
+    def test_a_force_along_an_axis_is_preferred(self):
+        robot, measurements = prepare(shared("simulated/dead_weight_motor"))
+        (advice,) = advise(robot, measurements, estimate(robot, measurements))
+        np.testing.assert_allclose(np.sort(np.abs(advice.force)), [0, 0, 1500], atol=1e-9)
+
+    def test_the_same_every_time(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=0))
+        found = estimate(robot, measurements)
+        first, second = (advise(robot, measurements, found) for _ in range(2))
+        for a, b in zip(first, second, strict=True):
+            np.testing.assert_array_equal(a.joints, b.joints)
+            np.testing.assert_array_equal(a.force, b.force)
+
+
+class TestNone:
+    def test_where_all_joints_are_well_determined(self):
+        robot, measurements = prepare(shared("simulated/pull_40"))
+        assert advise(robot, measurements, estimate(robot, measurements)) == ()
+
+    def test_where_no_force_was_applied(self):
+        document = simulate_campaign(default_arm(), force=0.0, moment=300.0, configurations=2, sigma=1e-3)
+        robot, measurements = prepare(document)
+        found = estimate(robot, measurements)
+        assert any(joint.status != "identified" for joint in found.joints)
+        assert advise(robot, measurements, found) == ()
+
+    def test_where_nothing_could_tell_two_joints_apart(self):
+        """Two joints on one axis."""
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+        joints = list(robot.chain.joints)
+        twin = replace(joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=np.zeros(3))
+        chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (joints[0], twin, *joints[1:]))
+        extended = replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
+        twins = Robot(chain)
+        found = estimate(twins, extended)
+        assert found.joints[0].status == "not_observable"
+        assert advise(twins, extended, found) == ()
+
+
+class TestNewPostures:
+    def test_within_limits_and_span_in_whole_degrees(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+        tight = tuple(
+            replace(joint, limits=(-0.3, 0.25)) if joint.name == "joint_2" else joint
+            for joint in robot.chain.joints
+        )
+        robot = Robot(replace(robot.chain, joints=tight))
+        found = new_postures(robot, measurements, Equipment.of(robot, measurements), 30)
+        assert len(found) == 30
+        np.testing.assert_allclose(np.degrees(found.joints), np.round(np.degrees(found.joints)), atol=1e-9)
+        assert (found.joints >= robot.limits[:, 0]).all()
+        assert (found.joints <= robot.limits[:, 1]).all()
+        least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
+        allowed = np.maximum(greatest - least, 1.0) / 2 + np.radians(0.5)  # one radian at the least
+        assert (np.abs(found.joints - (least + greatest) / 2) <= allowed).all()
+
+    def test_none_where_the_limits_leave_no_room(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=3))
+        nowhere = tuple(
+            replace(joint, limits=(3.0, 3.1)) if joint.name == "joint_2" else joint
+            for joint in robot.chain.joints
+        )
+        confined = Robot(replace(robot.chain, joints=nowhere))
+        pieces = advise(confined, measurements, estimate(confined, measurements))
+        assert pieces
+        assert all(piece.observation is not None for piece in pieces)
+
+
+class TestMessages:
+    def test_with_label_direction_and_numbers(self):
+        document = shared("simulated/dead_weight_motor")
+        robot, measurements = prepare(document)
+        found = estimate(robot, measurements)
+        labels = [observation["label"] for observation in document["measurement_set"]["observations"]]
+        message = to_identifiability(found, advise(robot, measurements, found), labels)
+        (advice,) = message.advice
+        direction = ", ".join(f"{abs(x) / 1500:.2f}" for x in advice.force)
+        assert advice.message == (
+            f"in the posture of {advice.observation} pull 1500 N along ({direction}): "
+            f"u(joint_1) becomes {advice.standard_uncertainty:.2g} rad/(N.m)"
+        )
+        assert advice.joints == pytest.approx(
+            document["measurement_set"]["observations"][labels.index(advice.observation)]["joints"]
+        )
+        json.dumps(message.model_dump(mode="json"), allow_nan=False)
+
+    @pytest.mark.parametrize(
+        ("method", "weighting", "same"),
+        [
+            ("partial_pose", "covariance", True),
+            ("complete_pose", "covariance", True),
+            ("complete_pose", "uniform", False),
+            ("decoupled_partial_pose", "covariance", False),
+        ],
+    )
+    def test_of_a_method_that_will_find_another_uncertainty(self, method, weighting, same):
+        arm = default_arm()
+        robot, measurements = prepare(simulate_campaign(arm, configurations=4, seed=2))
+        options = {"method": method, "weighting": weighting}
+        found = estimate(robot, measurements, **options)
+        pieces = advise(robot, measurements, found)
+        after = estimate(robot, follow(arm, robot, measurements, pieces[0]), **options)
+        kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].uncertainty, rel=0.01)
+        assert kept == same
+        (first, *_) = to_identifiability(found, pieces, [f"c0{i}" for i in range(4)]).advice
+        assert ("by the partial pose u(joint_1)" in first.message) != same
+
+    def test_of_a_new_posture(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
+        found = estimate(robot, measurements)
+        labels = ["c01", "c02", "c03"]
+        pieces = to_identifiability(found, advise(robot, measurements, found), labels).advice
+        (new, *_) = (piece for piece in pieces if piece.observation is None)
+        assert "if it is clear, load with 1500 N as before" in new.message
+        assert f", {new.uncertainty_ratio:.2g} of what it is" in new.message
+
+    def test_without_sigma_the_torque_is_told(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
+        found = estimate(robot, measurements)
+        found = replace(found, sigma=None)
+        (first, *_) = to_identifiability(
+            found, advise(robot, measurements, found), ["c01", "c02", "c03"]
+        ).advice
+        assert first.joint == "joint_1"
+        assert "that twists joint_1 with" in first.message
+        assert first.standard_uncertainty is None
+
+
+def rows_of(arm: SpringArm, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Regressor (9, 6) of one reading of the default targets, by the simulator."""
+    columns = []
+    for j in range(6):
+        springs = np.full(6, np.inf)
+        springs[j] = 1.0
+        one = replace(arm, stiffnesses=springs)
+        moved = linear_deflections(
+            one, q[None], force[None], np.zeros((1, 3)), np.array([LOAD]), np.array(list(TARGETS.values()))
+        )
+        columns.append(moved.ravel())
+    return np.column_stack(columns)
+
+
+LOAD = (-0.06, 0.02, 0.18)
+
+
+def follow(arm: SpringArm, robot: Robot, measurements: Measurements, advice: Advice) -> Measurements:
+    """The set with the advised reading, taken on springs that balance the load exactly."""
+    rng = np.random.default_rng(0)
+    q, force, moment = advice.joints[None], advice.force[None], np.zeros((1, 3))
+    source = 0 if advice.observation is None else advice.observation
+    load_point = measurements.load_point[source][None]
+    first = Configurations(robot, measurements.joints[:1])
+    places = (measurements.position[0] - first.flange_translation[0]) @ first.flange_rotation[0]
+    unloaded, loaded = deflections(arm, q, force, moment, load_point, places)
+    noise = rng.normal(0, np.sqrt(2) * (measurements.sigma or 0.0), loaded.shape)
+    return replace(
+        measurements,
+        joints=np.vstack([measurements.joints, q]),
+        force=np.vstack([measurements.force, force]),
+        moment=np.vstack([measurements.moment, moment]),
+        load_point=np.vstack([measurements.load_point, load_point]),
+        position=np.concatenate([measurements.position, unloaded]),
+        in_flange=np.concatenate([measurements.in_flange, measurements.in_flange[:1]]),
+        deflection=np.concatenate([measurements.deflection, loaded - unloaded + noise]),
+        present=np.concatenate([measurements.present, measurements.present[:1]]),
+    )
+
+
+def arm_of(robot: Robot, stiffness: list[float]) -> SpringArm:
+    """The simulator's arm with this robot's geometry, read off its chain at zero."""
+    rotation, translation = np.eye(3), np.zeros(3)
+    points, directions, limits = [], [], []
+    for joint in robot.chain.joints:
+        translation = translation + rotation @ joint.translation
+        rotation = rotation @ joint.rotation
+        if joint.kind == "revolute":
+            points.append(translation)
+            directions.append(rotation @ joint.axis)
+            limits.append(joint.limits)
+    return SpringArm(
+        axis_points=np.array(points),
+        axis_directions=np.array(directions),
+        flange_rotation=rotation,
+        flange_translation=translation,
+        stiffnesses=np.array(stiffness),
+        limits=np.array(limits),
+    )

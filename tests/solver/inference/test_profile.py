@@ -1,0 +1,326 @@
+"""Profile-likelihood intervals against closed forms, brute force and a cone solver; their coverage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from math import sqrt
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq, lsq_linear
+from support.campaigns import METHODS, estimate, prepare
+
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.conversion import to_settings
+from jointstiff.service.conversion.joints import to_joint
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.convex import Bounds, Constraints
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.fitting import Likelihood
+from jointstiff.solver.fitting.likelihood import rows_of
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import profile as module
+from jointstiff.solver.inference import profile_ends
+from jointstiff.solver.regression import regressor_blocks
+
+RADII = np.array([1.959963984540054, 1.6448536269514722])
+"""Two-sided and one-sided at 95 %."""
+
+
+def likelihood(R, centre) -> Likelihood:
+    R = np.asarray(R, dtype=float)
+    return Likelihood(np.arange(R.shape[1]), np.asarray(centre, dtype=float), np.linalg.pinv(R.T @ R), R)
+
+
+def positive(n: int, *order: tuple[int, int]) -> Constraints:
+    return Constraints(Bounds.positive(n), order)
+
+
+def ends_of(found: Likelihood, constraints: Constraints, radii=RADII, wanted=None):
+    wanted = np.arange(len(found.centre)) if wanted is None else np.asarray(wanted)
+    return profile_ends(found, constraints, wanted, np.atleast_1d(np.asarray(radii, dtype=float)))
+
+
+def random_likelihood(rng: np.random.Generator, decades: float) -> tuple[np.ndarray, np.ndarray]:
+    """Correlated columns over some decades; the centre a few standard deviations about zero."""
+    n = int(rng.integers(1, 7))
+    while True:
+        R = rng.standard_normal((n + 2, n)) @ (np.eye(n) + rng.uniform(-0.6, 0.6, (n, n)))
+        if np.linalg.cond(R) < 300:  # campaigns have 5 to 50; beyond 1000 an order may not be certified
+            break
+    unit = 10.0 ** rng.uniform(-decades, decades, n)
+    centre = rng.standard_normal(n) * rng.choice([0.3, 1.0, 3.0, 30.0])
+    return R / unit, centre * unit
+
+
+class TestClosedForms:
+    def test_where_no_constraint_matters_it_is_the_interval_of_wald(self):
+        R = np.array([[2.0, 0.3], [0.0, 5.0]])
+        found = likelihood(R, [10.0, 7.0])
+        deviation = np.sqrt(np.diag(np.linalg.inv(R.T @ R)))
+        expected = found.centre[:, None] + RADII[:, None, None] * deviation[:, None] * np.array([-1.0, 1.0])
+        np.testing.assert_allclose(ends_of(found, positive(2)), expected, rtol=1e-14)
+
+    def test_a_joint_at_its_bound_and_one_beside_it(self):
+        """Centre (1, −1), unit metric, Δ = 1: the nearest point is (1, 0), so ρ² = 2."""
+        ends = ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2), 1.0)[0]
+        np.testing.assert_allclose(ends, [[0.0, 2.0], [0.0, sqrt(2) - 1]], atol=1e-12)
+
+    def test_two_joints_in_an_order(self):
+        """Centre (1, 0), c₀ ≤ c₁, Δ = 1: the nearest point is (½, ½), so ρ² = 3/2."""
+        ends = ends_of(likelihood(np.eye(2), [1.0, 0.0]), positive(2, (0, 1)), 1.0)[0]
+        np.testing.assert_allclose(ends, [[0.0, 0.5 + sqrt(0.5)], [0.0, sqrt(1.5)]], atol=1e-12)
+
+    def test_a_joint_that_reaches_its_bound_inside_the_ball(self):
+        ends = ends_of(likelihood(np.eye(2), [0.5, 3.0]), Constraints(Bounds(np.zeros(2), np.ones(2))), 3.0)
+        np.testing.assert_array_equal(ends[0, 0], [0.0, 1.0])
+
+    def test_of_a_point_both_ends_are_the_constrained_optimum(self):
+        """As one-sided bounds at 50 % are, also where the constraints cost nothing: c₁ + c₂ = 2 is exact."""
+        ends = ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2), [1.0, 0.0])
+        np.testing.assert_allclose(ends[1], [[1.0, 1.0], [0.0, 0.0]], atol=1e-12)
+        found = likelihood([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]], [1.0, -1.0, 3.0])
+        np.testing.assert_allclose(ends_of(found, positive(3), [1.0, 0.0], [0]), [[[0.0, 2.0]], [[1.0, 1.0]]])
+
+    def test_equal_columns_are_one_joint_to_the_others(self):
+        """Joints 2 and 3 show only together; to joints 0 and 1 they are one, whose compliance is the sum."""
+        rng = np.random.default_rng(3)
+        for _ in range(50):
+            R, centre = rng.standard_normal((6, 3)), rng.standard_normal(3)
+            whole = ends_of(likelihood(R, centre), positive(3), wanted=[0, 1])
+            twins = likelihood(R[:, [0, 1, 2, 2]], np.r_[centre[:2], centre[2] / 2, centre[2] / 2])
+            np.testing.assert_allclose(
+                ends_of(twins, positive(4), wanted=[0, 1]), whole, rtol=1e-8, atol=1e-8
+            )
+
+    def test_rows_from_a_covariance_are_those_of_its_inverse(self):
+        rng = np.random.default_rng(0)
+        R = rng.standard_normal((7, 5)) * 10.0 ** np.arange(-10, 15, 5)
+        rows = rows_of(np.linalg.inv(R.T @ R))
+        np.testing.assert_allclose(rows.T @ rows, R.T @ R, rtol=1e-9)
+
+
+class TestIndependently:
+    def test_brute_force_over_the_profile(self):
+        """p_j(t) = min ‖R (c − ĉ)‖² with c_j = t by bounded least squares; the ends are where it is ρ²."""
+        rng, bent = np.random.default_rng(11), 0
+        for _ in range(40):
+            R, centre = random_likelihood(rng, 2)
+            n = len(centre)
+            unit = 1 / np.linalg.norm(R, axis=0)
+            upper = np.where(rng.random(n) < 0.3, 2 * unit, np.inf)
+            found, bounds = likelihood(R, centre), Bounds(np.zeros(n), upper)
+            ends = ends_of(found, Constraints(bounds))
+            free = np.array(ends_of(found, Constraints(Bounds.unconstrained(n))))
+            bent += int((np.abs(ends - free) > 1e-9 * np.abs(ends)).sum())
+            best = _constrained(R * unit, R @ centre, bounds.lower / unit, upper / unit)
+            for q, radius in enumerate(RADII):
+                for j in range(n):
+                    _check_ends(R, centre, bounds, unit, j, best + radius**2, ends[q, j])
+        assert bent > 200
+
+    def test_cone_programs_with_bounds_and_orders(self):
+        rng = np.random.default_rng(5)
+        for _ in range(12):
+            R, centre = random_likelihood(rng, 1)
+            n = len(centre)
+            order = _random_order(rng, n)
+            ends = ends_of(likelihood(R, centre), positive(n, *order))
+            unit = 1 / np.linalg.norm(R, axis=0)
+            for j in range(n):
+                for side in (0, 1):
+                    expected = _cone_program(R, centre, unit, order, j, side)
+                    assert ends[0, j, side] / unit[j] == pytest.approx(expected, abs=2e-5, rel=2e-5)
+
+    def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
+        monkeypatch.setattr(module, "_ROUNDS", 0)
+        with pytest.raises(SolverError, match="end of an interval"):
+            ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2))
+
+
+def _constrained(R, z, lower, upper) -> float:
+    return 2 * lsq_linear(R, z, bounds=(lower, upper), method="bvls", tol=1e-14).cost
+
+
+def _profile(R, centre, bounds, unit, j, t) -> float:
+    others = np.arange(len(centre)) != j
+    rhs = R @ centre - R[:, j] * t
+    if not others.any():
+        return float(rhs @ rhs)
+    scaled = bounds.lower[others] / unit[others], bounds.upper[others] / unit[others]
+    return _constrained(R[:, others] * unit[others], rhs, *scaled)
+
+
+def _check_ends(R, centre, bounds, unit, j, level, ends):
+    """The profile is convex: it equals the level at an end, or is below it at a bound."""
+    for end, bound in zip(ends, (bounds.lower[j], bounds.upper[j]), strict=True):
+        value = _profile(R, centre, bounds, unit, j, end)
+        if end == bound:
+            assert value <= level * (1 + 1e-8)
+        else:
+            assert value == pytest.approx(level, rel=1e-8)
+    width = ends[1] - ends[0]
+    if ends[1] != bounds.upper[j]:  # and the root is where a search by itself finds it
+
+        def excess(t):
+            return _profile(R, centre, bounds, unit, j, t) - level
+
+        root = brentq(excess, ends[0] + 0.5 * width, ends[1] + width, xtol=1e-12 * width, rtol=1e-12)
+        assert root == pytest.approx(ends[1], rel=1e-7, abs=1e-7 * width)
+
+
+def _random_order(rng, n):
+    shuffled = rng.permutation(n).tolist()
+    if n > 2 and rng.random() < 0.4:
+        return ((shuffled[0], shuffled[2]), (shuffled[1], shuffled[2]))
+    return tuple(pairwise(shuffled))
+
+
+def _cone_program(R, centre, unit, order, j, side) -> float:
+    x = cp.Variable(len(centre))
+    A = R * unit
+    constraints = [x >= 0]
+    for i, k in order:
+        larger = max(unit[i], unit[k])
+        constraints.append(unit[i] / larger * x[i] <= unit[k] / larger * x[k])
+    nearest = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - R @ centre)), constraints)
+    nearest.solve(solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11)
+    ball = cp.norm(A @ x - R @ centre) <= sqrt(nearest.value + RADII[0] ** 2)
+    objective = cp.Minimize(x[j]) if side == 0 else cp.Maximize(x[j])
+    return float(cp.Problem(objective, [*constraints, ball]).solve(solver=cp.CLARABEL))
+
+
+@st.composite
+def problems(draw):
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    return (*random_likelihood(rng, 1), rng)
+
+
+class TestInvariances:
+    @settings(max_examples=30, deadline=None)
+    @given(problem=problems(), exponent=st.floats(-8, 8))
+    def test_unit_of_compliance(self, problem, exponent):
+        R, centre, rng = problem
+        factor = 10.0**exponent
+        order = _random_order(rng, len(centre))
+        expected = ends_of(likelihood(R, centre), positive(len(centre), *order))
+        found = ends_of(likelihood(R / factor, factor * centre), positive(len(centre), *order))
+        scale = np.abs(expected).max(axis=(0, 2), keepdims=True)
+        np.testing.assert_allclose(found / factor / scale, expected / scale, rtol=1e-7, atol=1e-9)
+
+    @settings(max_examples=30, deadline=None)
+    @given(problem=problems())
+    def test_order_of_joints_and_rotation_of_rows(self, problem):
+        R, centre, rng = problem
+        n = len(centre)
+        order = _random_order(rng, n)
+        permutation = rng.permutation(n)
+        place = np.argsort(permutation)
+        rotation = np.linalg.qr(rng.standard_normal((len(R), len(R))))[0]
+        expected = ends_of(likelihood(R, centre), positive(n, *order))
+        moved = tuple((int(place[i]), int(place[j])) for i, j in order)
+        found = ends_of(likelihood((rotation @ R)[:, permutation], centre[permutation]), positive(n, *moved))
+        scale = np.abs(expected).max(axis=(0, 2), keepdims=True)
+        np.testing.assert_allclose(found[:, place] / scale, expected / scale, rtol=1e-7, atol=1e-9)
+
+    @settings(max_examples=30, deadline=None)
+    @given(problem=problems())
+    def test_they_nest_and_stay_within_what_is_allowed(self, problem):
+        R, centre, _ = problem
+        wide, narrow = ends_of(likelihood(R, centre), positive(len(centre)))
+        assert (wide[:, 0] <= narrow[:, 0]).all()
+        assert (narrow[:, 1] <= wide[:, 1]).all()
+        assert (wide[:, 0] >= 0).all()
+        assert np.isfinite(wide).all()
+        assert (narrow[:, 0] < narrow[:, 1]).all()
+
+
+@pytest.fixture(scope="module")
+def rigid_joint():
+    """Pulls at an arm whose fourth joint is rigid, and noise that makes it look less than that."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=0))
+    (block,) = regressor_blocks(robot, measurements)
+    truth = default_arm().compliances.copy()
+    truth[3] = 0.0
+    return robot, measurements, block.A @ truth, truth
+
+
+def read_with_noise(rigid_joint, seed):
+    robot, measurements, exact, _ = rigid_joint
+    noise = np.random.default_rng(seed).normal(0, sqrt(2) * measurements.sigma, exact.shape)
+    return robot, replace(measurements, deflection=exact + noise)
+
+
+class TestJoints:
+    @pytest.mark.parametrize("method", METHODS)
+    def test_a_joint_at_zero_is_stiffer_than_a_number(self, rigid_joint, method):
+        seed = next(
+            seed
+            for seed in range(50)
+            if estimate(*read_with_noise(rigid_joint, seed), method=method).compliance[3] == 0
+        )
+        found = estimate(*read_with_noise(rigid_joint, seed), method=method).joints[3]
+        joint = to_joint(found)
+        assert (joint.status, joint.compliance, joint.stiffness) == ("at_bound", 0.0, None)
+        assert joint.compliance_interval[0] == 0.0 < joint.compliance_interval[1]
+        assert joint.stiffness_interval == (1 / joint.compliance_interval[1], None)
+        assert joint.one_sided.stiffness_at_most is None
+        least = joint.one_sided.stiffness_at_least
+        assert least > joint.stiffness_interval[0]
+        number = float(joint.reason.split("stiffer than ")[1].split(" N.m/rad at 95 %")[0])
+        assert 0.9 * least < number <= least
+
+    def test_an_unconstrained_interval_that_spans_zero_is_none_of_stiffness(self, rigid_joint):
+        robot, measurements = read_with_noise(rigid_joint, 1)
+        free = estimate(robot, measurements, positive=False).joints[3]
+        quantiles = RADII
+        for ends, quantile in zip((free.interval, free.one_sided), quantiles, strict=True):
+            half = quantile * free.standard_uncertainty
+            np.testing.assert_allclose(ends, [free.compliance - half, free.compliance + half], rtol=1e-12)
+        joint = to_joint(free)
+        assert joint.compliance_interval[0] < 0 < joint.compliance_interval[1]
+        assert joint.stiffness_interval is None
+        assert joint.one_sided.stiffness_at_least is joint.one_sided.stiffness_at_most is None
+
+    def test_confidence_and_students_t(self, rigid_joint):
+        robot, measurements = read_with_noise(rigid_joint, 1)
+        free = estimate(robot, replace(measurements, sigma=None), positive=False, confidence=0.99)
+        # Student's t of 165 degrees of freedom: 0.995 for two sides, 0.99 for one.
+        joint = free.joints[0]
+        assert free.degrees_of_freedom == pytest.approx(165)
+        half = (joint.interval[1] - joint.interval[0]) / 2 / joint.standard_uncertainty
+        assert half == pytest.approx(2.6060, abs=1e-4)
+        assert (joint.one_sided[1] - joint.compliance) / joint.standard_uncertainty == pytest.approx(
+            2.3492, abs=1e-4
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("rigid", [(), (3,), (1, 3)])
+def test_coverage(method, rigid):
+    """2,000 campaigns: 95 % within the error of the count, and never less beside rigid joints."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=0))
+    (block,) = regressor_blocks(robot, measurements)
+    truth = default_arm().compliances.copy()
+    truth[list(rigid)] = 0.0
+    exact = block.A @ truth
+    run = to_settings(RunOptions(method=method), robot)
+    rng, held = np.random.default_rng(20), np.zeros((3, robot.n))
+    for _ in range(2000):
+        noise = rng.normal(0, sqrt(2) * measurements.sigma, exact.shape)
+        found = identify(robot, replace(measurements, deflection=exact + noise), run)
+        (low, high), (least, most) = (
+            np.array([getattr(joint, kind) for joint in found.joints]).T for kind in ("interval", "one_sided")
+        )
+        held += [(low <= truth) & (truth <= high), least <= truth, truth <= most]
+        assert (low >= 0).all()
+        assert np.isfinite(high).all()
+    share = held / 2000
+    assert (share >= 0.935).all()  # three standard deviations of the count below 95 %
+    if not rigid:
+        assert (share <= 0.965).all()

@@ -1,0 +1,258 @@
+"""Observability indices and reasons, against exact cases and a regressor that shares no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.campaigns import estimate, prepare
+
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
+from jointstiff.simulator.equilibrium import deflections, linear_deflections
+from jointstiff.solver.observability import Spectrum, Visibility, analyse, observability_indices
+from jointstiff.solver.observability.indices import ObservabilityIndices
+from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
+
+NAMES = ("a", "b", "c", "d")
+
+
+@pytest.fixture(scope="module")
+def pulls():
+    return prepare(simulate_campaign(default_arm(), load="pull", configurations=9, moment=200.0, seed=3))
+
+
+def indices_of(robot, measurements, **options) -> np.ndarray:
+    found = estimate(robot, measurements, **options)
+    indices = observability_indices(found.regressor, found.visibility)
+    return np.array([indices.o1, indices.o2, indices.o3, indices.o4, indices.o5])
+
+
+def test_definitions_on_powers_of_two():
+    found = ObservabilityIndices.of(np.array([1.0, 0.5, 0.25]))
+    assert found.o1 == pytest.approx(0.5, rel=1e-15)
+    assert (found.o2, found.o3, found.o4) == (0.25, 0.25, 0.0625)
+    assert found.o5 == pytest.approx(1 / 7, rel=1e-15)
+
+
+class TestScale:
+    @pytest.mark.parametrize("method", ["partial_pose", "decoupled_partial_pose"])
+    def test_columns_are_shares_of_what_the_levers_allow(self, method):
+        """Regressor and levers from the simulator; the indices do not depend on the method."""
+        arm = default_arm()
+        document = simulate_campaign(arm, load="pull", configurations=9, moment=200.0, sigma=0.0, seed=3)
+        plan = experiment_of(document)
+        targets = np.array(list(TARGETS.values()))
+        columns = []
+        for j in range(6):
+            springs = np.full(6, np.inf)
+            springs[j] = 1.0
+            one = replace(arm, stiffnesses=springs)
+            columns.append(linear_deflections(one, plan.joints, *plan.wrenches, targets).ravel())
+        posture = arm.posture(plan.joints)
+        lever = np.linalg.norm(posture.velocities(posture.point_to_base(plan.load_points)), axis=-1)
+        force, moment = (np.linalg.norm(x, axis=1)[:, None] for x in (plan.forces, plan.moments))
+        seen = [
+            np.linalg.norm(posture.velocities(posture.targets_to_base(targets)[:, t]), axis=-1)
+            for t in range(3)
+        ]
+        potential = ((lever * force + moment) ** 2 * np.square(seen).sum(axis=0)).sum(axis=0)
+        s = np.linalg.svd(np.column_stack(columns) / np.sqrt(potential), compute_uv=False)
+        expected = [
+            np.prod(s) ** (1 / 6),
+            s.min() / s.max(),
+            s.min(),
+            s.min() ** 2 / s.max(),
+            1 / (1 / s).sum(),
+        ]
+        np.testing.assert_allclose(indices_of(*prepare(document), method=method), expected, rtol=1e-7)
+
+    def test_one_joint_pulled_across_its_lever_is_seen_as_well_as_can_be(self):
+        z = np.array([0.0, 0.0, 1.0])
+        arm = ChainJoint("arm", "revolute", np.eye(3), np.zeros(3), z, None, "tip")
+        robot = Robot(KinematicChain("one", "base", "tip", (arm,)))
+        _, example = prepare(simulate_campaign(default_arm(), load="pull", configurations=3))
+        angles = np.array([[0.0], [0.5], [2.0]])
+        across = np.hstack([-np.sin(angles), np.cos(angles), 0 * angles])
+        along = np.hstack([np.cos(angles), np.sin(angles), 0 * angles])
+        at_tip = replace(example, joints=angles, load_point=np.tile([2.0, 0.0, 0.0], (3, 1)))
+        best = replace(at_tip, force=800.0 * across)
+        assert indices_of(robot, best) == pytest.approx([1.0] * 5, rel=1e-12)
+        half = replace(at_tip, force=800.0 * (0.5 * across + np.sqrt(0.75) * along))
+        assert indices_of(robot, half) == pytest.approx([0.5, 1.0, 0.5, 0.5, 0.5], rel=1e-12)
+
+    @pytest.mark.parametrize("scale", [1e-3, 1e3])
+    def test_units_of_length_and_force(self, pulls, scale):
+        robot, measurements = pulls
+        chain = robot.chain
+        joints = tuple(replace(joint, translation=scale * joint.translation) for joint in chain.joints)
+        scaled = replace(
+            measurements,
+            force=7.0 * measurements.force,
+            moment=7.0 * scale * measurements.moment,
+            load_point=scale * measurements.load_point,
+            position=scale * measurements.position,
+            deflection=scale * measurements.deflection,
+            sigma=scale * measurements.sigma,
+        )
+        found = indices_of(Robot(replace(chain, joints=joints), robot.joint_map), scaled)
+        np.testing.assert_allclose(found, indices_of(robot, measurements), rtol=1e-9)
+
+    def test_base_frame(self, pulls):
+        robot, measurements = pulls
+        rng = np.random.default_rng(0)
+        turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        shift = np.array([1.0, -2.0, 3.0])
+        mount = ChainJoint("mount", "fixed", turn, shift, np.array([0.0, 0.0, 1.0]), None, "pedestal")
+        chain = replace(robot.chain, base="floor", joints=(mount, *robot.chain.joints))
+        moved = replace(
+            measurements,
+            force=measurements.force @ turn.T,
+            moment=measurements.moment @ turn.T,
+            position=measurements.position @ turn.T + shift,
+            deflection=measurements.deflection @ turn.T,
+        )
+        np.testing.assert_allclose(
+            indices_of(Robot(chain), moved), indices_of(robot, measurements), rtol=1e-9
+        )
+
+    def test_readings_taken_twice_and_in_another_order_change_nothing(self, pulls):
+        robot, measurements = pulls
+        count = len(measurements)
+        twice = measurements[np.random.default_rng(0).permutation(np.tile(np.arange(count), 2))]
+        np.testing.assert_allclose(indices_of(robot, twice), indices_of(robot, measurements), rtol=1e-12)
+
+    @settings(max_examples=60, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 7))
+    def test_order_of_joints_and_bound(self, seed, joints):
+        rng = np.random.default_rng(seed)
+        R = rng.standard_normal((12, joints)) * 10.0 ** rng.uniform(-6, 6, joints)
+        exposure = rng.uniform(0.01, 1.0, joints)
+        order = rng.permutation(joints)
+        first, second = (
+            observability_indices(R[:, columns], visibility_of(exposure[columns]))
+            for columns in (np.arange(joints), order)
+        )
+        for name in ("o1", "o2", "o3", "o4", "o5"):
+            assert getattr(first, name) == pytest.approx(getattr(second, name), rel=1e-9)
+            assert 0 < getattr(first, name) <= 1 + 1e-12
+
+
+class TestVisibleJoints:
+    def test_joints_without_a_trace_are_left_out(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=4))
+        found = estimate(robot, measurements)
+        assert found.joints[0].status == "not_observable"
+        R, visibility = found.regressor[:, 1:], visibility_of(found.visibility.exposure[1:])
+        assert observability_indices(found.regressor, found.visibility) == observability_indices(
+            R, visibility
+        )
+
+    def test_no_index_where_joints_show_only_together(self):
+        assert observability_indices(np.ones((4, 2)), visibility_of(np.ones(2))) is None
+
+
+class TestCombinations:
+    @staticmethod
+    def analysed(*columns: np.ndarray):
+        R = np.column_stack(columns)
+        return analyse(Spectrum(R), np.arange(R.shape[1]), R.shape[1])
+
+    @pytest.mark.parametrize(
+        ("factor", "words"),
+        [
+            (1.0, "c(a) + c(c)"),
+            (0.8, "c(a) + 0.8 c(c)"),
+            (-2.5, "c(a) - 2.5 c(c)"),
+            (3e6, "c(a) + 3e+06 c(c)"),
+        ],
+    )
+    def test_two_joints_in_their_proportion(self, factor, words):
+        u, v = np.random.default_rng(0).standard_normal((2, 9))
+        (group,) = self.analysed(u, v, factor * u).combinations
+        assert group.joints == (0, 2)
+        assert group.in_words(NAMES) == words
+        assert f"only a combination of a, c shows in the readings, {words}: add" in group.reason(NAMES)
+
+    def test_one_sum_of_three(self):
+        u, v = np.random.default_rng(0).standard_normal((2, 9))
+        (group,) = self.analysed(u, v, 2 * u, -3 * u).combinations
+        assert group.in_words(NAMES) == "c(a) + 2 c(c) - 3 c(d)"
+
+    def test_two_sums_of_three(self):
+        u, v = np.random.default_rng(0).standard_normal((2, 9))
+        (group,) = self.analysed(u, v, 0.5 * u + 4 * v).combinations
+        assert group.in_words(NAMES) == "c(a) + 0.5 c(c) and c(b) + 4 c(c)"
+
+    @settings(max_examples=60, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), seen=st.integers(1, 3))
+    def test_sums_tell_all_that_the_readings_do(self, seed, seen):
+        """Every row of the regressor is made of the sums, and there are no more of them than its rank."""
+        rng = np.random.default_rng(seed)
+        R = rng.standard_normal((9, seen)) @ rng.standard_normal((seen, 4)) * 10.0 ** rng.uniform(-3, 3, 4)
+        norms = np.linalg.norm(R, axis=0)
+        null = np.linalg.svd(R / norms)[2][seen:]
+        assume((np.abs(null.T @ null) > 1e-4).all())  # a joint that takes no part is none of the group
+        (group,) = self.analysed(*R.T).combinations
+        assert group.seen.shape == (seen, 4)
+        sums, rows = group.seen / norms, R / norms
+        left = rows - rows @ np.linalg.pinv(sums) @ sums
+        assert np.abs(left).max() < 1e-7
+
+    def test_a_straight_wrist(self):
+        """Axes 4 and 6 of the simulated arm lie on one line and turn the same way."""
+        found = estimate(*straight_wrist(0.0))
+        assert "c(joint_4) + c(joint_6):" in found.joints[3].reason
+        assert found.joints[5].reason == found.joints[3].reason
+
+    def test_a_wrist_that_is_nearly_straight(self):
+        (analysis,) = estimate(*straight_wrist(2e-3)).identifiability
+        assert analysis.condition_number > 100
+        assert analysis.weakest.joints == (3, 5)
+        np.testing.assert_allclose(analysis.weakest.change, [1, -1], atol=0.05)
+        words = analysis.weakest.in_words([f"joint_{i + 1}" for i in range(6)])
+        assert words.startswith("joint_4, joint_6 are hard to tell apart")
+
+    def test_the_weakest_direction_is_one_of_compliances(self):
+        """Columns u and 10 u + little: c_0 up by 1 and c_1 down by 0.1 is what hardly shows."""
+        u, v = np.linalg.qr(np.random.default_rng(0).standard_normal((9, 2)))[0].T
+        weakest = self.analysed(u, 10 * (u + 1e-3 * v)).weakest
+        np.testing.assert_allclose(weakest.change, [1, -0.1], rtol=1e-3)
+        assert weakest.attenuation == pytest.approx(2e3, rel=1e-3)
+
+    def test_nothing_is_weak_where_all_shows_well(self, pulls):
+        assert estimate(*pulls).identifiability[0].weakest is None
+
+
+def test_noise_that_hides_a_joint_is_told_with_the_torques():
+    arm = default_arm()
+    document = simulate_campaign(arm, load="dead_weight", seed=4)
+    plan = experiment_of(document)
+    lean = np.array([[1, 0, 1e-5], [0, 1, 0], [-1e-5, 0, 1]])
+    forces = plan.forces @ lean.T
+    robot, measurements = prepare(document)
+    found = estimate(robot, replace(measurements, force=forces))
+    most = np.abs(torques(arm, plan.joints, forces, plan.moments, plan.load_points)).max(axis=0)
+    strongest = int(most.argmax())
+    told = f"at most {most[0]:.2g} N.m, and joint_{strongest + 1} with up to {most[strongest]:.2g} N.m:"
+    assert told in found.joints[0].reason
+
+
+def visibility_of(exposure: np.ndarray) -> Visibility:
+    n = len(exposure)
+    return Visibility(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, exposure, np.ones(n))
+
+
+def straight_wrist(angle: float):
+    """Pulls with joint 5 at ± this angle [rad], by exact springs, without noise."""
+    arm = default_arm()
+    robot, campaign = prepare(simulate_campaign(arm, load="pull", seed=2))
+    q = campaign.joints.copy()
+    q[:, 4] = angle * np.where(np.arange(len(q)) % 2, 1, -1)
+    points = np.array(list(TARGETS.values()))
+    unloaded, loaded = deflections(arm, q, campaign.force, campaign.moment, campaign.load_point, points)
+    return robot, replace(campaign, joints=q, position=unloaded, deflection=loaded - unloaded)

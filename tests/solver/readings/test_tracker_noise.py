@@ -1,0 +1,322 @@
+"""What readings are worth: the tracker's sheet against geometry done by hand, and against many campaigns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import METHODS, estimate, prepare
+
+from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning
+from jointstiff.service.conversion import ReadingArrays, content_hash
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS, plan_experiment, simulate_positions
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings import (
+    DifferenceNoise,
+    EncoderReadings,
+    Instrument,
+    Measurements,
+    refuse_no_covariance,
+)
+
+ARM = default_arm()
+STATION = (3.5, -2.0, 0.8)
+SHEET = {
+    "range": {"constant": 3e-6, "per_distance": 1e-6},
+    "transverse": {"constant": 2e-5, "per_distance": 2e-5},
+}
+
+
+def instrument(station=STATION, **sheet):
+    numbers = {"a": 0.0, "b": 0.0, "c": 0.0, "e": 0.0} | sheet
+    return Instrument(station, numbers["a"], numbers["b"], numbers["c"], numbers["e"])
+
+
+def campaign(noise, **options):
+    document = simulate_campaign(ARM, load="pull", seed=4, **options)
+    document["measurement_set"]["noise"] = noise
+    return document
+
+
+def same_estimates(one, other):
+    np.testing.assert_allclose(one.compliance, other.compliance, rtol=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
+    assert one.chi_square == pytest.approx(other.chi_square, rel=1e-9)
+    assert one.degrees_of_freedom == pytest.approx(other.degrees_of_freedom)
+    for a, b in zip(one.joints, other.joints, strict=True):
+        assert a.interval == pytest.approx(b.interval, rel=1e-6)
+
+
+class TestInstrument:
+    def test_along_and_across_the_line_of_sight(self):
+        covariance = instrument((1.0, 0.0, 0.0), a=1e-5, b=2e-6, c=3e-5, e=4e-6).covariance(
+            np.array([[6.0, 0.0, 0.0], [1.0, -10.0, 0.0]])
+        )
+        np.testing.assert_allclose(covariance[0], np.diag([2e-5, 5e-5, 5e-5]) ** 2, rtol=1e-12, atol=1e-24)
+        np.testing.assert_allclose(covariance[1], np.diag([7e-5, 3e-5, 7e-5]) ** 2, rtol=1e-12, atol=1e-24)
+
+    def test_oblique_sight(self):
+        """In the direction (3, 4, 0)/5, worked out by hand: σ_r = 1, σ_t = 2 give Σ = 4 I − 3 u uᵀ."""
+        covariance = instrument((0.0, 0.0, 0.0), a=1.0, c=2.0).covariance(np.array([3.0, 4.0, 0.0]))
+        np.testing.assert_allclose(
+            covariance, [[2.92, -1.44, 0.0], [-1.44, 2.08, 0.0], [0.0, 0.0, 4.0]], rtol=1e-12, atol=1e-15
+        )
+
+    def test_both_readings_count(self):
+        """Isotropic 1 and 2 make a difference of variance 5; sigma is its unit, √(5/2)."""
+        unloaded, loaded = np.eye(3)[None, None], 4.0 * np.eye(3)[None, None]
+        noise = DifferenceNoise.of(unloaded, loaded, np.ones((1, 1), dtype=bool))
+        assert noise.sigma == pytest.approx(np.sqrt(2.5))
+        np.testing.assert_allclose(noise.sigma**2 * noise.covariance[0, 0], 5.0 * np.eye(3))
+
+    def test_a_target_at_the_station_is_refused(self):
+        with pytest.raises(MeasurementError, match="from the tracker"):
+            instrument((1.0, 0.0, 0.0), a=1e-5, c=1e-5).covariance(np.array([[1.0, 0.001, 0.0]]))
+
+    def test_impossible_sheets_are_refused(self):
+        with pytest.raises(MeasurementError, match="no tracker's"):
+            instrument(a=1e-5, c=1e-16).covariance(np.zeros((1, 3)))
+        with pytest.raises(MeasurementError, match="no tracker's"):
+            instrument(a=1e2, c=1e-6).covariance(np.zeros((1, 3)))
+
+    @pytest.mark.parametrize(
+        "matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]), np.eye(3) + np.eye(3, k=1) * 0.1]
+    )
+    def test_matrices_that_are_no_covariance(self, matrix):
+        covariance = np.broadcast_to(np.eye(3), (2, 2, 3, 3)).copy()
+        covariance[1, 1] = matrix
+        present = np.array([[True, True], [False, True]])
+        with pytest.raises(MeasurementError) as caught:
+            refuse_no_covariance(covariance, present, "loaded_covariance")
+        assert caught.value.where == "observations[1].readings[0].loaded_covariance"
+        present[1, 1] = False
+        refuse_no_covariance(covariance, present, "loaded_covariance")
+
+
+class TestKindsAgree:
+    """The same noise said in three ways is one noise, in every method and unit."""
+
+    SIGMA = 2e-5
+
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("readings", ["positions", "deflections"])
+    def test_an_isotropic_instrument_equals_sigma(self, method, readings):
+        flat = {"constant": self.SIGMA, "per_distance": 0.0}
+        stated = {"instrument": {"station": list(STATION), "range": flat, "transverse": flat}}
+        one, other = (
+            estimate(*prepare(campaign(noise, readings=readings)), method=method)
+            for noise in ({"sigma": self.SIGMA}, stated)
+        )
+        same_estimates(one, other)
+
+    @pytest.mark.parametrize("own", ["sigma", "covariances"])
+    def test_readings_of_their_own(self, own):
+        document = campaign(None)
+        fields = {"sigma": self.SIGMA}
+        if own == "covariances":
+            square = (self.SIGMA**2 * np.eye(3)).tolist()
+            fields = {"unloaded_covariance": square, "loaded_covariance": square}
+        for observation in document["measurement_set"]["observations"]:
+            for reading in observation["readings"]:
+                reading |= fields
+        same_estimates(estimate(*prepare(campaign({"sigma": self.SIGMA}))), estimate(*prepare(document)))
+
+    def test_units_do_not_matter(self):
+        sheet = {"station": list(STATION), **SHEET}
+        in_mm = {
+            "station": [1e3 * x for x in STATION],
+            **{k: v | {"constant": 1e3 * v["constant"]} for k, v in SHEET.items()},
+        }
+        units = {"length": "mm", "angle": "rad", "force": "N"}
+        one = estimate(*prepare(campaign({"instrument": sheet})))
+        other = estimate(*prepare(campaign({"instrument": in_mm}, units=units)))
+        same_estimates(one, other)
+
+    def test_equal_per_reading_and_by_instrument(self):
+        """Covariances worked out here, reading by reading, are those of the instrument."""
+        document = campaign({"instrument": {"station": list(STATION), **SHEET}})
+        by_hand = json.loads(json.dumps(document))
+        by_hand["measurement_set"]["noise"] = None
+        for observation in by_hand["measurement_set"]["observations"]:
+            for reading in observation["readings"]:
+                for state in ("unloaded", "loaded"):
+                    reading[f"{state}_covariance"] = covariance_at(reading[state])
+        same_estimates(estimate(*prepare(document)), estimate(*prepare(by_hand)))
+
+
+def covariance_at(place):
+    """By rotation into the line of sight, unlike the projection under test."""
+    sight = np.subtract(place, STATION)
+    d = np.linalg.norm(sight)
+    axes = np.linalg.qr(np.column_stack([sight, np.eye(3)[:, :2]]))[0]
+    r, t = (SHEET[k]["constant"] + SHEET[k]["per_distance"] * d for k in ("range", "transverse"))
+    matrix = axes @ np.diag([r**2, t**2, t**2]) @ axes.T
+    return (0.5 * (matrix + matrix.T)).tolist()
+
+
+class TestKindsExclude:
+    @pytest.mark.parametrize(
+        "noise",
+        [
+            {},
+            {"sigma": 2e-5, "instrument": {"station": [0, 0, 0], **SHEET}},
+            {"instrument": {"station": [0, 0, 0], **SHEET, "range": {"constant": 0.0, "per_distance": 0.0}}},
+        ],
+    )
+    def test_of_the_set(self, noise):
+        with pytest.raises(ValueError, match="give"):
+            prepare(campaign(noise))
+
+    def test_of_a_reading(self):
+        document = campaign(None)
+        reading = document["measurement_set"]["observations"][0]["readings"][0]
+        reading["unloaded_covariance"] = np.eye(3).tolist()
+        with pytest.raises(ValueError, match="give both"):
+            prepare(document)
+        reading["loaded_covariance"], reading["sigma"] = np.eye(3).tolist(), 1e-5
+        with pytest.raises(ValueError, match="not both"):
+            prepare(document)
+
+    def test_of_set_and_readings(self):
+        document = with_own_sigma(campaign({"sigma": 2e-5}))
+        with pytest.raises(MeasurementError) as caught:
+            prepare(document)
+        assert caught.value.where == "noise.sigma"
+
+    def test_some_readings_only(self):
+        document = with_own_sigma(campaign(None))
+        del document["measurement_set"]["observations"][3]["readings"][1]["sigma"]
+        with pytest.raises(MeasurementError) as caught:
+            prepare(document)
+        assert caught.value.where == "observations[3].readings"
+
+
+def with_own_sigma(document):
+    for observation in document["measurement_set"]["observations"]:
+        for k, reading in enumerate(observation["readings"]):
+            reading["sigma"] = (1 + k) * 1e-5
+    return document
+
+
+class TestStored:
+    def packed(self, document):
+        stored = MeasurementSetDocument.model_validate_json(json.dumps(document["measurement_set"]))
+        return stored, ReadingArrays.from_observations(stored.observations)
+
+    @pytest.mark.parametrize("matrices", [False, True])
+    def test_noise_of_readings_comes_back_as_it_was_posted(self, matrices):
+        document = with_own_sigma(campaign(None, configurations=3))
+        if matrices:
+            reading = document["measurement_set"]["observations"][1]["readings"][2]
+            del reading["sigma"]
+            reading["unloaded_covariance"] = covariance_at(reading["unloaded"])
+            reading["loaded_covariance"] = covariance_at(reading["loaded"])
+        stored, readings = self.packed(document)
+        back = ReadingArrays.unpack(readings.pack())
+        assert back.observations() == stored.observations
+        assert back.digest() == readings.digest()
+
+    def test_hashes_tell_noises_apart(self):
+        documents = [
+            campaign({"sigma": 2e-5}),
+            campaign(None),
+            campaign({"instrument": {"station": [0, 0, 0], **SHEET}}),
+            campaign({"instrument": {"station": [0, 0, 1], **SHEET}}),
+            with_own_sigma(campaign(None)),
+        ]
+        assert len({content_hash(*self.packed(document)) for document in documents}) == len(documents)
+
+
+class TestEncoders:
+    """Their rows are weighted against the targets' in absolute terms, whatever the unit sigma is."""
+
+    def test_scaling_sigma_and_covariance_changes_nothing(self):
+        _, measured = prepare(campaign({"instrument": {"station": list(STATION), **SHEET}}))
+        robot, plain = prepare(campaign({"sigma": 2e-5}))
+        encoders = encoder_readings(len(plain))
+        one = replace(measured, encoders=encoders)
+        other = replace(one, sigma=1.0, covariance=measured.sigma**2 * measured.covariance)
+        same_estimates(estimate(robot, one), estimate(robot, other))
+
+
+def encoder_readings(count):
+    generator = np.random.default_rng(8)
+    present = np.zeros((count, 6), dtype=bool)
+    present[:, 1:3] = True
+    return EncoderReadings(
+        np.where(present, 1e-4 * generator.standard_normal((count, 6)), 0.0), present, 5e-6
+    )
+
+
+@pytest.fixture(scope="module")
+def replicated():
+    """One design measured 300 times by a tracker that is worse across its line of sight than along it."""
+    experiment = plan_experiment(ARM, configurations=15, load="pull", force=900.0, seed=11)
+    states = np.stack(simulate_positions(ARM, experiment, TARGETS))
+    covariance = np.array([[[covariance_at(p) for p in row] for row in state] for state in states])
+    root = np.linalg.cholesky(covariance)
+    generator = np.random.default_rng(12)
+    present = np.ones(states.shape[1:3], dtype=bool)
+    noise = DifferenceNoise.of(*covariance, present)
+    sets = []
+    for _ in range(300):
+        unloaded, loaded = states + (root @ generator.standard_normal((*states.shape, 1)))[..., 0]
+        sets.append(
+            Measurements(
+                experiment.joints,
+                experiment.forces,
+                experiment.moments,
+                experiment.load_points,
+                unloaded,
+                ~present,
+                loaded - unloaded,
+                present,
+                sigma=noise.sigma,
+                covariance=noise.covariance,
+            )
+        )
+    robot, _ = prepare(campaign({"sigma": 2e-5}, configurations=1))
+    return robot, sets
+
+
+def identified(robot, sets, **options):
+    options = {"positive": False, "complementary_stiffness": "included"} | options
+    return [estimate(robot, measurements, **options) for measurements in sets]
+
+
+def test_coverage_and_efficiency_with_anisotropic_noise(replicated):
+    """Intervals cover as they say, χ² is that of the stated noise, and equal weights are worse."""
+    robot, sets = replicated
+    truth = ARM.compliances
+    found = identified(robot, sets)
+    compliance = np.array([e.compliance for e in found])
+    bounds = np.array([[joint.interval for joint in e.joints] for e in found])
+    covered = (bounds[..., 0] <= truth) & (truth <= bounds[..., 1])
+    # 1800 intervals of 95 %, standard error of the share 0.5 % if independent.
+    assert 0.93 < covered.mean() < 0.97
+    ratio = np.mean([e.chi_square / e.degrees_of_freedom for e in found])
+    assert ratio == pytest.approx(1.0, abs=0.02)
+    stated = np.sqrt(np.diag(found[0].covariance))
+    np.testing.assert_allclose(compliance.std(axis=0), stated, rtol=0.15)
+    isotropic = [replace(m, covariance=2.0 * np.eye(3)) for m in sets]
+    worse = np.array([e.compliance for e in identified(robot, isotropic)])
+    assert (worse.std(axis=0) > 1.1 * compliance.std(axis=0)).sum() >= 4
+    assert (worse.std(axis=0) > 0.98 * compliance.std(axis=0)).all()
+
+
+def test_decoupled_covariance_with_anisotropic_noise(replicated):
+    robot, sets = replicated
+    found = identified(robot, sets[:150], method="decoupled_partial_pose")
+    spread = np.array([e.compliance for e in found]).std(axis=0)
+    np.testing.assert_allclose(spread, np.sqrt(np.diag(found[0].covariance)), rtol=0.25)
+
+
+def test_warnings_of_earlier_versions_load():
+    """They had no severity."""
+    old = QualityWarning.model_validate_json(
+        '{"code": "zero_load", "where": null, "message": "none", "remedy": "load it"}'
+    )
+    assert old.severity == "warning"

@@ -1,0 +1,285 @@
+"""K_c against springs that balance the load exactly, and against differences of their torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import METHODS, estimate, prepare
+
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.conversion import to_settings
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
+from jointstiff.simulator.equilibrium import deflections, torques
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.fitting import passes
+from jointstiff.solver.inference import judge, predict
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import joint_torque, neglected_readings, regressor, regressor_blocks
+from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness
+from jointstiff.solver.resampling import gram_blocks
+from jointstiff.solver.robot import Configurations, Robot
+
+METHODS_AND_WEIGHTS = [
+    ("complete_pose", "covariance"),
+    ("complete_pose", "characteristic_length"),
+    ("complete_pose", "uniform"),
+    ("partial_pose", "covariance"),
+    ("partial_pose", "uniform"),
+    ("decoupled_partial_pose", "covariance"),
+    ("decoupled_partial_pose", "uniform"),
+]
+ARM = default_arm()
+SIGMA = 2e-5
+
+
+def exact(load: str = "pull", *, configurations: int = 19, **options) -> tuple[Robot, Measurements]:
+    """Readings without noise, of springs that balance the load, with the sigma that a tracker would have."""
+    document = simulate_campaign(
+        ARM, load=load, configurations=configurations, sigma=0.0, **{"seed": 3, **options}
+    )
+    robot, measurements = prepare(document)
+    return robot, replace(measurements, sigma=SIGMA)
+
+
+class TestMatrix:
+    @pytest.mark.parametrize("moment", [0.0, 400.0])
+    def test_is_the_derivative_of_the_simulators_torques(self, moment):
+        document = simulate_campaign(ARM, load="pull", configurations=7, moment=moment, seed=11)
+        (block,) = regressor_blocks(*prepare(document))
+        experiment, step = experiment_of(document), 1e-5
+        found = complementary_stiffness(block)
+        for k in range(6):
+            shift = step * np.eye(6)[k]
+            ahead, behind = (
+                torques(ARM, experiment.joints + s, *experiment.wrenches) for s in (shift, -shift)
+            )
+            # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
+            np.testing.assert_allclose(found[:, :, k], (ahead - behind) / (2 * step), atol=1e-5)
+
+    def test_is_the_derivative_of_the_torques_by_pinocchio(self):
+        robot, measurements = prepare(
+            simulate_campaign(ARM, load="pull", configurations=5, moment=300.0, seed=2)
+        )
+        (block,) = regressor_blocks(robot, measurements)
+        q, step = robot.joint_map.model_angles(measurements.joints), 1e-5
+
+        def at(angles):
+            configurations = Configurations(robot, angles)
+            place = configurations.to_base(measurements.load_point[:, None])
+            jacobian = configurations.jacobian_at(place)[:, 0]
+            return joint_torque(configurations, jacobian, measurements.force, measurements.moment)
+
+        differences = [(at(q + s) - at(q - s)) / (2 * step) for s in step * np.eye(6)]
+        np.testing.assert_allclose(complementary_stiffness(block), np.stack(differences, axis=-1), atol=1e-5)
+
+    def test_a_dead_force_has_a_potential_and_a_dead_moment_has_none(self):
+        for force, moment, symmetric in ((1500.0, 0.0, True), (0.0, 400.0, False)):
+            document = simulate_campaign(
+                ARM, load="pull", configurations=4, force=force, moment=moment, seed=5
+            )
+            (block,) = regressor_blocks(*prepare(document))
+            found = complementary_stiffness(block)
+            skewness = np.abs(found - found.transpose(0, 2, 1)).max() / np.abs(found).max()
+            assert (skewness < 1e-12) == symmetric
+
+    def test_what_is_neglected_is_second_order_and_known_to_third(self):
+        errors = []
+        for force in (1500.0, 150.0):
+            robot, measurements = exact(force=force, moment=0.2 * force)
+            (block,) = regressor_blocks(robot, measurements)
+            missing = measurements.deflection - block.A @ ARM.compliances
+            found = neglected_readings(block, ARM.compliances).deflection
+            assert np.abs(found - missing).max() < 0.02 * np.abs(missing).max()
+            errors.append(np.abs(found - missing).max())
+        assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)
+
+
+class TestDeflectedRegressor:
+    @pytest.mark.parametrize("readings", ["positions", "deflections"])
+    def test_predicts_the_exact_deflection_to_third_order(self, readings):
+        errors = []
+        for force in (1500.0, 150.0):
+            robot, measurements = exact(force=force, moment=0.2 * force, readings=readings)
+            (block,) = regressor_blocks(robot, measurements, ARM.compliances)
+            error = np.abs(block.A @ ARM.compliances - measurements.deflection).max()
+            assert error < 2e-6 * np.abs(measurements.deflection).max()
+            errors.append(error)
+        assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)
+
+    def test_torques_are_those_of_the_balance(self):
+        robot, measurements = exact()
+        (block,) = regressor_blocks(robot, measurements, ARM.compliances)
+        bent = measurements.joints + ARM.compliances * block.torque
+        wrench = (measurements.force, measurements.moment, measurements.load_point)
+        np.testing.assert_allclose(block.torque, torques(ARM, bent, *wrench), rtol=1e-10, atol=1e-9)
+
+    def test_rigid_joints_do_not_bend_and_leave_the_plain_regressor(self):
+        robot, measurements = exact()
+        (plain,) = regressor_blocks(robot, measurements)
+        (rigid,) = regressor_blocks(robot, measurements, np.zeros(6))
+        np.testing.assert_allclose(rigid.A, plain.A, rtol=1e-10, atol=1e-10)
+
+    def test_a_load_that_buckles_the_arm_is_refused(self):
+        robot, measurements = exact()
+        with pytest.raises(SolverError, match="no balance"):
+            next(regressor_blocks(robot, measurements, 1e3 * ARM.compliances))
+
+
+class TestIncluded:
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+    def test_removes_the_bias(self, method, weighting, load):
+        robot, measurements = exact(load)
+        options = {"method": method, "weighting": weighting}
+        neglected = estimate(robot, measurements, **options)
+        included = estimate(robot, measurements, complementary_stiffness="included", **options)
+        known = np.array([joint.compliance is not None for joint in included.joints])
+        truth, uncertainty = ARM.compliances[known], np.sqrt(np.diag(included.covariance))[known]
+        bias = np.abs(included.compliance[known] - truth)
+        assert (bias / truth).max() < 1e-5
+        assert (bias / uncertainty).max() < 1e-3
+        # A fifth for weightings of larger uncertainty, three quarters for the decoupled method.
+        before = np.abs(neglected.compliance[known] - truth)
+        assert 0.15 < (before / uncertainty).max() < 0.9
+
+    def test_with_bounds_that_hold_a_joint(self):
+        robot, measurements = exact()
+        bounds = {"joint_5": (1e5, 0.2e6)}
+        found = estimate(robot, measurements, complementary_stiffness="included", stiffness_bounds=bounds)
+        assert found.joints[4].status == "at_bound"
+        assert found.compliance[4] == 1 / 0.2e6
+        assert max(certificate.dual for certificate in found.certificates) <= 1e-12
+
+    def test_with_the_huber_loss(self):
+        robot, measurements = exact()
+        spoilt = measurements.deflection.copy()
+        spoilt[4, 1] += [1e-3, 0.0, -1e-3]
+        spoilt = replace(measurements, deflection=spoilt)
+        found = estimate(robot, spoilt, complementary_stiffness="included", loss="huber")
+        uncertainty = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.compliance - ARM.compliances) / uncertainty).max() < 1.0
+        squared = estimate(robot, spoilt, complementary_stiffness="included")
+        assert (np.abs(squared.compliance - ARM.compliances) / uncertainty).max() > 5.0
+        assert found.robust.suspicious.tolist() == [[4, 1]]
+
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("scale", [1e-3, 1e3])
+    def test_does_not_depend_on_the_unit_of_force(self, method, scale):
+        robot, measurements = exact(configurations=9)
+        other = replace(measurements, force=scale * measurements.force, moment=scale * measurements.moment)
+        options = {"method": method, "complementary_stiffness": "included"}
+        found, expected = estimate(robot, other, **options), estimate(robot, measurements, **options)
+        np.testing.assert_allclose(scale * found.compliance, expected.compliance, rtol=1e-9)
+        sizes = [of.complementary_stiffness for of in (found, expected)]
+        assert sizes[0].largest_ratio == pytest.approx(sizes[1].largest_ratio, rel=1e-9)
+        assert sizes[0].largest_shift == pytest.approx(sizes[1].largest_shift, rel=1e-6)
+
+    def test_prediction_is_the_exact_balance(self):
+        robot, measurements = exact()
+        found = estimate(robot, measurements, complementary_stiffness="included")
+        included = predict(robot, measurements, found.compliance, complementary_stiffness=True)
+        linear = predict(robot, measurements, found.compliance)
+        unloaded, loaded = deflections(
+            ARM,
+            measurements.joints,
+            measurements.force,
+            measurements.moment,
+            LOAD_POINT,
+            np.array(list(TARGETS.values())),
+        )
+        assert np.abs(included.predicted - (loaded - unloaded)).max() < 1e-8
+        assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
+
+    def test_compliances_that_never_settle_are_refused(self, monkeypatch):
+        monkeypatch.setattr(passes, "MAX_ROUNDS", 1)
+        with pytest.raises(SolverError, match="still change"):
+            estimate(*exact(), complementary_stiffness="included")
+
+
+class TestReported:
+    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+    def test_shift_is_what_including_it_would_change(self, method, weighting):
+        robot, measurements = prepare(simulate_campaign(ARM, load="dead_weight", seed=8))
+        options = {"method": method, "weighting": weighting}
+        neglected = estimate(robot, measurements, **options)
+        included = estimate(robot, measurements, complementary_stiffness="included", **options)
+        change = included.compliance - neglected.compliance
+        known = np.array([joint.compliance is not None for joint in neglected.joints])
+        uncertainty = np.sqrt(np.diag(neglected.covariance))
+        expected = np.abs(change[known] / uncertainty[known]).max()
+        size = neglected.complementary_stiffness
+        assert size.largest_shift == pytest.approx(expected, rel=0.03)
+        assert (size.included, size.iterations) == (False, 0)
+        other = included.complementary_stiffness
+        assert other.included
+        assert 2 <= other.iterations <= 8
+        assert other.largest_shift == pytest.approx(expected, rel=0.01)
+
+    def test_ratio_is_that_of_the_joints_with_an_estimate(self):
+        robot, measurements = exact("dead_weight")
+        found = estimate(robot, measurements)
+        assert found.joints[0].compliance is None
+        (block,) = regressor_blocks(robot, measurements)
+        ratios = np.abs(complementary_stiffness(block)).max(axis=0) * found.compliance[:, None]
+        assert found.complementary_stiffness.largest_ratio == pytest.approx(ratios[1:, 1:].max())
+
+    @pytest.mark.parametrize("loss", ["squared", "huber"])
+    def test_of_a_set_of_many_blocks(self, monkeypatch, loss):
+        robot, measurements = exact("dead_weight", configurations=60)
+        whole = estimate(robot, measurements, loss=loss).complementary_stiffness
+        for module in (regressor, passes):
+            monkeypatch.setattr(module, "BLOCK_LENGTH", 7)
+        blocks = estimate(robot, measurements, loss=loss).complementary_stiffness
+        assert blocks.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-9)
+        assert blocks.largest_shift == pytest.approx(whole.largest_shift, rel=1e-9)
+
+    def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
+        robot, measurements = exact("dead_weight", configurations=200)
+        whole = estimate(robot, measurements).complementary_stiffness
+        for module in (regressor, passes):
+            monkeypatch.setattr(module, "BLOCK_LENGTH", 30)
+        monkeypatch.setattr(passes, "SHIFT_OBSERVATIONS", 100)
+        part = estimate(robot, measurements).complementary_stiffness
+        assert part.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-12)
+        assert part.largest_shift == pytest.approx(whole.largest_shift, rel=0.1)
+        assert part.largest_shift != whole.largest_shift
+
+    def test_no_sigma_and_no_freedom_leave_the_shift_unknown(self):
+        robot, measurements = exact(configurations=2)
+        one = replace(
+            measurements,
+            sigma=None,
+            **{name: getattr(measurements, name)[:, :1] for name in ("position", "in_flange", "deflection")},
+            present=measurements.present[:, :1],
+        )
+        assert estimate(robot, one).complementary_stiffness.largest_shift is None
+
+    @pytest.mark.parametrize(("sigma", "warned"), [(SIGMA, True), (3 * SIGMA, False)])
+    def test_says_so_where_it_matters(self, sigma, warned):
+        robot, measurements = exact("dead_weight")
+        measurements = replace(measurements, sigma=sigma)
+        found = estimate(robot, measurements)
+        findings = judge(found, predict(robot, measurements, found.compliance))
+        (finding,) = [f for f in findings if f.code == "complementary_stiffness_matters"] or [None]
+        assert (finding is not None) == warned
+        if finding is not None:
+            assert "complementary_stiffness: included" in finding.remedy
+
+    def test_says_nothing_where_it_is_included(self):
+        robot, measurements = exact("dead_weight")
+        found = estimate(robot, measurements, complementary_stiffness="included")
+        prediction = predict(robot, measurements, found.compliance, complementary_stiffness=True)
+        assert found.complementary_stiffness.largest_shift > 0.5
+        codes = {finding.code for finding in judge(found, prediction)}
+        assert "complementary_stiffness_matters" not in codes
+
+
+@pytest.mark.parametrize("options", [{"complementary_stiffness": "included"}, {"loss": "huber"}])
+def test_resampling_refuses_what_is_not_linear(options):
+    robot, measurements = exact()
+    with pytest.raises(UnsupportedMethodError, match="resampling") as refusal:
+        gram_blocks(robot, measurements, to_settings(RunOptions(**options), robot))
+    assert refusal.value.where == "resampling"

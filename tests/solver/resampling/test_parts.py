@@ -1,0 +1,249 @@
+"""The parts of the numerical core, each against mathematics it does not share."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.campaigns import estimate, prepare, shared
+
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
+from jointstiff.solver.identification import spherical_wrist
+from jointstiff.solver.observability import Spectrum, analyse
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import Compression, fit_displacement, regressor_blocks, whitener
+from jointstiff.solver.robot import Configurations, find_wrist
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return prepare(simulate_campaign(default_arm(), load="pull", configurations=6, seed=2))
+
+
+class TestConfigurations:
+    def test_jacobian_at_a_point_is_the_derivative_of_its_place(self, campaign):
+        robot, measurements = campaign
+        q = measurements.joints
+        point = np.array([0.1, -0.2, 0.3])
+        now = Configurations(robot, q)
+        places = now.to_base(np.broadcast_to(point, (len(q), 1, 3)))
+        jacobian = now.jacobian_at(places)[:, 0]
+        step = 1e-6
+        for j in range(robot.n):
+            delta = step * np.eye(robot.n)[j]
+            ahead, behind = (
+                Configurations(robot, q + s * delta).to_base(np.broadcast_to(point, (len(q), 1, 3)))
+                for s in (1, -1)
+            )
+            derivative = (ahead - behind)[:, 0] / (2 * step)
+            np.testing.assert_allclose(jacobian[:, :, j], derivative, atol=1e-8)
+
+    def test_poses_are_those_of_pinocchio_frame_by_frame(self, campaign):
+        robot, measurements = campaign
+        found = Configurations(robot, measurements.joints)
+        data = robot.model.createData()
+        frame = robot.model.getFrameId("flange")
+        for i, q in enumerate(measurements.joints):
+            pin.framesForwardKinematics(robot.model, data, q)
+            np.testing.assert_allclose(found.flange_rotation[i], data.oMf[frame].rotation, atol=1e-14)
+            np.testing.assert_allclose(found.flange_translation[i], data.oMf[frame].translation, atol=1e-14)
+
+    def test_read_only(self, campaign):
+        found = Configurations(campaign[0], campaign[1].joints)
+        with pytest.raises(ValueError, match="read-only"):
+            found.jacobian[0, 0, 0] = 1.0
+
+    @pytest.mark.parametrize("q", [np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.nan)])
+    def test_refuses(self, campaign, q):
+        with pytest.raises(MeasurementError, match="joint angles of shape"):
+            Configurations(campaign[0], q)
+
+
+class TestCompression:
+    @settings(max_examples=50, deadline=None)
+    @given(cuts=st.lists(st.integers(0, 40), max_size=4), seed=st.integers(0, 2**32 - 1))
+    def test_any_partition_keeps_every_residual(self, cuts, seed):
+        rng = np.random.default_rng(seed)
+        rows = rng.standard_normal((40, 5)) * 10.0 ** rng.uniform(-6, 6, 5)
+        compression = Compression(5)
+        for part in np.split(rows, sorted(cuts)):
+            compression.add(part)
+        assert compression.rows == 40
+        scale = np.linalg.norm(rows, axis=0)
+        for _ in range(5):
+            x = rng.standard_normal(5) / scale
+            full, compressed = (np.linalg.norm(M @ x) for M in (rows, compression.triangle))
+            assert compressed == pytest.approx(full, rel=1e-12)
+
+
+class TestPose:
+    @settings(max_examples=30, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), targets=st.integers(3, 6))
+    def test_recovers_a_rigid_displacement_exactly(self, seed, targets):
+        rng = np.random.default_rng(seed)
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=4))
+        position = rng.uniform(-1, 1, (4, targets, 3))
+        translation, rotation = rng.standard_normal((2, 4, 3)) * 1e-3
+        arm = position - position.mean(axis=1, keepdims=True)
+        moved = translation[:, None] + np.cross(rotation[:, None], arm)
+        ones = np.ones((4, targets), dtype=bool)
+        changed = replace(measurements, position=position, deflection=moved, present=ones, in_flange=~ones)
+        (block,) = regressor_blocks(robot, changed)
+        found = fit_displacement(block)
+        np.testing.assert_allclose(found.x, np.hstack([translation, rotation]), atol=1e-14)
+
+    def test_covariance_follows_that_of_each_target(self, campaign):
+        """A poor target counts little: the pose and its covariance are those of generalised least squares."""
+        robot, measurements = campaign
+        rng = np.random.default_rng(0)
+        shape = measurements.present.shape
+        root = rng.standard_normal((*shape, 3, 3))
+        covariance = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3)
+        (block,) = regressor_blocks(robot, replace(measurements, covariance=covariance))
+        found = fit_displacement(block)
+        for i in range(len(measurements)):
+            arm = block.points[i] - found.reference[i]
+            G = np.vstack([np.hstack([np.eye(3), -_cross_matrix(a)]) for a in arm])
+            S = np.zeros((9, 9))
+            for t in range(3):
+                S[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = covariance[i, t]
+            information = G.T @ np.linalg.inv(S) @ G
+            x = np.linalg.solve(information, G.T @ np.linalg.inv(S) @ measurements.deflection[i].ravel())
+            np.testing.assert_allclose(found.x[i], x, rtol=1e-8)
+            np.testing.assert_allclose(found.factor[i].T @ found.factor[i], information, rtol=1e-9)
+
+    def test_equal_estimates_of_all_methods_need_equal_targets_only_for_partial_pose(self, campaign):
+        """Anisotropic covariance: complete and partial pose still agree, the model being rigid."""
+        robot, measurements = campaign
+        covariance = np.diag([1.0, 2.0, 5.0])
+        changed = replace(measurements, covariance=covariance)
+        complete, partial = (estimate(robot, changed, method=m) for m in ("complete_pose", "partial_pose"))
+        np.testing.assert_allclose(complete.compliance, partial.compliance, rtol=1e-9)
+        isotropic = estimate(robot, measurements)
+        assert np.abs(partial.compliance / isotropic.compliance - 1).max() > 1e-6
+
+
+class TestWhitener:
+    def test_whitens(self):
+        rng = np.random.default_rng(0)
+        root = rng.standard_normal((5, 3, 3))
+        covariance = root @ np.swapaxes(root, -1, -2)
+        W = whitener(covariance)
+        np.testing.assert_allclose(
+            W @ covariance @ np.swapaxes(W, -1, -2), np.eye(3) + np.zeros((5, 1, 1)), atol=1e-8
+        )
+
+    @pytest.mark.parametrize(
+        "bad",
+        [
+            np.diag([1.0, 1.0, 0.0]),
+            np.diag([1.0, -1.0, 1.0]),
+            np.array([[1.0, 0.5, 0], [0.2, 1.0, 0], [0, 0, 1.0]]),
+            np.diag([1.0, np.nan, 1.0]),
+            np.diag([1.0, np.inf, 1.0]),
+        ],
+    )
+    def test_refuses_what_is_no_covariance(self, bad):
+        with pytest.raises(MeasurementError, match="not finite, symmetric and positive definite"):
+            whitener(bad)
+
+
+class TestMeasurements:
+    @pytest.mark.parametrize("name", ["joints", "force", "moment", "load_point", "position", "deflection"])
+    def test_refuses_what_is_not_finite_and_wrong_shapes(self, campaign, name):
+        _, measurements = campaign
+        array = getattr(measurements, name).copy()
+        array.flat[0] = np.nan
+        with pytest.raises(MeasurementError, match="not finite") as refused:
+            replace(measurements, **{name: array})
+        assert refused.value.where == name
+        with pytest.raises(MeasurementError, match="shape"):
+            replace(measurements, **{name: getattr(measurements, name)[:-1].copy()})
+
+    @pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan, np.inf])
+    def test_refuses_sigma(self, campaign, sigma):
+        with pytest.raises(MeasurementError, match="sigma"):
+            replace(campaign[1], sigma=sigma)
+
+    def test_refuses_no_observation(self, campaign):
+        with pytest.raises(MeasurementError, match="no observation"):
+            campaign[1][:0]
+
+
+class TestWrist:
+    def test_centre_is_where_the_axes_meet(self):
+        arm = default_arm()
+        robot, _ = prepare(simulate_campaign(arm))
+        wrist = find_wrist(robot)
+        assert wrist.miss_distance < 1e-12
+        assert spherical_wrist(robot).spherical
+        q = np.random.default_rng(1).uniform(-2, 2, (20, 6))
+        now = Configurations(robot, q)
+        centre = now.to_base(np.broadcast_to(wrist.centre, (20, 1, 3)))
+        np.testing.assert_allclose(now.jacobian_at(centre)[..., 3:], 0.0, atol=1e-12)
+
+    @pytest.mark.parametrize("offset", [0.2e-3, 0.03])
+    def test_miss_distance_of_an_offset_wrist(self, offset):
+        robot, _ = prepare(simulate_campaign(default_arm(wrist_offset=offset)))
+        wrist = find_wrist(robot)
+        # The nearest point halves the offset, or does a little worse for a third axis.
+        assert offset / 3 <= wrist.miss_distance <= offset
+        assert wrist.spherical == (wrist.miss_distance <= 0.5e-3)
+
+    def test_real_robot(self):
+        robot, _ = prepare(shared("fanuc_r2000ic/campaign"))
+        assert find_wrist(robot).miss_distance < 1e-12
+
+
+class TestIdentifiability:
+    def test_groups_that_do_not_mix_are_told_apart(self):
+        rng = np.random.default_rng(0)
+        base = rng.standard_normal((20, 4))
+        R = np.column_stack(
+            [base[:, 0], 2 * base[:, 0], base[:, 1], base[:, 2], base[:, 2] * 1e-5, base[:, 3]]
+        )
+        found = analyse(Spectrum(R), np.array([0, 1, 2, 4, 5, 6]), 7)
+        assert [group.joints for group in found.combinations] == [(0, 1), (4, 5)]
+        assert found.rank == 4
+        assert found.condition_number == np.inf
+        assert found.combined == {0, 1, 4, 5}
+
+    def test_units_of_the_columns_do_not_matter(self):
+        rng = np.random.default_rng(1)
+        R = rng.standard_normal((9, 5))
+        plain = analyse(Spectrum(R), np.arange(5), 5)
+        scaled = analyse(Spectrum(R * 10.0 ** np.arange(-6, 4, 2)), np.arange(5), 5)
+        assert scaled.rank == 5
+        assert scaled.condition_number == pytest.approx(plain.condition_number)
+        singular = np.linalg.svd(R / np.linalg.norm(R, axis=0), compute_uv=False)
+        np.testing.assert_allclose(plain.singular_values, singular)
+
+
+def test_errors_say_where_why_and_what_to_do():
+    error = UnsupportedMethodError("too few targets", where="readings", remedy="read three")
+    assert str(error) == "readings: too few targets; read three"
+    assert isinstance(error, JointstiffError)
+
+
+def test_errors_survive_the_way_between_processes():
+    sent = UnsupportedMethodError("too few targets", where="readings", remedy="read three")
+    received = pickle.loads(pickle.dumps(sent))
+    assert type(received) is UnsupportedMethodError
+    assert (received.reason, received.where, received.remedy) == (sent.reason, sent.where, sent.remedy)
+
+
+def test_a_set_of_readings_can_be_cut(campaign):
+    _, measurements = campaign
+    part: Measurements = measurements[np.array([3, 1])]
+    np.testing.assert_array_equal(part.force, measurements.force[[3, 1]])
+    assert len(part) == 2
+
+
+def _cross_matrix(v: np.ndarray) -> np.ndarray:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -1,0 +1,370 @@
+"""Resamples against identify on the same configurations, which goes through the rows, not their squares."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaigns import METHODS, prepare, shared
+
+from benchmarks.campaigns import default_settings, large_campaign, small_campaign
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.convex import Bounds, batch
+from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
+from jointstiff.solver.identification import Settings, identify
+from jointstiff.solver.inference import predict
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.resampling import (
+    GramBlocks,
+    Resamples,
+    ResamplingPlan,
+    StageBlocks,
+    gram_blocks,
+    resample,
+    summarise,
+)
+from jointstiff.solver.resampling import resample as module
+from jointstiff.solver.robot import KinematicChain, Robot
+
+POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
+BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))
+
+METHODS_AND_WEIGHTS = [
+    ("complete_pose", "covariance"),
+    ("complete_pose", "characteristic_length"),
+    ("complete_pose", "uniform"),
+    ("partial_pose", "covariance"),
+    ("partial_pose", "uniform"),
+    ("decoupled_partial_pose", "covariance"),
+    ("decoupled_partial_pose", "uniform"),
+]
+
+
+@pytest.fixture(scope="module")
+def noisy() -> tuple[Robot, Measurements]:
+    """19 configurations with noise that drives some compliances below zero."""
+    campaign = small_campaign(sigma=6e-4)
+    return campaign.robot, campaign.measurements
+
+
+@pytest.fixture(scope="module")
+def rarely_twisted(noisy) -> tuple[Robot, Measurements]:
+    """Joint 1 is twisted in the first three configurations only."""
+    robot, measurements = noisy
+    force = measurements.force.copy()
+    force[3:, :2] = 0.0
+    return robot, replace(measurements, force=force)
+
+
+def settings(method: str, weighting: str = "covariance", bounds: Bounds = POSITIVE) -> Settings:
+    length = 0.6 if weighting == "characteristic_length" else None
+    return Settings(method, weighting, bounds, characteristic_length=length)
+
+
+class TestAgainstIdentify:
+    @pytest.mark.parametrize("by_rows", [False, True])
+    @pytest.mark.parametrize("bounds", [POSITIVE, FREE, BOXED], ids=["positive", "free", "boxed"])
+    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+    def test_each_resample_is_identify_on_what_was_drawn(
+        self, noisy, monkeypatch, method, weighting, bounds, by_rows
+    ):
+        robot, measurements = noisy
+        if by_rows:
+            monkeypatch.setattr(batch, "LEAST_EIGENVALUE", np.inf)
+        options = settings(method, weighting, bounds)
+        blocks = gram_blocks(robot, measurements, options)
+        for plan in (ResamplingPlan(10, 8, 1), ResamplingPlan(19, 8, 2, replacement=True)):
+            found = resample(blocks, plan, bounds)
+            for k, drawn in enumerate(plan.draw(19, 0, 8)):
+                expected = identify(robot, measurements[drawn], options)
+                np.testing.assert_allclose(found.compliance[k], expected.compliance, rtol=1e-8)
+                prediction = predict(robot, measurements, expected.compliance)
+                assert found.compensation[k] == pytest.approx(prediction.compensation, rel=1e-9)
+                at_bound = [joint.status == "at_bound" for joint in expected.joints]
+                np.testing.assert_array_equal(found.active[k] != 0, at_bound)
+            if bounds is not FREE:
+                assert (found.active != 0).any()
+        assert ((bounds.lower <= found.compliance) & (found.compliance <= bounds.upper)).all()
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_all_configurations_drawn_once_is_the_full_set(self, noisy, method):
+        robot, measurements = noisy
+        found = resample(
+            gram_blocks(robot, measurements, settings(method)), ResamplingPlan(19, 2, 0), POSITIVE
+        )
+        expected = identify(robot, measurements, settings(method))
+        np.testing.assert_allclose(found.compliance, [expected.compliance] * 2, rtol=1e-9)
+
+    def test_characteristic_length_is_that_of_the_full_set(self, noisy):
+        robot, measurements = noisy
+        searched = Settings("complete_pose", "characteristic_length", POSITIVE)
+        full = identify(robot, measurements, searched)
+        blocks = gram_blocks(robot, measurements, searched)
+        assert blocks.characteristic_length == full.characteristic_length
+        plan = ResamplingPlan(10, 1, 0)
+        given = replace(searched, characteristic_length=full.characteristic_length)
+        expected = identify(robot, measurements[plan.draw(19, 0, 1)[0]], given)
+        found = resample(blocks, plan, POSITIVE)
+        np.testing.assert_allclose(found.compliance[0], expected.compliance, rtol=1e-8)
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_dead_weight_and_missing_readings(self, method):
+        """A joint that the full set does not show has no number; a reading that is not there no weight."""
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=4))
+        if method == "partial_pose":
+            present = measurements.present.copy()
+            present[::2, 1] = False
+            deflection = np.where(present[..., None], measurements.deflection, 0.0)
+            measurements = replace(measurements, present=present, deflection=deflection)
+        plan, options = ResamplingPlan(10, 5, 3), settings(method)
+        found = resample(gram_blocks(robot, measurements, options), plan, POSITIVE)
+        assert found.undetermined[:, 0].all()
+        for k, drawn in enumerate(plan.draw(len(measurements), 0, 5)):
+            expected = identify(robot, measurements[drawn], options)
+            np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
+            prediction = predict(robot, measurements, expected.compliance)
+            assert found.compensation[k] == pytest.approx(prediction.compensation, rel=1e-9)
+
+
+class TestUndetermined:
+    @pytest.mark.parametrize("method", METHODS)
+    def test_a_joint_that_a_draw_never_twists(self, rarely_twisted, method):
+        robot, measurements = rarely_twisted
+        plan, options = ResamplingPlan(6, 60, 0), settings(method)
+        found = resample(gram_blocks(robot, measurements, options), plan, POSITIVE)
+        drawn = plan.draw(19, 0, 60)
+        unseen = (drawn >= 3).all(axis=1)
+        assert 5 < unseen.sum() < 55
+        np.testing.assert_array_equal(found.undetermined[:, 0], unseen)
+        assert not found.undetermined[:, 1:].any()
+        np.testing.assert_array_equal(np.isnan(found.compensation), unseen)
+        for k in np.flatnonzero(unseen)[:5]:
+            expected = identify(robot, measurements[drawn[k]], options)
+            assert expected.joints[0].status == "not_observable"
+            np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
+
+    def test_joints_that_show_only_together(self, noisy):
+        """Two joints on one axis: no draw tells them apart, and the others keep their numbers."""
+        robot, measurements = noisy
+        joints = list(robot.chain.joints)
+        twin = replace(joints[0], name="twin", child="twin_link", rotation=np.eye(3), translation=np.zeros(3))
+        chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (joints[0], twin, *joints[1:]))
+        extended = replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
+        bounds, plan = Bounds.positive(7), ResamplingPlan(10, 20, 0)
+        found = resample(gram_blocks(Robot(chain), extended, settings("partial_pose")), plan, bounds)
+        expected = resample(gram_blocks(robot, measurements, settings("partial_pose")), plan, POSITIVE)
+        assert found.undetermined[:, :2].all()
+        assert np.isnan(found.compensation).all()
+        np.testing.assert_allclose(found.compliance[:, 2:], expected.compliance[:, 1:], rtol=1e-8)
+
+    def test_fewer_readings_than_joints(self, noisy):
+        robot, measurements = noisy
+        one = replace(measurements, present=np.arange(3) == np.zeros((19, 1)))
+        found = resample(gram_blocks(robot, one, settings("partial_pose")), ResamplingPlan(1, 10, 0), FREE)
+        assert found.undetermined.all()
+        assert (found.active == 0).all()
+
+    @pytest.mark.parametrize("case", ["combined", "null", "null_at_targets", "determined"])
+    def test_wrist_behind_an_arm_that_is_not_determined(self, case):
+        """What is not known of the arm cannot be told from the wrist, unless the targets do not show it."""
+        rng = np.random.default_rng(0)
+        centre = rng.standard_normal((2, 9, 4))  # columns: the arm (3), what moved
+        targets = rng.standard_normal((2, 9, 6))  # the wrist (2), the arm (3), what moved
+        if case == "combined":
+            centre[:, :, 1] = 2 * centre[:, :, 0]
+        elif case != "determined":
+            centre[:, :, 0] = 0.0
+        if case == "null_at_targets":
+            targets[:, :, 2] = 0.0
+        arm, wrist = np.arange(3), np.array([3, 4])
+        stages = (_stage(centre, arm, arm[:0]), _stage(targets, wrist, arm))
+        blocks = GramBlocks(5, stages, np.arange(5), rng.standard_normal((5, 3, 6)), np.ones((3, 6)), None)
+        found = resample(blocks, ResamplingPlan(1, 1, 0), Bounds.unconstrained(5))
+        unknown = {"combined": [0, 1, 3, 4], "null": [0, 3, 4], "null_at_targets": [0], "determined": []}
+        np.testing.assert_array_equal(np.flatnonzero(found.undetermined[0]), unknown[case])
+        if case in {"null_at_targets", "determined"}:
+            rows = targets[ResamplingPlan(1, 1, 0).draw(2, 0, 1)[0, 0]]
+            left = rows[:, 5] - rows[:, 2:5] @ np.nan_to_num(found.compliance[0, :3])
+            expected = np.linalg.lstsq(rows[:, :2], left, rcond=None)[0]
+            np.testing.assert_allclose(found.compliance[0, 3:], expected, rtol=1e-9)
+
+
+class TestPlan:
+    def test_draws_are_rows_of_one_table(self):
+        table = np.random.default_rng(5).random((100, 19))
+        drawn = ResamplingPlan(10, 100, 5).draw(19, 40, 60)
+        np.testing.assert_array_equal(drawn, np.argsort(table, axis=1)[40:60, :10])
+        again = ResamplingPlan(10, 100, 5, replacement=True).draw(19, 40, 60)
+        np.testing.assert_array_equal(again, np.floor(19 * table[40:60, :10]))
+
+    def test_every_configuration_is_as_likely(self):
+        drawn = ResamplingPlan(10, 20_000, 1).draw(19, 0, 20_000)
+        assert all(len(set(row)) == 10 for row in drawn[:100].tolist())
+        counts = np.bincount(drawn.ravel(), minlength=19)
+        deviation = np.sqrt(20_000 * (10 / 19) * (9 / 19))
+        assert np.abs(counts - 20_000 * 10 / 19).max() < 4 * deviation
+        pairs = np.isin(drawn, [3, 11]).sum(axis=1) == 2
+        assert pairs.mean() == pytest.approx(10 * 9 / (19 * 18), abs=0.015)
+
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [("size", 0), ("repetitions", 0), ("repetitions", 100_001), ("seed", -1), ("seed", 2**63)],
+    )
+    def test_refuses(self, field, value):
+        with pytest.raises(RequestError, match=r"give a number (from|at least)") as refused:
+            replace(ResamplingPlan(10, 1000, 1), **{field: value})
+        assert refused.value.where == f"resampling.{field}"
+
+    @pytest.mark.parametrize("replacement", [False, True])
+    def test_refuses_more_than_there_are(self, noisy, replacement):
+        blocks = gram_blocks(*noisy, settings("partial_pose"))
+        with pytest.raises(RequestError, match="size is 20") as refused:
+            resample(blocks, ResamplingPlan(20, 10, 0, replacement=replacement), POSITIVE)
+        assert refused.value.where == "resampling.size"
+        assert "from 1 to 19" in refused.value.remedy
+
+    @pytest.mark.parametrize(("start", "stop"), [(-1, 5), (6, 5), (0, 11)])
+    def test_refuses_repetitions_that_are_not_planned(self, noisy, start, stop):
+        blocks = gram_blocks(*noisy, settings("partial_pose"))
+        with pytest.raises(RequestError, match="of 10"):
+            resample(blocks, ResamplingPlan(10, 10, 0), POSITIVE, start, stop)
+
+    def test_what_the_full_set_cannot_support_is_refused_in_its_words(self, noisy):
+        robot, measurements = noisy
+        few = replace(measurements, present=np.arange(3) < np.full((19, 1), 2))
+        with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
+            gram_blocks(robot, few, settings("complete_pose"))
+        nothing = replace(measurements, force=np.zeros((19, 3)))
+        with pytest.raises(NotObservableError, match="never twists"):
+            gram_blocks(robot, nothing, settings("partial_pose"))
+
+
+class TestSameNumbers:
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("replacement", [False, True])
+    def test_whatever_the_chunks(self, rarely_twisted, monkeypatch, method, replacement):
+        """To the last bit, those that go back to the rows included."""
+        blocks = gram_blocks(*rarely_twisted, settings(method))
+        plan = ResamplingPlan(7, 50, 9, replacement=replacement)
+        whole = resample(blocks, plan, POSITIVE)
+        assert whole.undetermined.any()
+        cuts = [0, 1, 2, 13, 13, 40, 50]
+        parts = [resample(blocks, plan, POSITIVE, *cut) for cut in pairwise(cuts)]
+        assert _bytes(Resamples.concatenate(parts)) == _bytes(whole)
+        monkeypatch.setattr(module, "_TILE", 7)
+        monkeypatch.setattr("jointstiff.solver.resampling.gram_blocks._TILE_RESIDUALS", 600)
+        assert _bytes(resample(blocks, plan, POSITIVE)) == _bytes(whole)
+
+    def test_whatever_the_threads(self):
+        folder = Path(__file__).parent
+        paths = [str(path) for path in (folder, folder.parents[1], folder.parents[2])]
+        program = (
+            f"import sys; sys.path[:0] = {paths}; import test_resampling; print(test_resampling.digest())"
+        )
+        found = {
+            subprocess.run(
+                [sys.executable, "-c", program],
+                env=os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
+            for threads in ("1", "2")
+        }
+        assert len(found) == 1
+
+    def test_seed(self, noisy):
+        blocks = gram_blocks(*noisy, settings("partial_pose"))
+        one, again, other = (resample(blocks, ResamplingPlan(10, 20, seed), FREE) for seed in (1, 1, 2))
+        assert _bytes(one) == _bytes(again) != _bytes(other)
+
+
+class TestSummary:
+    def test_of_numbers_that_are_known(self):
+        nan = np.nan
+        compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
+        active = np.array([[0, 0, 0], [0, -1, 0], [1, 0, 0], [0, 0, 0]], dtype=np.int8)
+        found = summarise(Resamples(compliance, active, np.array([0.5, 0.7, 0.9, nan])), confidence=0.5)
+        np.testing.assert_allclose(found.compliance_mean, [7 / 3, 1.0, nan])
+        np.testing.assert_allclose(found.compliance_deviation, [np.sqrt(7 / 3), np.sqrt(20 / 3), nan])
+        np.testing.assert_allclose(found.compliance_interval, [[1.5, 3.0], [-0.5, 2.5], [nan, nan]])
+        np.testing.assert_allclose(found.stiffness_mean, [7 / 12, 1 / 12, nan])
+        np.testing.assert_allclose(found.stiffness_interval, [[1 / 3, 2 / 3], [0.4, np.inf], [nan, nan]])
+        np.testing.assert_allclose(found.share_negative, [0, 0.25, nan])
+        np.testing.assert_allclose(found.share_infinite, [0, 0.25, nan])
+        np.testing.assert_allclose(found.share_at_bound, [1 / 3, 0.25, nan])
+        np.testing.assert_allclose(found.share_undetermined, [0.25, 0, 1])
+        assert found.share_any_negative == 0.25
+        assert found.compensation_mean == pytest.approx(0.7)
+        assert found.compensation_deviation == pytest.approx(0.2)
+        assert found.compensation_interval == pytest.approx((0.6, 0.8))
+
+    @pytest.mark.parametrize(
+        ("values", "expected"),
+        [((0.0, 0.0), (np.inf, np.inf)), ((0.0, 2.0), (0.5, np.inf)), ((-4.0, -2.0), (-0.5, -0.25))],
+    )
+    def test_stiffness_of_an_interval_of_compliance(self, values, expected):
+        compliance = np.repeat(values, 2)[:, None]
+        resamples = Resamples(compliance, np.zeros((4, 1), np.int8), np.zeros(4))
+        found = summarise(resamples, confidence=0.5)
+        np.testing.assert_allclose(found.stiffness_interval[0], expected)
+
+    def test_refuses(self):
+        nothing = Resamples(np.zeros((0, 2)), np.zeros((0, 2), np.int8), np.zeros(0))
+        with pytest.raises(RequestError, match="no repetition"):
+            summarise(nothing)
+        one = Resamples(np.zeros((1, 2)), np.zeros((1, 2), np.int8), np.zeros(1))
+        for confidence in (0.0, 1.0, np.nan):
+            with pytest.raises(RequestError, match="confidence"):
+                summarise(one, confidence=confidence)
+
+
+def test_fanuc_ten_of_thirty():
+    """Issue 4: 10 to 14 % of unconstrained fits have a negative stiffness, constrained ones none."""
+    robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
+    blocks = gram_blocks(robot, measurements, settings("partial_pose"))
+    plan = ResamplingPlan(10, 2000, 2017)
+    free, positive = (summarise(resample(blocks, plan, bounds)) for bounds in (FREE, POSITIVE))
+    assert 0.10 <= free.share_any_negative <= 0.14
+    assert positive.share_any_negative == 0.0
+    assert positive.compensation_mean >= free.compensation_mean
+    # The share among all the draws there are, to 0.2 points: what 2,000 of them say has 0.7.
+    many = summarise(resample(blocks, ResamplingPlan(10, 20_000, 1), FREE))
+    assert 0.10 <= many.share_any_negative <= 0.12
+
+
+def test_bootstrap_agrees_with_the_covariance():
+    campaign = large_campaign(400)
+    options = default_settings(campaign.robot)
+    blocks = gram_blocks(campaign.robot, campaign.measurements, options)
+    found = summarise(resample(blocks, ResamplingPlan(400, 1000, 0, replacement=True), FREE))
+    estimate = identify(campaign.robot, campaign.measurements, options)
+    uncertainty = np.sqrt(estimate.covariance.diagonal())
+    np.testing.assert_allclose(found.compliance_deviation, uncertainty, rtol=0.15)
+    np.testing.assert_array_less(np.abs(found.compliance_mean - estimate.compliance), 0.2 * uncertainty)
+
+
+def digest() -> str:
+    """Of the numbers of a plan, by both paths, for another process to compare."""
+    campaign = large_campaign(500)
+    blocks = gram_blocks(campaign.robot, campaign.measurements, default_settings(campaign.robot))
+    plan = ResamplingPlan(250, 100, 0)
+    together = resample(blocks, plan, POSITIVE)
+    batch.LEAST_EIGENVALUE = np.inf
+    by_rows = resample(blocks, plan, POSITIVE)
+    return hashlib.sha256(_bytes(together) + _bytes(by_rows)).hexdigest()
+
+
+def _bytes(resamples: Resamples) -> bytes:
+    return b"".join(a.tobytes() for a in (resamples.compliance, resamples.active, resamples.compensation))
+
+
+def _stage(rows: np.ndarray, joints: np.ndarray, known: np.ndarray) -> StageBlocks:
+    return StageBlocks(joints, known, rows, np.swapaxes(rows, 1, 2) @ rows, np.ones(len(joints) + len(known)))

@@ -1,0 +1,133 @@
+"""Pinocchio's model of a chain, and the joint map."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.robot import ChainJoint, DhRow, JointMap, KinematicChain, Robot, dh_chain
+from jointstiff.solver.robot.rotation import rotation_from_rpy
+
+
+def joint(name: str, child: str, **changes: object) -> ChainJoint:
+    fields = {
+        "kind": "revolute",
+        "rotation": rotation_from_rpy(0.1, -0.2, 0.3),
+        "translation": np.array([0.1, 0.2, 0.3]),
+        "axis": np.array([0.6, 0.0, 0.8]),
+        "limits": None,
+    }
+    return ChainJoint(name=name, child=child, **(fields | changes))
+
+
+def test_model_follows_the_chain() -> None:
+    chain = KinematicChain(
+        "arm",
+        "base",
+        "flange",
+        (
+            joint("mount", "pedestal", kind="fixed"),
+            joint("zeta", "l1", limits=(-1.0, 2.0)),
+            joint("spacer", "l2", kind="fixed"),
+            joint("alpha", "l3"),
+            joint("plate", "l4", kind="fixed"),
+            joint("adapter", "flange", kind="fixed"),
+        ),
+    )
+    robot = Robot(chain)
+
+    assert robot.n == robot.model.nq == robot.model.nv == 2
+    assert robot.joint_names == ("zeta", "alpha")  # in the order of the chain, not of the alphabet
+    assert robot.flange_joint_id == 2
+    assert robot.chain is chain
+    one = pin.SE3(rotation_from_rpy(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(robot.flange_placement.homogeneous, (one * one).homogeneous, atol=1e-15)
+    np.testing.assert_allclose(
+        robot.model.jointPlacements[1].homogeneous, (one * one).homogeneous, atol=1e-15
+    )
+    np.testing.assert_array_equal(robot.limits, [[-1.0, 2.0], [-np.inf, np.inf]])
+
+
+def test_flange_joint_is_the_last_even_without_a_fixed_joint_behind_it() -> None:
+    robot = Robot(KinematicChain("arm", "b", "f", (joint("a", "l"), joint("c", "f"))))
+    assert robot.flange_joint_id == 2
+    np.testing.assert_array_equal(robot.flange_placement.homogeneous, np.eye(4))
+
+
+def test_a_one_sided_limit() -> None:
+    robot = Robot(dh_chain([DhRow(0.0, 0.0, 1.0, 0.0, lower=-2.0)], "standard", "arm"))
+    np.testing.assert_array_equal(robot.limits, [[-2.0, np.inf]])
+
+
+@pytest.mark.parametrize(
+    ("joint_name", "flange"),
+    [("same", "same"), ("a & <b> \"c\" 'd'", "x  y"), ("Gelenk é 軸 😀", "µ"), ("root_joint", "universe")],
+)
+def test_names_that_could_be_misunderstood(joint_name: str, flange: str) -> None:
+    robot = Robot(KinematicChain("<&>", "b", flange, (joint(joint_name, flange),)))
+    assert tuple(robot.model.names)[1:] == (joint_name,)
+    assert robot.flange_joint_id == 1
+
+
+def test_pinocchios_own_name_is_refused() -> None:
+    with pytest.raises(RobotError, match="universe"):
+        Robot(KinematicChain("arm", "b", "f", (joint("universe", "f"),)))
+
+
+def test_joint_map_of_another_size_is_refused() -> None:
+    chain = dh_chain([DhRow(0.1, 0.0, 0.0, 0.0)] * 3, "standard", "arm")
+    with pytest.raises(RobotError) as refusal:
+        Robot(chain, JointMap.identity(2))
+    assert refusal.value.where == "joint_map.matrix"
+    assert Robot(chain).joint_map.n == 3
+
+
+def test_model_angles_of_coupled_axes() -> None:
+    # FANUC: q3 = -(theta2 + theta3); the offset is added after the matrix.
+    coupled = JointMap.from_rows([[1, 0, 0], [0, 1, 0], [0, -1, -1]], [0.0, 0.5, 0.0])
+    angles = coupled.model_angles(np.array([[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]]))
+    np.testing.assert_allclose(angles, [[0.1, 0.7, -0.5], [1.0, 2.5, -5.0]], atol=1e-15)
+
+
+def test_identity_leaves_angles_as_they_are() -> None:
+    angles = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 6))
+    np.testing.assert_array_equal(JointMap.identity(6).model_angles(angles), angles)
+
+
+def test_joint_map_is_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        JointMap.identity(2).matrix[0, 0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("matrix", "offset", "where", "reason"),
+    [
+        ([[1.0, 0.0]], [0.0, 0.0], "joint_map.matrix", "1 rows of 2"),
+        ([[1.0, 0.0], [0.0]], [0.0, 0.0], "joint_map.matrix", "2 rows of 1 or 2"),
+        ([], [], "joint_map.matrix", "0 rows"),
+        ([[]], [], "joint_map.matrix", "rows of 0"),
+        ([[1.0, 0.0], [0.0, 1.0]], [0.0], "joint_map.matrix", "offset of 1"),
+        ([[1.0, 0.0], [0.0, math.nan]], [0.0, 0.0], "joint_map.matrix", "not finite"),
+        ([[1.0, 0.0], [0.0, 1e300]], [0.0, 0.0], "joint_map.matrix", "not finite"),
+        ([[1.0]], [math.inf], "joint_map.offset", "not finite"),
+        ([[1.0, 2.0], [2.0, 4.0]], [0.0, 0.0], "joint_map.matrix", "singular"),
+        ([[1.0, 0.0], [0.0, 1e-9]], [0.0, 0.0], "joint_map.matrix", "singular"),
+        ([[1e-200]], [0.0], "joint_map.matrix", "singular"),
+        ([[0.0]], [0.0], "joint_map.matrix", "singular"),
+    ],
+)
+def test_joint_maps_that_are_refused(
+    matrix: list[list[float]], offset: list[float], where: str, reason: str
+) -> None:
+    with pytest.raises(RobotError, match=reason) as refusal:
+        JointMap.from_rows(matrix, offset)
+    assert refusal.value.where == where
+
+
+def test_joint_map_of_too_many_joints_is_refused() -> None:
+    with pytest.raises(RobotError, match="at most 32"):
+        JointMap.identity(33)

