@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
-from jointstiff.solver.convex.certificate import Certificate, certify
+from jointstiff.solver.convex.certificate import Certificate, Proposer, certify
 from jointstiff.solver.convex.constraints import Constraints, Order
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.semidefinite import (
@@ -20,7 +20,7 @@ from jointstiff.solver.convex.semidefinite import (
     to_matrix,
     weights,
 )
-from jointstiff.solver.convex.solve import Solution, solve
+from jointstiff.solver.convex.solution import Solution, huber_point, solve, solve_step
 
 __all__ = [
     "Bounds",
@@ -32,6 +32,7 @@ __all__ = [
     "Inequalities",
     "LeastSquares",
     "Order",
+    "Proposer",
     "SemidefiniteProgram",
     "Solution",
     "certify",
@@ -40,10 +41,12 @@ __all__ = [
     "effective_freedom",
     "entries",
     "exactly_at_bounds",
+    "huber_point",
     "raised",
     "solve",
     "solve_batch",
     "solve_cone",
+    "solve_step",
     "to_matrix",
     "weights",
 ]

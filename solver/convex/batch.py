@@ -13,9 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex.certificate import CERTIFICATE_TOLERANCE
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
-from jointstiff.solver.convex.solve import solve
+from jointstiff.solver.convex.solution import solve_step
+from jointstiff.solver.convex.supports import (
+    FREE,
+    TOLERANCE,
+    gradient_violation,
+    held,
+    pivot,
+    snap,
+    support_at,
+)
 from jointstiff.solver.errors import SolverError
 
 __all__ = ["LEAST_EIGENVALUE", "BatchSolution", "exactly_at_bounds", "solve_batch"]
@@ -26,8 +34,6 @@ LEAST_EIGENVALUE = 1e-6
 
 _ROUNDING = 64 * np.finfo(float).eps
 """Of a gradient, relative to the largest variable."""
-
-_FREE, _LOWER, _UPPER = 0, -1, 1
 
 _PIVOTS = 8
 """Rounds of pivoting; nearly all problems settle in two or three."""
@@ -40,7 +46,7 @@ class BatchSolution:
     Attributes:
         compliance: (K, n) [rad/(N·m)]; NaN where not certified.
         active: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0.
-        certified: (K,) whether the optimality conditions hold to `CERTIFICATE_TOLERANCE`. False means
+        certified: (K,) whether the optimality conditions hold to `TOLERANCE`. False means
             that the Gram matrix is singular or too ill-conditioned to answer.
     """
 
@@ -101,7 +107,7 @@ def exactly_at_bounds(c: FloatArray, active: Support, bounds: Bounds) -> FloatAr
         active: (K, n) as in `BatchSolution`.
         bounds: on the n compliances.
     """
-    c = np.where(active == _LOWER, bounds.lower, np.where(active == _UPPER, bounds.upper, c))
+    c = np.where(active == FREE, c, held(active, bounds.lower, bounds.upper))
     return np.clip(c, bounds.lower, bounds.upper)
 
 
@@ -119,35 +125,20 @@ def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[
 
 def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
     """Optimum and support of well-conditioned problems, by pivoting or else by the exact path."""
-    x = _snap(problems, _polish(problems, _pivot(problems)))
+    x = snap(_polish(problems, _pivot(problems)), problems.lower, problems.upper)
     for k in np.flatnonzero(~_certified(problems, x)):
         x[k] = _solve_alone(problems, k)
-    below, above = x == problems.lower, x == problems.upper
-    return x, np.where(below, _LOWER, np.where(above, _UPPER, _FREE)).astype(np.int8)
-
-
-def _snap(problems: _Scaled, x: FloatArray) -> FloatArray:
-    """Put on its bound what is beyond it, or not off it by more than rounding. Certified is the outcome."""
-    x = np.where(x - problems.lower <= CERTIFICATE_TOLERANCE, problems.lower, x)
-    return np.where(problems.upper - x <= CERTIFICATE_TOLERANCE, problems.upper, x)
+    return x, support_at(x, problems.lower, problems.upper)
 
 
 def _pivot(problems: _Scaled) -> Support:
-    """Block principal pivoting (Portugal, Júdice & Vicente 1994) on all problems not settled yet.
-
-    All parameters that break their condition change sides at once: a free one outside its bounds goes to
-    the bound, one at a bound with a multiplier of the wrong sign is freed. It may cycle; the certificate
-    finds that out.
-    """
+    """Pivot on all problems that are not settled yet; see `supports.pivot`."""
     active = np.zeros(problems.b.shape, dtype=np.int8)
     unsettled = np.arange(len(active))
     for _ in range(_PIVOTS):
         part, side = problems.select(unsettled), active[unsettled]
         x = _polish(part, side)
-        gradient = _gradient(part, x)
-        pull = np.where(side == _LOWER, gradient, np.where(side == _UPPER, -gradient, 1.0))
-        moved = np.where(pull < 0, _FREE, side)
-        moved = np.where(x < part.lower, _LOWER, np.where(x > part.upper, _UPPER, moved))
+        moved = pivot(side, x, _gradient(part, x), part.lower, part.upper)
         changed = (moved != side).any(axis=1)
         unsettled = unsettled[changed]
         active[unsettled] = moved[changed]
@@ -161,12 +152,12 @@ def _polish(problems: _Scaled, active: Support) -> FloatArray:
 
     The eigenvalues of what is left lie between those of A, so no system is singular.
     """
-    free = active == _FREE
-    held = np.where(active == _LOWER, problems.lower, np.where(active == _UPPER, problems.upper, 0.0))
+    free = active == FREE
+    at_bounds = held(active, problems.lower, problems.upper)
     system = np.where(free[:, :, None] & free[:, None, :], problems.A, np.eye(free.shape[1]))
-    right = np.where(free, -_gradient(problems, held), held)
+    right = np.where(free, -_gradient(problems, at_bounds), at_bounds)
     x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
-    return np.where(free, x, held)
+    return np.where(free, x, at_bounds)
 
 
 def _gradient(problems: _Scaled, x: FloatArray) -> FloatArray:
@@ -182,10 +173,9 @@ def _certified(problems: _Scaled, x: FloatArray) -> BoolArray:
     is known to the rounding of the terms that cancel in it.
     """
     gradient = _gradient(problems, x)
-    at_lower, at_upper = x <= problems.lower, x >= problems.upper
-    wrong = np.where(at_lower, -gradient, np.where(at_upper, gradient, np.abs(gradient)))
+    wrong = gradient_violation(x, gradient, problems.lower, problems.upper)
     rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
-    holds: BoolArray = wrong.max(axis=1) <= CERTIFICATE_TOLERANCE + rounding
+    holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
     return holds
 
 
@@ -194,4 +184,4 @@ def _solve_alone(problems: _Scaled, k: np.intp) -> FloatArray:
     factor = np.linalg.cholesky(problems.A[k])
     z = np.linalg.solve(factor, problems.b[k])
     bounds = Bounds(problems.lower[k], problems.upper[k])
-    return solve(IdentificationProblem(factor.T, z, bounds)).compliance
+    return solve_step(IdentificationProblem(factor.T, z, bounds)).compliance

@@ -8,19 +8,18 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.equilibrated import Equilibrated
-from jointstiff.solver.convex.least_distance import conditions
+from jointstiff.solver.convex.active_set import conditions
 from jointstiff.solver.convex.problem import IdentificationProblem
+from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.supports import TOLERANCE, gradient_violation
 
-__all__ = ["CERTIFICATE_TOLERANCE", "Certificate", "SupportFinder", "certify", "certify_within_bounds"]
+__all__ = ["Certificate", "Proposer", "certify", "certify_scaled"]
 
-SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
-
-CERTIFICATE_TOLERANCE = 1e-12
-"""Greatest relative violation of an optimality condition that is taken for rounding."""
+Proposer = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
+"""Algorithm that found the support: which bounds and inequalities are active."""
 
 _ROUNDING = 64 * np.finfo(float).eps
-"""Of a gradient, relative to the largest variable."""
+"""Rounding of a gradient, relative to the largest variable."""
 
 
 @dataclass(frozen=True)
@@ -32,49 +31,48 @@ class Certificate:
         dual: greatest gradient of the wrong sign at a bound, or of any sign off the bounds, beyond
             rounding; a gradient is the cosine between a column and the residual, times ‖residual‖/‖z‖.
         complementarity: greatest min(multiplier, slack), beyond rounding.
-        solved_by: what found the support.
+        solved_by: algorithm that found the support.
     """
 
     primal: float
     dual: float
     complementarity: float
-    solved_by: SupportFinder
+    solved_by: Proposer
 
     @property
     def holds(self) -> bool:
         """Whether all violations are rounding."""
-        return max(self.primal, self.dual, self.complementarity) <= CERTIFICATE_TOLERANCE
+        return max(self.primal, self.dual, self.complementarity) <= TOLERANCE
 
 
-def certify_within_bounds(scaled: Equilibrated, x: FloatArray, solved_by: SupportFinder) -> Certificate:
-    """Evaluate the conditions of Karush, Kuhn and Tucker at x, whatever led to it."""
-    gradient = scaled.A.T @ (scaled.A @ x - scaled.b)
+def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: Proposer) -> Certificate:
+    """Evaluate the optimality conditions of a problem at compliances found elsewhere.
+
+    Args:
+        problem: as for `solve`.
+        compliance: (n,) [rad/(N·m)].
+        solved_by: algorithm that found them.
+    """
+    scaled = Scaled.of(problem)
+    return certify_scaled(scaled, compliance / scaled.unit, solved_by)
+
+
+def certify_scaled(scaled: Scaled, x: FloatArray, solved_by: Proposer) -> Certificate:
+    """Evaluate the optimality conditions at x (n,), in equilibrated variables."""
+    if len(scaled.d):
+        return Certificate(*conditions(scaled, x), 0.0, solved_by)
+    gradient = scaled.gradient(x)
     below, above = x - scaled.lower, scaled.upper - x
     # The multiplier of a lower bound is the positive part of the gradient, of an upper the negative.
-    wrong = np.where(below <= 0, -gradient, np.where(above <= 0, gradient, np.abs(gradient)))
     product = np.maximum(
         np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
     )
     # A gradient is known to the rounding of the terms that cancel in it.
     rounding = _ROUNDING * max(1.0, float(np.abs(x).max()))
+    wrong = gradient_violation(x, gradient, scaled.lower, scaled.upper)
     return Certificate(
         primal=max(0.0, float(-np.minimum(below, above).min())),
         dual=max(0.0, float(wrong.max()) - rounding),
         complementarity=max(0.0, float(product.max()) - rounding),
         solved_by=solved_by,
     )
-
-
-def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: SupportFinder) -> Certificate:
-    """Evaluate the optimality conditions of a problem at compliances found elsewhere.
-
-    Args:
-        problem: as for `jointstiff.solver.convex.solve.solve`.
-        compliance: (n,) [rad/(N·m)].
-        solved_by: what found them.
-    """
-    scaled = Equilibrated.of(problem)
-    x = compliance / scaled.unit
-    if problem.inequalities is None:
-        return certify_within_bounds(scaled, x, solved_by)
-    return Certificate(*conditions(scaled.rows(problem.inequalities), x), 0.0, solved_by)

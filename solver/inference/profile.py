@@ -22,8 +22,8 @@ from jointstiff.solver.convex import (
     Constraints,
     IdentificationProblem,
     Inequalities,
-    solve,
     solve_batch,
+    solve_step,
 )
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting import Likelihood
@@ -137,7 +137,7 @@ class _Ball:
         Returns:
             (p,) x; (p,) the variables at a bound; (t, p) the rows of the inequalities that are tight.
         """
-        solution = solve(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
+        solution = solve_step(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
         tight = np.zeros((0, self.A.shape[1]))
         if self.inequalities is not None and solution.tight is not None:
             tight = self.inequalities.matrix[solution.tight]

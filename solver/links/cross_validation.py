@@ -14,7 +14,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Bounds, IdentificationProblem, solve, solve_cone
+from jointstiff.solver.convex import Bounds, IdentificationProblem, solve_cone, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.links.model import ElasticModel, Formulation, formulate
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_rows
@@ -156,7 +156,7 @@ def joints_only(formulation: Formulation) -> FloatArray:
     """(p,) parameters of a model without penalised elements, exactly."""
     fit = formulation.fit
     problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
-    return solve(problem).compliance
+    return solve_step(problem).compliance
 
 
 def _parameters(formulation: Formulation, weight: float) -> FloatArray:

@@ -12,7 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Bounds, Certificate, IdentificationProblem, Inequalities, solve
+from jointstiff.solver.convex import (
+    Bounds,
+    Certificate,
+    IdentificationProblem,
+    Inequalities,
+    solve,
+    solve_step,
+)
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.identification import Settings
 from jointstiff.solver.observability import Spectrum
@@ -204,4 +211,4 @@ def _least_squares(side: _Rows) -> float:
     L = np.eye(len(side.visible))[:, joints]
     inequalities = _inequalities(_orders(side, L))
     problem = IdentificationProblem(side.R[:, joints], side.z, side.bounds.select(joints), inequalities)
-    return _squares(side, L @ solve(problem).compliance)
+    return _squares(side, L @ solve_step(problem).compliance)

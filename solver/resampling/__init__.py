@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from jointstiff.solver.resampling.gram_blocks import GramBlocks, StageBlocks, gram_blocks, refuse_nonlinear
-from jointstiff.solver.resampling.resample import Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks, gram_blocks, refuse_nonlinear
+from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
 from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
 
 __all__ = [

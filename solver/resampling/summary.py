@@ -8,7 +8,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.resampling.resample import Resamples
+from jointstiff.solver.resampling.draws import Resamples
 
 __all__ = ["ResamplingSummary", "summarise"]
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from jointstiff.schemas.campaign import Campaign
@@ -19,6 +21,8 @@ from jointstiff.service.conversion import (
     to_measurements,
     to_settings,
 )
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
+from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate
 from jointstiff.solver.readings import Measurements
@@ -58,3 +62,14 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
     """Identify with the options of a run."""
     return identify(robot, measurements, to_settings(RunOptions(**options), robot))
+
+
+def straight_wrist(angle: float):
+    """Pulls with joint 5 at ± this angle [rad], by exact springs, without noise."""
+    arm = default_arm()
+    robot, campaign = prepare(simulate_campaign(arm, load="pull", seed=2))
+    q = campaign.joints.copy()
+    q[:, 4] = angle * np.where(np.arange(len(q)) % 2, 1, -1)
+    points = np.array(list(TARGETS.values()))
+    unloaded, loaded = deflections(arm, q, campaign.force, campaign.moment, campaign.load_point, points)
+    return robot, replace(campaign, joints=q, position=unloaded, deflection=loaded - unloaded)

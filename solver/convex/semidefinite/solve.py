@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram
 from jointstiff.solver.convex.semidefinite.face import polished
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
@@ -27,14 +28,6 @@ __all__ = ["ConeCertificate", "ConeSolution", "certify_cone", "solve_cone"]
 
 _LADDER: Final = (1e-8, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the last."""
-_SETTINGS: Final = {
-    "verbose": False,
-    "max_iter": 100,
-    "max_threads": 1,
-    "iterative_refinement_abstol": 1e-14,
-    "iterative_refinement_reltol": 1e-14,
-    "iterative_refinement_max_iter": 30,
-}
 _NEWTON_STEPS: Final = 4
 """Each doubles the digits, once the face is the right one."""
 _SLACK_ROUNDING: Final = 1e-13
@@ -139,35 +132,10 @@ def _eigenvalues(vector: FloatArray, size: int) -> FloatArray:
 
 
 def _clarabel(program: SemidefiniteProgram, tolerance: float) -> FloatArray | None:
-    """Solve in x − near and the residual; any status but `Solved` is a failure, whatever is left behind.
-
-    With the residual as a variable of its own the Gram matrix, whose condition is the square of the
-    regressor's, is never formed.
-    """
-    import clarabel
-    from scipy.sparse import csc_array
-
+    """Solve in y = x − near, so that the objective does not drown in ‖z‖²; None if Clarabel fails."""
     near, cone = program.fit.near, program.cone
-    triangle, readings = program.fit.compressed
-    k, p = triangle.shape
-    settings = clarabel.DefaultSettings()
-    for name, value in _SETTINGS.items():
-        setattr(settings, name, value)
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    cones = [clarabel.ZeroConeT(k)]
-    cones += [clarabel.NonnegativeConeT(cone.nonnegative)] if cone.nonnegative else []
-    cones += [clarabel.PSDTriangleConeT(size) for size in cone.sizes]
-    rows = np.block([[triangle, -np.eye(k)], [-np.eye(p), np.zeros((p, k))]])
-    solver = clarabel.DefaultSolver(
-        csc_array(np.diag(np.repeat([0.0, 2.0], [p, k]))),
-        np.concatenate([program.penalty, np.zeros(k)]),
-        csc_array(rows),
-        np.concatenate([readings - triangle @ near, near]),
-        cones,
-        settings,
-    )
-    answer = solver.solve()
-    if answer.status != clarabel.SolverStatus.Solved:
-        return None
-    moved = np.asarray(answer.x[:p], dtype=np.float64)
-    return near + moved if np.isfinite(moved).all() else None
+    T, readings = program.fit.compressed
+    stated = programs.semidefinite(len(T), cone.nonnegative, cone.sizes)
+    data = {"T": T, "z": readings - T @ near, "p": program.penalty, "near": near}
+    moved = stated.solve(data, tolerance)
+    return None if moved is None else near + moved

@@ -449,10 +449,21 @@ class TestRefusals:
         with pytest.raises(UnsupportedMethodError, match="good reading"):
             estimate(robot, few, loss="huber")
 
+    def test_large_sets_start_elsewhere_and_end_at_the_same_optimum(self, pulls, monkeypatch):
+        robot, exact = pulls
+        bad, _ = spoilt(noisy(exact, 2), 2)
+        stated = estimate(robot, bad, loss="huber")
+        assert {each.solved_by for each in stated.certificates} == {"clarabel"}
+        monkeypatch.setattr(robust, "_STATED", 0)
+        large = estimate(robot, bad, loss="huber")
+        assert large.robust.certificate.solved_by != "clarabel"
+        np.testing.assert_allclose(large.compliance, stated.compliance, rtol=1e-9)
+
     def test_an_optimum_without_a_certificate_is_none(self, pulls, monkeypatch):
         robot, exact = pulls
         bad, _ = spoilt(noisy(exact, 2), 2)
         monkeypatch.setattr(robust, "_ROUNDS", 2)
+        monkeypatch.setattr(robust, "_STATED", 0)
         with pytest.raises(SolverError, match="no optimum"):
             estimate(robot, bad, loss="huber")
 

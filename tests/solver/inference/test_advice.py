@@ -10,8 +10,7 @@ import pytest
 from flint import fmpq_mat
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.campaigns import estimate, prepare, shared
-from test_identifiability import straight_wrist
+from support.campaigns import estimate, prepare, shared, straight_wrist
 
 from jointstiff.service.conversion.identifiability import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -18,7 +18,8 @@ from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import to_settings
 from jointstiff.service.conversion.joints import to_joint
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex import Bounds, Constraints
+from jointstiff.solver.convex import Bounds, Constraints, programs
+from jointstiff.solver.convex.scaled import Scaled
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting import Likelihood
 from jointstiff.solver.fitting.likelihood import rows_of
@@ -135,6 +136,8 @@ class TestIndependently:
                 for side in (0, 1):
                     expected = _cone_program(R, centre, unit, order, j, side)
                     assert ends[0, j, side] / unit[j] == pytest.approx(expected, abs=2e-5, rel=2e-5)
+                    stated = _stated_program(R, centre, unit, order, j, side)
+                    assert ends[0, j, side] / unit[j] == pytest.approx(stated, abs=1e-6, rel=1e-6)
 
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "_ROUNDS", 0)
@@ -192,6 +195,22 @@ def _cone_program(R, centre, unit, order, j, side) -> float:
     ball = cp.norm(A @ x - R @ centre) <= sqrt(nearest.value + RADII[0] ** 2)
     objective = cp.Minimize(x[j]) if side == 0 else cp.Maximize(x[j])
     return float(cp.Problem(objective, [*constraints, ball]).solve(solver=cp.CLARABEL))
+
+
+def _stated_program(R, centre, unit, order, j, side) -> float:
+    """The end as the solver's own statement in cvxpy has it."""
+    n = len(centre)
+    B = np.zeros((len(order), n))
+    for row, (i, k) in zip(B, order, strict=True):
+        row[[i, k]] = -unit[i], unit[k]
+    B /= np.linalg.norm(B, axis=1)[:, None]
+    free = np.full(n, np.inf)
+    problem = Scaled(R * unit, R @ centre, np.zeros(n), free, B, np.zeros(len(B)), unit)
+    nearest = programs.least_squares(problem)
+    radius = sqrt(np.sum((problem.A @ nearest - problem.b) ** 2) + RADII[0] ** 2)
+    ball = replace(problem, A=problem.A / radius, b=problem.b / radius)
+    objective = (1.0 if side == 0 else -1.0) * np.eye(n)[j]
+    return float(programs.interval_end(objective, ball)[j])
 
 
 @st.composite

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from support.campaigns import estimate, prepare
+from support.campaigns import estimate, prepare, straight_wrist
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
-from jointstiff.simulator.equilibrium import deflections, linear_deflections
+from jointstiff.simulator.equilibrium import linear_deflections
 from jointstiff.solver.observability import Spectrum, Visibility, analyse, observability_indices
 from jointstiff.solver.observability.indices import ObservabilityIndices
 from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
@@ -245,14 +245,3 @@ def test_noise_that_hides_a_joint_is_told_with_the_torques():
 def visibility_of(exposure: np.ndarray) -> Visibility:
     n = len(exposure)
     return Visibility(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, exposure, np.ones(n))
-
-
-def straight_wrist(angle: float):
-    """Pulls with joint 5 at ± this angle [rad], by exact springs, without noise."""
-    arm = default_arm()
-    robot, campaign = prepare(simulate_campaign(arm, load="pull", seed=2))
-    q = campaign.joints.copy()
-    q[:, 4] = angle * np.where(np.arange(len(q)) % 2, 1, -1)
-    points = np.array(list(TARGETS.values()))
-    unloaded, loaded = deflections(arm, q, campaign.force, campaign.moment, campaign.load_point, points)
-    return robot, replace(campaign, joints=q, position=unloaded, deflection=loaded - unloaded)

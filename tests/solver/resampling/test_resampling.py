@@ -30,7 +30,7 @@ from jointstiff.solver.resampling import (
     resample,
     summarise,
 )
-from jointstiff.solver.resampling import resample as module
+from jointstiff.solver.resampling import draws as module
 from jointstiff.solver.robot import KinematicChain, Robot
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
@@ -259,7 +259,7 @@ class TestSameNumbers:
         parts = [resample(blocks, plan, POSITIVE, *cut) for cut in pairwise(cuts)]
         assert _bytes(Resamples.concatenate(parts)) == _bytes(whole)
         monkeypatch.setattr(module, "_TILE", 7)
-        monkeypatch.setattr("jointstiff.solver.resampling.gram_blocks._TILE_RESIDUALS", 600)
+        monkeypatch.setattr("jointstiff.solver.resampling.blocks._TILE_RESIDUALS", 600)
         assert _bytes(resample(blocks, plan, POSITIVE)) == _bytes(whole)
 
     def test_whatever_the_threads(self):

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex import Bounds, IdentificationProblem, exactly_at_bounds, solve, solve_batch
+from jointstiff.solver.convex import Bounds, IdentificationProblem, exactly_at_bounds, solve_batch, solve_step
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.observability import NULL_COLUMN, Spectrum, analyse
 from jointstiff.solver.regression import Compression
-from jointstiff.solver.resampling.gram_blocks import GramBlocks, StageBlocks
+from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
 
 __all__ = ["MAX_REPETITIONS", "MAX_SEED", "Resamples", "ResamplingPlan", "resample"]
 
@@ -196,7 +196,7 @@ def _solve_stage(
 def _solve_rows(
     stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds
 ) -> tuple[FloatArray, Support]:
-    """One repetition from its rows, as `solver.fitting.methods` would: QR, rank, `solver.convex.solve`.
+    """One repetition from its rows, as `solver.fitting.methods` would: QR, rank, `solve_step`.
 
     Returns:
         (p,) scaled parameters, NaN where undetermined, and (p,) their bounds.
@@ -214,7 +214,7 @@ def _solve_rows(
         return x, active
     R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
     spectrum = Spectrum(R)
-    solution = solve(IdentificationProblem(spectrum.determined, z, box.select(columns)))
+    solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
     combined = np.isin(columns, list(analyse(spectrum, columns, p).combined))
     x[columns] = np.where(combined, np.nan, solution.compliance)
     active[columns] = np.where(combined, 0, solution.active)
