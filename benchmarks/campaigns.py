@@ -23,11 +23,21 @@ from jointstiff.solver.identification import Settings
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot, read_urdf
 
-__all__ = ["SIGMA", "Campaign", "default_robot", "default_settings", "large_campaign", "small_campaign"]
+__all__ = [
+    "LARGE_NOISE",
+    "SIGMA",
+    "Campaign",
+    "default_robot",
+    "default_settings",
+    "large_campaign",
+    "small_campaign",
+]
 
 
 SIGMA = 2e-5
 """Standard uncertainty of one coordinate of one reading [m], of a laser tracker."""
+LARGE_NOISE = 6e-4
+"""Standard uncertainty of a reading [m] that drives least squares below zero in every other campaign."""
 FORCE = 1500.0
 """Size of the pull on the flange [N]; its direction is random, so that every joint is twisted."""
 _BLOCK = 1_000

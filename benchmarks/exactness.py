@@ -13,7 +13,7 @@ from flint import fmpq
 from benchmarks.exact_nnls import exact_nnls
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex import Bounds, IdentificationProblem, solve
+from jointstiff.solver.convex import Bounds, IdentificationProblem, Solution, solve, solve_step
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.regression import Compression
 
@@ -27,6 +27,7 @@ WORST_CONDITION = 1e3
 """Of the equilibrated columns; beyond it the data themselves do not determine so many digits."""
 
 _NOTES = (
+    "Clarabel: single answers, by the program stated in cvxpy and the polish; pivoting: steps of many",
     f"random: 1 to {MOST_PARAMETERS} parameters, 0 to {MOST_ACTIVE} of them at zero, columns over 12 "
     f"decades, condition up to {WORST_CONDITION:g} once they are equilibrated",
     "combined: the same and a column that is a multiple of another; the error is that of the others",
@@ -83,8 +84,9 @@ def run(*, quick: bool) -> list[Section]:
         ("tied", tied_problem, 20 if quick else 1_000),
     )
     found = {
-        f"{number:,} {name}": _summary([_outcome(make(i)) for i in range(number)])
+        f"{number:,} {name}, {way}": _summary([_outcome(make(i), solver) for i in range(number)])
         for name, make, number in kinds
+        for way, solver in (("Clarabel", solve), ("pivoting", solve_step))
     }
     return [
         Section(
@@ -174,14 +176,14 @@ def _of_size(vector: FloatArray, size: float) -> FloatArray:
     return np.asarray(vector * (size / norm)) if norm > 1e-10 else np.zeros_like(vector)
 
 
-def _outcome(problem: Problem) -> Outcome:
+def _outcome(problem: Problem, solver: Callable[[IdentificationProblem], Solution]) -> Outcome:
     """Solve as identify does, compression included, and exactly."""
     exact = exact_nnls(problem.A, problem.b)
     active = sum(value == 0 for value in exact)
     rows = Compression(len(exact) + 1)
     rows.add(np.column_stack([problem.A, problem.b]))
     try:
-        solution = solve(IdentificationProblem(rows.matrix, rows.rhs, Bounds.positive(len(exact))))
+        solution = solver(IdentificationProblem(rows.matrix, rows.rhs, Bounds.positive(len(exact))))
     except SolverError:
         return Outcome(None, float("nan"), same_support=False, active=active)
     errors, same = _errors(problem, solution.compliance, exact)
