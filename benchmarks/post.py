@@ -56,7 +56,7 @@ def _section(case: str, campaign: Campaign, rounds: int) -> Section:
         figures=(Figure(what, times.ratio(POST, NAIVE), "at most", 1.0, "×"),),
         notes=(
             f"the answer has {size / 1000:.0f} kB, with all residuals and the provenance",
-            "a health check shows what any request costs; the database is a file, synchronised at each commit",
+            "a health check shows what any request costs; the database is a file, synced at each commit",
         ),
         data={"seconds": times.seconds, "answer_bytes": size},
     )
