@@ -1,4 +1,4 @@
-"""Robots as resources: vetted when they come in, built when they are needed."""
+"""Check robots as they come in, store them, and build them when they are needed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
 from jointstiff.service.conversion import build_robot, describe_joints, describe_wrist, dh_kinematics
-from jointstiff.service.resources.sandbox import vet_urdf
 from jointstiff.service.resources.stored_geometry import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
 from jointstiff.solver.errors import RobotError
@@ -109,7 +108,7 @@ def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, R
     if isinstance(model, messages.DhModel):
         return document, build_robot(dh_kinematics(model, document.name), document.joint_map)
     try:
-        chain = vet_urdf(model.urdf, model.base, model.flange)
+        chain = read_urdf(model.urdf, model.base, model.flange)
     except RobotError as error:
         named = error.where in {"base", "flange"}
         place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
