@@ -1,10 +1,10 @@
 """Read a URDF from a stranger into a `KinematicChain`, or say where it is wrong and how to mend it.
 
 The way in: `xml_guard` bounds the document, this module checks its frame and its names,
-`urdf_inertia` the masses, `urdf_joint` the joints, and `urdf_tree` finds the way from the base to
-the flange. What kinematics do not need (visual, collision, mesh, transmission, gazebo) is ignored
+`urdf_joint` the joints, and `urdf_tree` finds the way from the base to
+the flange. What kinematics do not need (inertial, visual, collision, mesh, transmission, gazebo) is ignored
 and never opened. Branches off the chain are cut away: they must be sound (names, types, finite
-numbers, inertias, one tree), but their joints may be of any type.
+numbers, one tree), but their joints may be of any type.
 """
 
 from __future__ import annotations
@@ -13,11 +13,9 @@ from collections.abc import Collection
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import KinematicChain, check_name
-from jointstiff.solver.robot.urdf_inertia import check_inertial
 from jointstiff.solver.robot.urdf_joint import UrdfJoint, chain_joint, read_joint
 from jointstiff.solver.robot.urdf_tree import path_down
 from jointstiff.solver.robot.xml_guard import XmlElement, parse_xml
-from jointstiff.solver.robot.xml_values import single
 
 __all__ = ["MAX_DOCUMENT_JOINTS", "read_urdf"]
 
@@ -87,14 +85,11 @@ def _check_expanded(element: XmlElement) -> None:
 
 
 def _read_links(robot: XmlElement) -> dict[str, XmlElement]:
-    """Read all links, by name, and check their inertias."""
+    """Read all links, by name."""
     links: dict[str, XmlElement] = {}
     for element in _few(robot, "link", MAX_DOCUMENT_JOINTS + 1):
         name = _new_name(element, links)
         links[name] = element
-        inertial = single(element, "inertial", f"link '{name}'")
-        if inertial is not None:
-            check_inertial(inertial, f"link '{name}'")
     if not links:
         raise RobotError("the robot has no link", remedy="give it links and joints", where="<robot>")
     return links

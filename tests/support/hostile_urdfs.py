@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from support.urdf_documents import JOINT, LINKS, SMALL, changed, inertial, joint, robot_of, serial
+from support.urdf_documents import JOINT, LINKS, SMALL, changed, joint, robot_of, serial
 
 from jointstiff.solver.robot.xml_guard import MAX_ATTRIBUTE_LENGTH, MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
 
@@ -131,24 +131,6 @@ HOSTILE = {
     "limits exchanged": (changed('lower="-1"', 'lower="2"'), "joint 'j1' <limit>", "above"),
     "no parent": (changed('<parent link="a"/>', ""), "joint 'j1' <parent>", "missing or empty"),
     "no child": (changed('<child link="b"/>', "<child/>"), "joint 'j1' <child>", "missing or empty"),
-    # inertias
-    "negative mass": (inertial("-1"), "link 'b' <mass>", "negative mass"),
-    "mass NaN": (inertial("nan"), "link 'b' <mass>", "decimal"),
-    "no mass, but inertia": (inertial("0"), "link 'b' <mass>", "without a mass"),
-    "negative inertia": (inertial(ixx="-1"), "link 'b' <inertia>", "principal moments"),
-    "inertia not definite": (inertial(ixy="2"), "link 'b' <inertia>", "principal moments"),
-    "triangle": (inertial(izz="2.1"), "link 'b' <inertia>", "principal moments"),
-    "inertia overflow": (inertial(izz="1e999"), "link 'b' <inertia> izz", "beyond"),
-    "inertia incomplete": (
-        SMALL.replace('<link name="b"/>', '<link name="b"><inertial><mass value="1"/></inertial></link>'),
-        "link 'b' <inertia>",
-        "needs one <inertia>",
-    ),
-    "two inertials": (
-        inertial().replace("<inertial>", "<inertial/><inertial>"),
-        "link 'b' <inertial>",
-        "2 times",
-    ),
     # the tree
     "unknown child": (changed('child link="b"', 'child link="c"'), "joint 'j1' <child>", "no link 'c'"),
     "unknown parent": (
