@@ -46,6 +46,7 @@ MAX_NAME_LENGTH = 200
 UNLIMITED_ANGLE = 1e6
 """A limit of this size [rad] or beyond means none, in what is written and in what is read."""
 
+_WORLD = "universe"
 _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
 
 
@@ -87,6 +88,8 @@ class ChainJoint:
         _check_rotation(self.rotation, f"{place} rotation")
         if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
             raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
+        if self.is_moving and self.name == _WORLD:
+            raise RobotError(f"'{_WORLD}' is Pinocchio's name for the world", remedy="rename it", where=place)
         if self.limits is not None:
             _check_limits(*self.limits, f"{place} limits")
 
