@@ -24,7 +24,7 @@ from jointstiff.solver.geometry import (
     WristCentre,
 )
 from jointstiff.solver.geometry import Geometry as Quantity
-from jointstiff.solver.robot import WRIST_TOLERANCE
+from jointstiff.solver.robot import WRIST_TOLERANCE, write_urdf
 from jointstiff.solver.robot import JointMap as RobotJointMap
 
 __all__ = ["rigid_message", "to_geometry_result"]
@@ -226,7 +226,7 @@ def _link(row: LinkParameter, joints: Sequence[str]) -> results.LinkComparison:
 
 def _robot(survey: Survey, name: str, joint_map: RobotJointMap) -> RobotDocument:
     chain = survey.model.chain
-    model = UrdfModel(format="urdf", urdf=chain.to_urdf(), base=chain.base, flange=chain.flange)
+    model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
     matrix, offset = joint_map.matrix, joint_map.offset
     if np.array_equal(matrix, np.eye(joint_map.n)) and not offset.any():
         return RobotDocument(name=name, model=model)

@@ -12,7 +12,7 @@ from jointstiff.service.conversion import build_robot, describe_joints, describe
 from jointstiff.service.resources.stored_geometry import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import Robot, read_urdf
+from jointstiff.solver.robot import Robot, read_urdf, write_urdf
 
 __all__ = ["Robots"]
 
@@ -113,7 +113,7 @@ def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, R
         named = error.where in {"base", "flange"}
         place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
-    understood = model.model_copy(update={"urdf": chain.to_urdf()})
+    understood = model.model_copy(update={"urdf": write_urdf(chain)})
     return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)
 
 

@@ -8,9 +8,8 @@ from jointstiff.solver.robot.dh import Convention, DhRow, dh_chain
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.skeleton import Skeleton
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 from jointstiff.solver.robot.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
-from jointstiff.solver.robot.xml_guard import check_size
 
 __all__ = [
     "WRIST_JOINTS",
@@ -24,8 +23,8 @@ __all__ = [
     "Robot",
     "Skeleton",
     "Wrist",
-    "check_size",
     "dh_chain",
     "find_wrist",
     "read_urdf",
+    "write_urdf",
 ]

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import (
     MAX_MOVING_JOINTS,
     UNLIMITED_ANGLE,
     ChainJoint,
-    FloatArray,
     KinematicChain,
 )
-from jointstiff.solver.robot.rotation import rotation_from_rpy
 
 __all__ = ["LARGEST_ANGLE", "LARGEST_LENGTH", "LARGEST_TWIST", "Convention", "DhRow", "dh_chain"]
 
@@ -56,19 +55,6 @@ class DhRow:
     theta: float
     lower: float | None = None
     upper: float | None = None
-
-
-@dataclass(frozen=True)
-class _Transform:
-    """A frame in another: rotation (3, 3), translation (3,) [m]."""
-
-    rotation: FloatArray
-    translation: FloatArray
-
-    def __matmul__(self, inner: _Transform) -> _Transform:
-        return _Transform(
-            self.rotation @ inner.rotation, self.rotation @ inner.translation + self.translation
-        )
 
 
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
@@ -112,40 +98,40 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
 
-def _modified(rows: Sequence[DhRow]) -> list[_Transform]:
+def _modified(rows: Sequence[DhRow]) -> list[pin.SE3]:
     """Placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
-    placements = [_about_x(row.alpha, row.a) @ _about_z(row.theta, row.d) for row in rows]
-    return [*placements, _about_z(0.0, 0.0)]
+    placements = [_about_x(row.alpha, row.a) * _about_z(row.theta, row.d) for row in rows]
+    return [*placements, pin.SE3.Identity()]
 
 
-def _standard(rows: Sequence[DhRow]) -> list[_Transform]:
+def _standard(rows: Sequence[DhRow]) -> list[pin.SE3]:
     """Placements of the joints, then of the flange.
 
     Joint i turns about z of frame i-1, so what row i-1 does after its own joint, Tz(d) Tx(a)
     Rx(alpha), comes before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
     """
     placements = []
-    before = _about_z(0.0, 0.0)
+    before = pin.SE3.Identity()
     for row in rows:
-        placements.append(before @ _about_z(row.theta, 0.0))
-        before = _about_z(0.0, row.d) @ _about_x(row.alpha, row.a)
+        placements.append(before * _about_z(row.theta, 0.0))
+        before = _about_z(0.0, row.d) * _about_x(row.alpha, row.a)
     return [*placements, before]
 
 
-def _about_x(angle: float, length: float) -> _Transform:
+def _about_x(angle: float, length: float) -> pin.SE3:
     """Rx(angle) Tx(length), which commute."""
-    return _Transform(rotation_from_rpy(angle, 0.0, 0.0), np.array([length, 0.0, 0.0]))
+    return pin.SE3(pin.utils.rotate("x", angle), np.array([length, 0.0, 0.0]))
 
 
-def _about_z(angle: float, length: float) -> _Transform:
+def _about_z(angle: float, length: float) -> pin.SE3:
     """Rz(angle) Tz(length), which commute."""
-    return _Transform(rotation_from_rpy(0.0, 0.0, angle), np.array([0.0, 0.0, length]))
+    return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 
 def _joint(
     name: str,
     kind: Literal["revolute", "fixed"],
-    placement: _Transform,
+    placement: pin.SE3,
     limits: tuple[float, float] | None,
     child: str,
 ) -> ChainJoint:

@@ -18,13 +18,12 @@ from jointstiff.solver.robot import (
     Robot,
     dh_chain,
 )
-from jointstiff.solver.robot.rotation import rotation_from_rpy
 
 
 def joint(name: str, child: str, **changes: object) -> ChainJoint:
     fields = {
         "kind": "revolute",
-        "rotation": rotation_from_rpy(0.1, -0.2, 0.3),
+        "rotation": pin.rpy.rpyToMatrix(0.1, -0.2, 0.3),
         "translation": np.array([0.1, 0.2, 0.3]),
         "axis": np.array([0.6, 0.0, 0.8]),
         "limits": None,
@@ -52,7 +51,7 @@ def test_model_follows_the_chain() -> None:
     assert robot.joint_names == ("zeta", "alpha")  # in the order of the chain, not of the alphabet
     assert robot.flange_joint_id == 2
     assert robot.chain is chain
-    one = pin.SE3(rotation_from_rpy(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
+    one = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(robot.flange_placement.homogeneous, (one * one).homogeneous, atol=1e-15)
     np.testing.assert_allclose(
         robot.model.jointPlacements[1].homogeneous, (one * one).homogeneous, atol=1e-15
@@ -82,7 +81,7 @@ def test_names_that_could_be_misunderstood(joint_name: str, flange: str) -> None
 
 
 def test_pinocchios_own_name_is_refused() -> None:
-    with pytest.raises(RobotError, match="universe") as refusal:
+    with pytest.raises(RobotError, match="Pinocchio") as refusal:
         joint("universe", "f")
     assert refusal.value.where == "joint 'universe'"
     assert joint("universe", "f", kind="fixed").name == "universe"
