@@ -24,8 +24,8 @@ from jointstiff.solver.geometry import (
     WristCentre,
 )
 from jointstiff.solver.geometry import Geometry as Quantity
-from jointstiff.solver.robot import WRIST_TOLERANCE, write_urdf
 from jointstiff.solver.robot import JointMap as RobotJointMap
+from jointstiff.solver.robot import Wrist, write_urdf
 
 __all__ = ["rigid_message", "to_geometry_result"]
 
@@ -182,7 +182,7 @@ def _wrist(survey: Survey, wrist: WristCentre) -> results.WristResult:
         miss_distance=wrist.miss.distance,
         miss_uncertainty=wrist.miss.standard_uncertainty,
         miss_probability=wrist.miss.probability,
-        decoupled_method=wrist.miss.distance <= WRIST_TOLERANCE,
+        decoupled_method=wrist.miss.distance <= Wrist.TOLERANCE,
     )
 
 

@@ -1,4 +1,4 @@
-"""The kinematics of a serial robot as plain data: joints from the base link to the flange link.
+"""Hold the kinematics of a serial robot as plain data: joints from the base link to the flange link.
 
 Both readers, `solver.robot.urdf` and `solver.robot.dh`, end here, so everything behind them meets one kind of
 robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
@@ -39,7 +39,7 @@ MAX_NAME_LENGTH = 200
 """Most characters in the name of a robot, a link or a joint."""
 
 UNLIMITED_ANGLE = 1e6
-"""A limit of this size [rad] or beyond means none, in what is written and in what is read."""
+"""Smallest limit [rad] that means no limit, in documents written and read."""
 
 _WORLD = "universe"
 _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
@@ -90,7 +90,7 @@ class ChainJoint:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the joint has an angle."""
+        """Return whether the joint has an angle."""
         return self.kind == "revolute"
 
 
@@ -150,17 +150,17 @@ class KinematicChain:
 
     @property
     def revolute(self) -> tuple[ChainJoint, ...]:
-        """The moving joints, from the base on."""
+        """Return the moving joints, from the base on."""
         return tuple(joint for joint in self.joints if joint.is_moving)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the moving joints, from the base on."""
+        """Return the names of the moving joints, from the base on."""
         return tuple(joint.name for joint in self.revolute)
 
 
 def check_name(name: str, where: str) -> None:
-    """Refuse a name that people and programs could not tell from another.
+    """Refuse a name that people or programs could mistake for another.
 
     Raises:
         RobotError: Empty, longer than `MAX_NAME_LENGTH`, with control or other invisible

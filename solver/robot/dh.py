@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg tables, standard and modified, as a `KinematicChain`.
+"""Build a `KinematicChain` from a Denavit-Hartenberg table, standard or modified.
 
 Both conventions put one revolute joint into each row; the flange frame is the last frame of the
 table. Rx, Rz are rotations about, Tx, Tz translations along the axes of the moved frame.
@@ -33,7 +33,7 @@ LARGEST_ANGLE = 1e3
 """Largest joint limit [rad]."""
 
 LARGEST_TWIST = 2 * math.pi
-"""Largest alpha or theta [rad]; more is one in degrees."""
+"""Largest alpha or theta [rad]; a larger one is in degrees."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
     Args:
         rows: 1 to `MAX_MOVING_JOINTS` rows, base first.
-        convention: which of the two.
+        convention: of the table.
         name: name of the robot.
 
     Returns:
@@ -99,16 +99,16 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
 
 def _modified(rows: Sequence[DhRow]) -> list[pin.SE3]:
-    """Placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
+    """Return the placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
     placements = [_about_x(row.alpha, row.a) * _about_z(row.theta, row.d) for row in rows]
     return [*placements, pin.SE3.Identity()]
 
 
 def _standard(rows: Sequence[DhRow]) -> list[pin.SE3]:
-    """Placements of the joints, then of the flange.
+    """Return the placements of the joints, then of the flange.
 
-    Joint i turns about z of frame i-1, so what row i-1 does after its own joint, Tz(d) Tx(a)
-    Rx(alpha), comes before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
+    Joint i turns about z of frame i-1, so the transforms of row i-1 after its own joint, Tz(d) Tx(a)
+    Rx(alpha), come before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
     """
     placements = []
     before = pin.SE3.Identity()
@@ -119,12 +119,12 @@ def _standard(rows: Sequence[DhRow]) -> list[pin.SE3]:
 
 
 def _about_x(angle: float, length: float) -> pin.SE3:
-    """Rx(angle) Tx(length), which commute."""
+    """Return Rx(angle) Tx(length), which commute."""
     return pin.SE3(pin.utils.rotate("x", angle), np.array([length, 0.0, 0.0]))
 
 
 def _about_z(angle: float, length: float) -> pin.SE3:
-    """Rz(angle) Tz(length), which commute."""
+    """Return Rz(angle) Tz(length), which commute."""
     return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 

@@ -1,4 +1,4 @@
-"""A robot ready for computation: a chain, Pinocchio's model of it, and its joint map."""
+"""Build Pinocchio's model of a chain, ready for computation."""
 
 from __future__ import annotations
 

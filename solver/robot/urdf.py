@@ -27,7 +27,7 @@ MAX_DOCUMENT_JOINTS = 1_000
 """Most joints in a document, before the chain is cut out; a tree of them has one link more."""
 
 AXIS_TOLERANCE = 1e-3
-"""How far the norm of an <axis> may be from 1 before it is refused; below, it is normalised."""
+"""Largest deviation from 1 of the norm of an <axis>; within it, the axis is normalised."""
 
 _TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
@@ -101,9 +101,10 @@ def write_urdf(chain: KinematicChain) -> str:
         rpy = pin.rpy.matrixToRpy(joint.rotation)
         ElementTree.SubElement(element, "origin", xyz=_numbers(joint.translation), rpy=_numbers(rpy))
         if joint.is_moving:
-            lower, upper = map(repr, joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE))
+            lower, upper = joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE)
             ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
-            ElementTree.SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
+            bounds = {"lower": _numbers([lower]), "upper": _numbers([upper])}
+            ElementTree.SubElement(element, "limit", bounds, effort="0", velocity="0")
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")
 
@@ -131,7 +132,7 @@ def _check_robot(robot: XmlElement) -> None:
 
 
 def _check_expanded(element: XmlElement) -> None:
-    """Refuse what xacro has yet to replace; the xmlns:xacro that it leaves behind is harmless."""
+    """Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless."""
     in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
     in_values = any("${" in text or "$(" in text for text in element.attributes.values())
     if in_names or in_values:

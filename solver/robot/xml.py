@@ -138,7 +138,7 @@ def quoted(text: str, length: int = 40) -> str:
 
 
 class _Builder:
-    """Receives expat's events, checks them, and builds the tree.
+    """Check expat's events and build the tree from them.
 
     An exception in a handler stops expat at once.
     """
