@@ -28,7 +28,7 @@ from jointstiff.solver.inference import Estimate, assemble
 from jointstiff.solver.observability import Exposure
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import ComplementaryStiffness, refuse_unless_posed, regressor_blocks
-from jointstiff.solver.robot import WRIST_JOINTS, WRIST_TOLERANCE, Robot, Wrist, find_wrist
+from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist, find_wrist
 
 __all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported", "spherical_wrist"]
 
@@ -170,7 +170,7 @@ def spherical_wrist(robot: Robot) -> Wrist:
     if not wrist.spherical:
         raise UnsupportedMethodError(
             f"the last three axes miss each other by {1e3 * wrist.miss_distance:.3g} mm, more than "
-            f"{1e3 * WRIST_TOLERANCE:g} mm, so there is no wrist centre that stands still",
+            f"{1e3 * Wrist.TOLERANCE:g} mm, so there is no wrist centre that stands still",
             where="method",
             remedy="use method partial_pose, or mend the robot's model",
         )

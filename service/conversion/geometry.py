@@ -24,8 +24,8 @@ from jointstiff.solver.geometry import (
     WristCentre,
 )
 from jointstiff.solver.geometry import Geometry as Quantity
-from jointstiff.solver.robot import WRIST_TOLERANCE
 from jointstiff.solver.robot import JointMap as RobotJointMap
+from jointstiff.solver.robot import Wrist, write_urdf
 
 __all__ = ["rigid_message", "to_geometry_result"]
 
@@ -182,7 +182,7 @@ def _wrist(survey: Survey, wrist: WristCentre) -> results.WristResult:
         miss_distance=wrist.miss.distance,
         miss_uncertainty=wrist.miss.standard_uncertainty,
         miss_probability=wrist.miss.probability,
-        decoupled_method=wrist.miss.distance <= WRIST_TOLERANCE,
+        decoupled_method=wrist.miss.distance <= Wrist.TOLERANCE,
     )
 
 
@@ -226,7 +226,7 @@ def _link(row: LinkParameter, joints: Sequence[str]) -> results.LinkComparison:
 
 def _robot(survey: Survey, name: str, joint_map: RobotJointMap) -> RobotDocument:
     chain = survey.model.chain
-    model = UrdfModel(format="urdf", urdf=chain.to_urdf(), base=chain.base, flange=chain.flange)
+    model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
     matrix, offset = joint_map.matrix, joint_map.offset
     if np.array_equal(matrix, np.eye(joint_map.n)) and not offset.any():
         return RobotDocument(name=name, model=model)

@@ -1,4 +1,4 @@
-"""Kinematics: from configurations to the places of joints and flange."""
+"""Convert configurations to the places of joints and flange."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from jointstiff.schemas.kinematics import Kinematics, Posture
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Robot, Skeleton
+from jointstiff.solver.robot import Configurations, Robot, joint_frames
 
 __all__ = ["to_kinematics"]
 
 
 def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
-    """The robot in some configurations, or in that of all zeros.
+    """Return the robot in some configurations, or in that of all zeros.
 
     Raises:
         RequestError: a configuration that does not have as many angles as the robot has joints.
@@ -25,18 +25,20 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
                 remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
             )
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
-    skeleton = Skeleton(robot, robot.joint_map.model_angles(controller))
+    q = robot.joint_map.model_angles(controller)
+    configurations = Configurations(robot, q)
+    _, origins = joint_frames(robot, q)
     postures = zip(
-        skeleton.origin.tolist(),
-        skeleton.axis.tolist(),
-        skeleton.flange_translation.tolist(),
-        skeleton.flange_rotation.transpose(0, 2, 1).tolist(),
+        origins.tolist(),
+        configurations.angular_jacobian.transpose(0, 2, 1).tolist(),
+        configurations.flange_translation.tolist(),
+        configurations.flange_rotation.transpose(0, 2, 1).tolist(),
         strict=True,
     )
     return Kinematics(
         joints=list(robot.joint_names),
         postures=[
-            Posture(joint_origins=origins, joint_axes=axes, flange_origin=origin, flange_axes=flange)
-            for origins, axes, origin, flange in postures
+            Posture(joint_origins=joint_origins, joint_axes=axes, flange_origin=origin, flange_axes=flange)
+            for joint_origins, axes, origin, flange in postures
         ],
     )

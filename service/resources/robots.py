@@ -1,4 +1,4 @@
-"""Robots as resources: vetted when they come in, built when they are needed."""
+"""Check robots as they come in, store them, and build them when they are needed."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
 from jointstiff.service.conversion import build_robot, describe_joints, describe_wrist, dh_kinematics
-from jointstiff.service.resources.sandbox import vet_urdf
 from jointstiff.service.resources.stored_geometry import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import Robot, read_urdf
+from jointstiff.solver.robot import Robot, read_urdf, write_urdf
 
 __all__ = ["Robots"]
 
@@ -21,7 +20,7 @@ _CACHED = 64
 
 
 class Robots:
-    """The robots of a store."""
+    """Create and load the robots of a store."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -30,7 +29,7 @@ class Robots:
     def create(
         self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
     ) -> RobotRecord:
-        """Vet a robot and store it.
+        """Check a robot and store it.
 
         Raises:
             RobotError: the description cannot be used.
@@ -40,16 +39,16 @@ class Robots:
         if key is not None and (before := self._store.find(RobotRecord, key)) is not None:
             return before
         document, geometry_id = self._described(request)
-        vetted, robot = _vetted(document)
+        checked, robot = _checked(document)
         created_at = datetime.now(UTC)
         stored = messages.Robot(
-            **vetted.model_dump(exclude={"model"}),
-            model=vetted.model,
+            **checked.model_dump(exclude={"model"}),
+            model=checked.model,
             id=uuid4().hex,
             joints=describe_joints(robot),
             wrist=describe_wrist(robot),
             geometry_id=geometry_id,
-            content_hash=_content_hash(vetted),
+            content_hash=_content_hash(checked),
             created_at=created_at,
         )
         record = RobotRecord(
@@ -62,7 +61,7 @@ class Robots:
         return self._store.add(record, key)
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
-        """The robot ready for computation, and the hash of its content.
+        """Return the robot ready for computation, and the hash of its content.
 
         Raises:
             NotFoundError: there is no such robot.
@@ -70,20 +69,20 @@ class Robots:
         return self._stored(robot_id)
 
     def find(self, robot_id: str | None, document: messages.RobotDocument | None) -> Robot:
-        """A stored robot, or one that is described and stays unstored.
+        """Return a stored robot, or build one that is described and stays unstored.
 
         Raises:
             NotFoundError: there is no such robot.
             RobotError: the description cannot be used.
         """
         if document is not None:
-            return _vetted(document)[1]
+            return _checked(document)[1]
         return self.load(robot_id or "")[0]
 
     def _described(
         self, request: messages.RobotDocument | messages.RobotRequest
     ) -> tuple[messages.RobotDocument, str | None]:
-        """The robot that a request describes, and the geometry that found it."""
+        """Return the robot that a request describes, and the identifier of its geometry."""
         model = request.model
         if isinstance(model, messages.GeometryModel):
             where = "model.geometry_id"
@@ -95,29 +94,24 @@ class Robots:
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.get(RobotRecord, robot_id)
         stored = messages.Robot.model_validate_json(record.document)
-        model = stored.model
-        if isinstance(model, messages.DhModel):
-            chain = dh_kinematics(model, stored.name)
-        else:  # vetted when it came in, and re-serialised by ourselves
-            chain = read_urdf(model.urdf, model.base, model.flange)
-        return build_robot(chain, stored.joint_map), record.content_hash
+        return _checked(stored)[1], record.content_hash
 
 
-def _vetted(document: messages.RobotDocument) -> tuple[messages.RobotDocument, Robot]:
-    """The document as it was understood, and the robot it describes."""
+def _checked(document: messages.RobotDocument) -> tuple[messages.RobotDocument, Robot]:
+    """Return the document reduced to the chain that is used, and its robot."""
     model = document.model
     if isinstance(model, messages.DhModel):
         return document, build_robot(dh_kinematics(model, document.name), document.joint_map)
     try:
-        chain = vet_urdf(model.urdf, model.base, model.flange)
+        chain = read_urdf(model.urdf, model.base, model.flange)
     except RobotError as error:
         named = error.where in {"base", "flange"}
         place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
-    understood = model.model_copy(update={"urdf": chain.to_urdf()})
+    understood = model.model_copy(update={"urdf": write_urdf(chain)})
     return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)
 
 
 def _content_hash(document: messages.RobotDocument) -> str:
-    """SHA-256 of the kinematics and the joint map, not of the name."""
+    """Return the SHA-256 of the kinematics and the joint map, not of the name."""
     return hashlib.sha256(document.model_dump_json(exclude={"name"}).encode()).hexdigest()

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
-import pinocchio as pin
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import entries, weights
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import Compression, RegressorBlock, regressor_blocks, skew, whitener
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot import Robot, joint_frames
 
 __all__ = ["MOST_JOINTS", "ElasticColumns", "ElasticRows", "elastic_blocks", "elastic_rows"]
 
@@ -169,7 +168,7 @@ def elastic_blocks(
 
 def _block(robot: Robot, base: RegressorBlock, columns: ElasticColumns) -> ElasticBlock:
     part = base.measurements
-    rotation, origin = _joint_frames(robot, robot.joint_map.model_angles(part.joints))
+    rotation, origin = joint_frames(robot, robot.joint_map.model_angles(part.joints))
     load_point = base.configurations.to_base(part.load_point[:, None])
     lever = load_point - origin
     moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
@@ -194,17 +193,3 @@ def _products(moves: FloatArray, load: FloatArray) -> FloatArray:
     # An entry off the diagonal stands for two of the matrix, each 1/√2 of it.
     both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
     return both * np.where(i == j, 0.5, 1.0 / weights(size))
-
-
-def _joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Axes (B, n, 3, 3) and origins (B, n, 3) [m] of the joints' frames in R0."""
-    model = robot.model
-    data = model.createData()
-    rotation, origin = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
-    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
-    live = [(data.oMi[j + 1].rotation, data.oMi[j + 1].translation) for j in range(robot.n)]
-    for angles, R, o in zip(q, rotation, origin, strict=True):
-        pin.forwardKinematics(model, data, np.ascontiguousarray(angles))
-        for j, (live_rotation, live_translation) in enumerate(live):
-            R[j], o[j] = live_rotation, live_translation
-    return rotation, origin

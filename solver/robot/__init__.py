@@ -1,19 +1,17 @@
-"""Robots: kinematic chains, DH tables, URDFs, joint maps and configurations."""
+"""Build robots from DH tables and URDFs, and compute their kinematics."""
 
 from __future__ import annotations
 
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.dh import Convention, DhRow, dh_chain
-from jointstiff.solver.robot.model import JointMap, Robot
-from jointstiff.solver.robot.skeleton import Skeleton
-from jointstiff.solver.robot.urdf import read_urdf
-from jointstiff.solver.robot.wrist import WRIST_JOINTS, WRIST_TOLERANCE, Wrist, find_wrist
-from jointstiff.solver.robot.xml_guard import check_size
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
+from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 
 __all__ = [
     "WRIST_JOINTS",
-    "WRIST_TOLERANCE",
     "ChainJoint",
     "Configurations",
     "Convention",
@@ -21,10 +19,10 @@ __all__ = [
     "JointMap",
     "KinematicChain",
     "Robot",
-    "Skeleton",
     "Wrist",
-    "check_size",
     "dh_chain",
     "find_wrist",
+    "joint_frames",
     "read_urdf",
+    "write_urdf",
 ]

@@ -1,4 +1,4 @@
-"""The kinematics of a serial robot as plain data: joints from the base link to the flange link.
+"""Hold the kinematics of a serial robot as plain data: joints from the base link to the flange link.
 
 Both readers, `solver.robot.urdf` and `solver.robot.dh`, end here, so everything behind them meets one kind of
 robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
@@ -11,15 +11,13 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
-from xml.sax.saxutils import quoteattr
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.rotation import rpy_from_rotation
 
 __all__ = [
     "MAX_CHAIN_JOINTS",
@@ -27,12 +25,9 @@ __all__ = [
     "MAX_NAME_LENGTH",
     "UNLIMITED_ANGLE",
     "ChainJoint",
-    "FloatArray",
     "KinematicChain",
     "check_name",
 ]
-
-FloatArray: TypeAlias = FloatArray
 
 MAX_MOVING_JOINTS = 32
 """Most revolute joints of a chain: work and memory behind it grow with the cube of this number."""
@@ -44,8 +39,9 @@ MAX_NAME_LENGTH = 200
 """Most characters in the name of a robot, a link or a joint."""
 
 UNLIMITED_ANGLE = 1e6
-"""A limit of this size [rad] or beyond means none, in what is written and in what is read."""
+"""Smallest limit [rad] that means no limit, in documents written and read."""
 
+_WORLD = "universe"
 _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
 
 
@@ -87,12 +83,14 @@ class ChainJoint:
         _check_rotation(self.rotation, f"{place} rotation")
         if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
             raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
+        if self.is_moving and self.name == _WORLD:
+            raise RobotError("Pinocchio gives this name to the world", remedy="rename the joint", where=place)
         if self.limits is not None:
             _check_limits(*self.limits, f"{place} limits")
 
     @property
     def is_moving(self) -> bool:
-        """Whether the joint has an angle."""
+        """Return whether the joint has an angle."""
         return self.kind == "revolute"
 
 
@@ -152,35 +150,17 @@ class KinematicChain:
 
     @property
     def revolute(self) -> tuple[ChainJoint, ...]:
-        """The moving joints, from the base on."""
+        """Return the moving joints, from the base on."""
         return tuple(joint for joint in self.joints if joint.is_moving)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the moving joints, from the base on."""
+        """Return the names of the moving joints, from the base on."""
         return tuple(joint.name for joint in self.revolute)
-
-    def to_urdf(self) -> str:
-        """Write this chain, and nothing else, as a URDF that `solver.robot.urdf.read_urdf` reads back.
-
-        Links come without inertia, visual or mesh. Numbers keep every digit, except that a rotation
-        becomes roll, pitch and yaw (to a few units in the last place). A joint without limits
-        becomes `revolute` with limits ±`UNLIMITED_ANGLE`, so that each joint has exactly one
-        coordinate.
-        """
-        links = (self.base, *(joint.child for joint in self.joints))
-        return "\n".join(
-            [
-                f"<robot name={quoteattr(self.name)}>",
-                *(f"<link name={quoteattr(link)}/>" for link in links),
-                *(_joint_urdf(joint, parent) for joint, parent in zip(self.joints, links[:-1], strict=True)),
-                "</robot>",
-            ]
-        )
 
 
 def check_name(name: str, where: str) -> None:
-    """Refuse a name that people and programs could not tell from another.
+    """Refuse a name that people or programs could mistake for another.
 
     Raises:
         RobotError: Empty, longer than `MAX_NAME_LENGTH`, with control or other invisible
@@ -200,25 +180,6 @@ def check_name(name: str, where: str) -> None:
             remedy="use printable characters and no space at either end",
             where=where,
         )
-
-
-def _joint_urdf(joint: ChainJoint, parent: str) -> str:
-    rpy = _numbers(rpy_from_rotation(joint.rotation))
-    lower, upper = joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE)
-    motion = (
-        f'<axis xyz="{_numbers(joint.axis)}"/>'
-        f'<limit lower="{_numbers([lower])}" upper="{_numbers([upper])}" effort="0" velocity="0"/>'
-    )
-    return (
-        f'<joint name={quoteattr(joint.name)} type="{joint.kind}">'
-        f"<parent link={quoteattr(parent)}/><child link={quoteattr(joint.child)}/>"
-        f'<origin xyz="{_numbers(joint.translation)}" rpy="{rpy}"/>'
-        f"{motion if joint.is_moving else ''}</joint>"
-    )
-
-
-def _numbers(values: npt.ArrayLike) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values))
 
 
 def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Kinematics of many configurations at once, computed by Pinocchio when the object is made."""
+"""Compute the kinematics of many configurations with Pinocchio."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.model import Robot
 
-__all__ = ["Configurations"]
+__all__ = ["Configurations", "joint_frames"]
 
 
 class Configurations:
-    """N configurations of one robot; whoever holds them need not ask whether they are fresh.
+    """Kinematics of N configurations of one robot, computed by the constructor.
 
     Attributes:
         jacobian: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the
@@ -58,11 +58,11 @@ class Configurations:
 
     @property
     def angular_jacobian(self) -> FloatArray:
-        """J_ω (N, 3, n), axes of R0 [rad/rad]."""
+        """Return J_ω (N, 3, n), axes of R0 [rad/rad]."""
         return self.jacobian[:, 3:]
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
-        """J_v for the flange-fixed points now at the given places (METHOD.md §1).
+        """Return J_v of the flange-fixed points now at the given places (METHOD.md §1).
 
         Column j is ``a_j × (x - o_j)``; the spatial Jacobian holds ``-a_j × o_j`` already.
 
@@ -82,13 +82,13 @@ class Configurations:
         return out
 
     def to_base(self, points: FloatArray) -> FloatArray:
-        """Bring points (N, T, 3) from the flange frame to R0 [m]."""
+        """Transform points (N, T, 3) from the flange frame to R0 [m]."""
         turned: FloatArray = points @ self.flange_rotation.transpose(0, 2, 1)
         return turned + self.flange_translation[:, None]
 
 
 def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Spatial Jacobians (N, 6, n) and placement of the flange's joint (N, 3, 3), (N, 3) in R0."""
+    """Return spatial Jacobians (N, 6, n) and the flange joint's placement (N, 3, 3), (N, 3) in R0."""
     model = robot.model
     data = model.createData()
     count = len(q)
@@ -105,3 +105,21 @@ def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, Float
         R[:] = live_rotation
         t[:] = live_translation
     return jacobian, rotation, translation
+
+
+def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return axes (N, n, 3, 3) and origins (N, n, 3) [m] in R0 of the frames that move with the joints.
+
+    Args:
+        robot: n joints.
+        q: (N, n) finite angles of the model [rad].
+    """
+    data = robot.model.createData()
+    rotation, origin = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
+    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
+    live = [(data.oMi[j + 1].rotation, data.oMi[j + 1].translation) for j in range(robot.n)]
+    for angles, R, o in zip(q, rotation, origin, strict=True):
+        pin.forwardKinematics(robot.model, data, np.ascontiguousarray(angles, dtype=np.float64))
+        for j, (live_rotation, live_translation) in enumerate(live):
+            R[j], o[j] = live_rotation, live_translation
+    return rotation, origin

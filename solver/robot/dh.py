@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg tables, standard and modified, as a `KinematicChain`.
+"""Build a `KinematicChain` from a Denavit-Hartenberg table, standard or modified.
 
 Both conventions put one revolute joint into each row; the flange frame is the last frame of the
 table. Rx, Rz are rotations about, Tx, Tz translations along the axes of the moved frame.
@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import (
     MAX_MOVING_JOINTS,
     UNLIMITED_ANGLE,
     ChainJoint,
-    FloatArray,
     KinematicChain,
 )
-from jointstiff.solver.robot.rotation import rotation_from_rpy
 
 __all__ = ["LARGEST_ANGLE", "LARGEST_LENGTH", "LARGEST_TWIST", "Convention", "DhRow", "dh_chain"]
 
@@ -34,7 +33,7 @@ LARGEST_ANGLE = 1e3
 """Largest joint limit [rad]."""
 
 LARGEST_TWIST = 2 * math.pi
-"""Largest alpha or theta [rad]; more is one in degrees."""
+"""Largest alpha or theta [rad]; a larger one is in degrees."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +57,6 @@ class DhRow:
     upper: float | None = None
 
 
-@dataclass(frozen=True)
-class _Transform:
-    """A frame in another: rotation (3, 3), translation (3,) [m]."""
-
-    rotation: FloatArray
-    translation: FloatArray
-
-    def __matmul__(self, inner: _Transform) -> _Transform:
-        return _Transform(
-            self.rotation @ inner.rotation, self.rotation @ inner.translation + self.translation
-        )
-
-
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
     """Build the chain of a table.
 
@@ -85,7 +71,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
     Args:
         rows: 1 to `MAX_MOVING_JOINTS` rows, base first.
-        convention: which of the two.
+        convention: of the table.
         name: name of the robot.
 
     Returns:
@@ -112,40 +98,40 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
 
-def _modified(rows: Sequence[DhRow]) -> list[_Transform]:
-    """Placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
-    placements = [_about_x(row.alpha, row.a) @ _about_z(row.theta, row.d) for row in rows]
-    return [*placements, _about_z(0.0, 0.0)]
+def _modified(rows: Sequence[DhRow]) -> list[pin.SE3]:
+    """Return the placements of the joints, Rx(alpha) Tx(a) Rz(theta) Tz(d), then of the flange, identity."""
+    placements = [_about_x(row.alpha, row.a) * _about_z(row.theta, row.d) for row in rows]
+    return [*placements, pin.SE3.Identity()]
 
 
-def _standard(rows: Sequence[DhRow]) -> list[_Transform]:
-    """Placements of the joints, then of the flange.
+def _standard(rows: Sequence[DhRow]) -> list[pin.SE3]:
+    """Return the placements of the joints, then of the flange.
 
-    Joint i turns about z of frame i-1, so what row i-1 does after its own joint, Tz(d) Tx(a)
-    Rx(alpha), comes before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
+    Joint i turns about z of frame i-1, so the transforms of row i-1 after its own joint, Tz(d) Tx(a)
+    Rx(alpha), come before joint i: [Tz(d) Tx(a) Rx(alpha)]_{i-1} Rz(theta_i).
     """
     placements = []
-    before = _about_z(0.0, 0.0)
+    before = pin.SE3.Identity()
     for row in rows:
-        placements.append(before @ _about_z(row.theta, 0.0))
-        before = _about_z(0.0, row.d) @ _about_x(row.alpha, row.a)
+        placements.append(before * _about_z(row.theta, 0.0))
+        before = _about_z(0.0, row.d) * _about_x(row.alpha, row.a)
     return [*placements, before]
 
 
-def _about_x(angle: float, length: float) -> _Transform:
-    """Rx(angle) Tx(length), which commute."""
-    return _Transform(rotation_from_rpy(angle, 0.0, 0.0), np.array([length, 0.0, 0.0]))
+def _about_x(angle: float, length: float) -> pin.SE3:
+    """Return Rx(angle) Tx(length), which commute."""
+    return pin.SE3(pin.utils.rotate("x", angle), np.array([length, 0.0, 0.0]))
 
 
-def _about_z(angle: float, length: float) -> _Transform:
-    """Rz(angle) Tz(length), which commute."""
-    return _Transform(rotation_from_rpy(0.0, 0.0, angle), np.array([0.0, 0.0, length]))
+def _about_z(angle: float, length: float) -> pin.SE3:
+    """Return Rz(angle) Tz(length), which commute."""
+    return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 
 def _joint(
     name: str,
     kind: Literal["revolute", "fixed"],
-    placement: _Transform,
+    placement: pin.SE3,
     limits: tuple[float, float] | None,
     child: str,
 ) -> ChainJoint:

@@ -1,48 +1,40 @@
-"""The links of a URDF as a tree, and the way through it from the base to the flange.
-
-Only names here: no numbers, no XML.
-"""
+"""Find the way from the base to the flange through the links of a URDF: names only."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from jointstiff.solver.errors import RobotError
 
-__all__ = ["TreeJoint", "path_down"]
+__all__ = ["Edge", "path_down"]
 
 _SHOWN = 8  # names listed in a message
 
 
-@dataclass(frozen=True)
-class TreeJoint:
+class Edge(NamedTuple):
     """A joint as an edge of the tree: its name and the links that it joins."""
 
-    name: str
+    joint: str
     parent: str
     child: str
 
 
-def path_down(
-    links: Collection[str], joints: Collection[TreeJoint], base: str, flange: str
-) -> tuple[TreeJoint, ...]:
-    """Find the joints from the base down to the flange.
+def path_down(links: Collection[str], edges: Iterable[Edge], base: str, flange: str) -> list[str]:
+    """Return the names of the joints from the base down to the flange, at least one.
 
     Args:
         links: names of all links, each once.
-        joints: all joints, each name once.
+        edges: all joints, each once.
         base: link to start from; it need not be the root.
         flange: link to end at.
-
-    Returns:
-        The joints in order, at least one.
 
     Raises:
         RobotError: links and joints are not one tree, base or flange is not among them, or the
             flange is not below the base.
     """
-    above = _joint_above(links, joints)
+    above = _edge_above(links, edges)
     _check_one_tree(links, above)
     for link, role in ((base, "base"), (flange, "flange")):
         if link not in links:
@@ -57,31 +49,31 @@ def path_down(
             remedy="choose a flange with revolute joints between the base and it",
             where="flange",
         )
-    return _walk_up(above, base, flange)
+    return _walk_up(above, base, flange)[::-1]
 
 
-def _joint_above(links: Collection[str], joints: Iterable[TreeJoint]) -> dict[str, TreeJoint]:
+def _edge_above(links: Collection[str], edges: Iterable[Edge]) -> dict[str, Edge]:
     """Map each link that has a parent to the joint that carries it."""
-    above: dict[str, TreeJoint] = {}
-    for joint in joints:
-        for link, role in ((joint.parent, "parent"), (joint.child, "child")):
+    above: dict[str, Edge] = {}
+    for edge in edges:
+        for link, role in ((edge.parent, "parent"), (edge.child, "child")):
             if link not in links:
                 raise RobotError(
                     f"there is no link '{link[:60]}'",
                     remedy=f"name one of the links {_listed(links)}",
-                    where=f"joint '{joint.name}' <{role}>",
+                    where=f"joint '{edge.joint}' <{role}>",
                 )
-        if joint.child in above:
+        if edge.child in above:
             raise RobotError(
-                f"two parents, by joints '{above[joint.child].name}' and '{joint.name}'",
+                f"two parents, by joints '{above[edge.child].joint}' and '{edge.joint}'",
                 remedy="a URDF is a tree: keep one of them",
-                where=f"link '{joint.child}'",
+                where=f"link '{edge.child}'",
             )
-        above[joint.child] = joint
+        above[edge.child] = edge
     return above
 
 
-def _check_one_tree(links: Collection[str], above: Mapping[str, TreeJoint]) -> None:
+def _check_one_tree(links: Collection[str], above: Mapping[str, Edge]) -> None:
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
         raise RobotError(
@@ -89,9 +81,13 @@ def _check_one_tree(links: Collection[str], above: Mapping[str, TreeJoint]) -> N
             remedy="join all links into one tree with one root",
             where="<robot>",
         )
-    rooted = set(roots)
-    for link in links:
-        rooted.update(_climb(link, above, rooted))
+    below = defaultdict(list)
+    for edge in above.values():
+        below[edge.parent].append(edge.child)
+    reached = roots
+    for link in reached:  # grows on the way
+        reached.extend(below[link])
+    rooted = set(reached)
     if cycle := [link for link in links if link not in rooted]:
         raise RobotError(
             f"links hang in a cycle, not from the root: {_listed(cycle)}",
@@ -100,19 +96,8 @@ def _check_one_tree(links: Collection[str], above: Mapping[str, TreeJoint]) -> N
         )
 
 
-def _climb(link: str, above: Mapping[str, TreeJoint], rooted: Collection[str]) -> set[str]:
-    """Return the links from this one up to a rooted one; none if the way up never gets there."""
-    passed: set[str] = set()
-    while link not in rooted:
-        if link in passed:
-            return set()
-        passed.add(link)
-        link = above[link].parent
-    return passed
-
-
-def _walk_up(above: Mapping[str, TreeJoint], base: str, flange: str) -> tuple[TreeJoint, ...]:
-    path: list[TreeJoint] = []
+def _walk_up(above: Mapping[str, Edge], base: str, flange: str) -> list[str]:
+    path = []
     link = flange
     while link != base:
         if link not in above:
@@ -121,11 +106,11 @@ def _walk_up(above: Mapping[str, TreeJoint], base: str, flange: str) -> tuple[Tr
                 remedy="choose a base on the way from the root to the flange",
                 where="flange",
             )
-        path.append(above[link])
+        path.append(above[link].joint)
         link = above[link].parent
-    return tuple(reversed(path))
+    return path
 
 
-def _listed(names: Iterable[str]) -> str:
-    shown = [f"'{name[:40]}'" for name in names]
-    return ", ".join(shown[:_SHOWN]) + (f" and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else "")
+def _listed(names: Collection[str]) -> str:
+    shown = ", ".join(f"'{name[:40]}'" for name in list(names)[:_SHOWN])
+    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")

@@ -1,8 +1,9 @@
-"""The wrist centre, where the last three axes meet (METHOD.md §4)."""
+"""Find the wrist centre, where the last three axes meet (METHOD.md §4)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,12 +11,11 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
-__all__ = ["WRIST_JOINTS", "WRIST_TOLERANCE", "Wrist", "find_wrist"]
+__all__ = ["WRIST_JOINTS", "Wrist", "find_wrist"]
 
 
 WRIST_JOINTS = 3
-WRIST_TOLERANCE = 0.5e-3
-"""Greatest miss of a spherical wrist [m]: under 10 mrad of deflection it moves the centre by 5 µm."""
+"""Joints of a wrist: the last ones of the robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +25,19 @@ class Wrist:
     Attributes:
         centre: (3,) that point in the flange frame [m].
         miss_distance: greatest distance of one of the axes from it [m].
+        TOLERANCE: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves
+            the centre by 5 µm.
     """
+
+    TOLERANCE: ClassVar[float] = 0.5e-3
 
     centre: FloatArray
     miss_distance: float
 
     @property
     def spherical(self) -> bool:
-        """Whether the axes meet within `WRIST_TOLERANCE`."""
-        return self.miss_distance <= WRIST_TOLERANCE
+        """Return whether the axes meet within `TOLERANCE`."""
+        return self.miss_distance <= self.TOLERANCE
 
 
 def find_wrist(robot: Robot) -> Wrist | None:
@@ -43,7 +47,7 @@ def find_wrist(robot: Robot) -> Wrist | None:
     foot of their common perpendicular. One configuration therefore suffices.
 
     Args:
-        robot: any robot.
+        robot: of any number of joints.
 
     Returns:
         The wrist, or None if there are fewer than three joints or the point is not unique, as for

@@ -25,7 +25,15 @@ from jointstiff.solver.geometry.model.identified_model import (
     link_table,
 )
 from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
-from jointstiff.solver.robot import Configurations, JointMap, KinematicChain, Robot, dh_chain, read_urdf
+from jointstiff.solver.robot import (
+    Configurations,
+    JointMap,
+    KinematicChain,
+    Robot,
+    dh_chain,
+    read_urdf,
+    write_urdf,
+)
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 
@@ -66,7 +74,7 @@ def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix: np.ndarray) 
 
 def test_urdf_is_read_back_to_the_same_kinematics() -> None:
     _, model = modelled(Cell(imperfect_arm(12)), seed=3)
-    again = read_urdf(model.chain.to_urdf(), model.chain.base, model.chain.flange)
+    again = read_urdf(write_urdf(model.chain), model.chain.base, model.chain.flange)
     assert (
         np.abs(flange_points(again, ANGLES, TARGETS) - flange_points(model.chain, ANGLES, TARGETS)).max()
         < 1e-9

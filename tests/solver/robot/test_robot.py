@@ -9,14 +9,21 @@ import pinocchio as pin
 import pytest
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import ChainJoint, DhRow, JointMap, KinematicChain, Robot, dh_chain
-from jointstiff.solver.robot.rotation import rotation_from_rpy
+from jointstiff.solver.robot import (
+    ChainJoint,
+    Configurations,
+    DhRow,
+    JointMap,
+    KinematicChain,
+    Robot,
+    dh_chain,
+)
 
 
 def joint(name: str, child: str, **changes: object) -> ChainJoint:
     fields = {
         "kind": "revolute",
-        "rotation": rotation_from_rpy(0.1, -0.2, 0.3),
+        "rotation": pin.rpy.rpyToMatrix(0.1, -0.2, 0.3),
         "translation": np.array([0.1, 0.2, 0.3]),
         "axis": np.array([0.6, 0.0, 0.8]),
         "limits": None,
@@ -44,7 +51,7 @@ def test_model_follows_the_chain() -> None:
     assert robot.joint_names == ("zeta", "alpha")  # in the order of the chain, not of the alphabet
     assert robot.flange_joint_id == 2
     assert robot.chain is chain
-    one = pin.SE3(rotation_from_rpy(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
+    one = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(robot.flange_placement.homogeneous, (one * one).homogeneous, atol=1e-15)
     np.testing.assert_allclose(
         robot.model.jointPlacements[1].homogeneous, (one * one).homogeneous, atol=1e-15
@@ -74,8 +81,60 @@ def test_names_that_could_be_misunderstood(joint_name: str, flange: str) -> None
 
 
 def test_pinocchios_own_name_is_refused() -> None:
-    with pytest.raises(RobotError, match="universe"):
-        Robot(KinematicChain("arm", "b", "f", (joint("universe", "f"),)))
+    with pytest.raises(RobotError, match="Pinocchio") as refusal:
+        joint("universe", "f")
+    assert refusal.value.where == "joint 'universe'"
+    assert joint("universe", "f", kind="fixed").name == "universe"
+
+
+def product_of_exponentials(chain: KinematicChain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the flange's pose (4, 4) and the spatial Jacobian (6, n), in extended precision."""
+    angles, pose, columns = iter(q.astype(np.longdouble)), np.eye(4, dtype=np.longdouble), []
+    for each in chain.joints:
+        step = np.eye(4, dtype=np.longdouble)
+        step[:3, :3], step[:3, 3] = each.rotation, each.translation
+        pose = pose @ step
+        if not each.is_moving:
+            continue
+        axis = pose[:3, :3] @ each.axis
+        columns.append(np.concatenate([np.cross(pose[:3, 3], axis), axis]))
+        angle, (x, y, z) = next(angles), each.axis.astype(np.longdouble)
+        K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(4, dtype=np.longdouble)
+        turn[:3, :3] += np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+        pose = pose @ turn
+    return pose, np.stack(columns, axis=1)
+
+
+def random_chain(rng: np.random.Generator, count: int) -> KinematicChain:
+    joints = []
+    for i in range(count):
+        rotation, axis = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
+        joints.append(
+            joint(
+                f"j{i}",
+                f"l{i}",
+                kind="fixed" if i % 4 == 1 else "revolute",
+                rotation=rotation * np.linalg.det(rotation),
+                translation=rng.uniform(-0.3, 0.3, 3),
+                axis=axis / np.linalg.norm(axis),
+            )
+        )
+    return KinematicChain("arm", "base", f"l{count - 1}", tuple(joints))
+
+
+def test_kinematics_are_a_product_of_exponentials() -> None:
+    rng = np.random.default_rng(11)
+    for count in range(1, 9):
+        chain = random_chain(rng, count)
+        robot = Robot(chain)
+        angles = rng.uniform(-3.0, 3.0, (20, robot.n))
+        found = Configurations(robot, angles)
+        for i, q in enumerate(angles):
+            pose, jacobian = product_of_exponentials(chain, q)
+            np.testing.assert_allclose(found.jacobian[i], jacobian, rtol=0.0, atol=2e-15)
+            np.testing.assert_allclose(found.flange_rotation[i], pose[:3, :3], rtol=0.0, atol=2e-15)
+            np.testing.assert_allclose(found.flange_translation[i], pose[:3, 3], rtol=0.0, atol=2e-15)
 
 
 def test_joint_map_of_another_size_is_refused() -> None:
