@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Point, Radians, Timestamp
 from jointstiff.schemas.job import JobState, Progress, Provenance
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
@@ -31,9 +30,6 @@ __all__ = [
     "SigmaTest",
     "SuspiciousReading",
 ]
-
-_LENGTH: JsonDict = {"unit": "m"}
-_ANGLE: JsonDict = {"unit": "rad"}
 
 
 class RunRequest(RunOptions):
@@ -120,11 +116,9 @@ class Residual(Message):
 
     observation: Name
     target: Name
-    deflection: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
-    predicted: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
-    residual: tuple[float, float, float] = Field(
-        description="Measured minus predicted, axes of R0.", json_schema_extra=_LENGTH
-    )
+    deflection: Metres[Point]
+    predicted: Metres[Point]
+    residual: Metres[Point] = Field(description="Measured minus predicted, axes of R0.")
 
 
 class EncoderResidual(Message):
@@ -132,9 +126,9 @@ class EncoderResidual(Message):
 
     observation: Name
     joint: Name
-    deflection: float = Field(description="Loaded minus unloaded.", json_schema_extra=_ANGLE)
-    predicted: float = Field(json_schema_extra=_ANGLE)
-    residual: float = Field(description="Measured minus predicted.", json_schema_extra=_ANGLE)
+    deflection: Radians[float] = Field(description="Loaded minus unloaded.")
+    predicted: Radians[float]
+    residual: Radians[float] = Field(description="Measured minus predicted.")
 
 
 class RunResult(Message):
@@ -145,20 +139,16 @@ class RunResult(Message):
         description="Share of the mean deflection that the model predicts: "
         "1 - mean‖residual‖ / mean‖deflection‖; null where nothing moved. Dimensionless."
     )
-    rms_residual: float = Field(
-        description="Root mean square of the residual vectors' lengths.", json_schema_extra=_LENGTH
-    )
-    sigma: float | None = Field(
+    rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
+    sigma: Metres[float | None] = Field(
         description="Standard uncertainty of one coordinate of one reading; null where it was not "
-        "given and there are no residual degrees of freedom.",
-        json_schema_extra=_LENGTH,
+        "given and there are no residual degrees of freedom."
     )
     goodness: Goodness
     identifiability: Identifiability
     certificate: Certificate = Field(description="The greatest violations of the stages.")
-    characteristic_length: float | None = Field(
-        description="The length that was used, if the weighting needs one.",
-        json_schema_extra=_LENGTH,
+    characteristic_length: Metres[float | None] = Field(
+        description="The length that was used, if the weighting needs one."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
         default=None, description="Null only in runs of earlier versions."

@@ -7,6 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.fields import Point
 from jointstiff.schemas.geometry import result as results
 from jointstiff.schemas.robot import DhRow, JointMap, RobotDocument, UrdfModel
 from jointstiff.service.conversion.geometry_evidence import to_goodness, to_pose_evidence, to_sweep_evidence
@@ -280,15 +281,15 @@ def _finding(finding: GeometryFinding, base_targets: Sequence[str]) -> results.G
     )
 
 
-def _point(vector: FloatArray) -> results.Point:
+def _point(vector: FloatArray) -> Point:
     x, y, z = vector.tolist()
     return x, y, z
 
 
-def _square(matrix: FloatArray) -> tuple[results.Point, results.Point, results.Point]:
+def _square(matrix: FloatArray) -> tuple[Point, Point, Point]:
     x, y, z = (_point(row) for row in matrix)
     return x, y, z
 
 
-def _known(matrix: FloatArray) -> tuple[results.Point, results.Point, results.Point] | None:
+def _known(matrix: FloatArray) -> tuple[Point, Point, Point] | None:
     return None if np.isnan(matrix).any() else _square(matrix)
