@@ -6,7 +6,16 @@ from typing import Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Point, Radians, Timestamp
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Point,
+    Radians,
+    Timestamp,
+)
 from jointstiff.schemas.job import JobState, Progress, Provenance
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
@@ -19,6 +28,7 @@ from jointstiff.schemas.run.resampling import ResamplingResult
 __all__ = [
     "Certificate",
     "ComplementaryStiffness",
+    "Contribution",
     "EncoderResidual",
     "Goodness",
     "Residual",
@@ -121,6 +131,20 @@ class Residual(Message):
     residual: Metres[Point] = Field(description="Measured minus predicted, axes of R0.")
 
 
+class Contribution(Message):
+    """Part of one joint in the predicted deflection, projected on that deflection."""
+
+    joint: Name
+    share: Dimensionless[float] = Field(
+        description="Share in the mean length of the predicted deflections; those of all joints add up to 1. "
+        "Zero for a joint without a number."
+    )
+    mean: Metres[float] = Field(description="Mean over all readings of the targets.")
+    by_observation: Metres[list[float]] = Field(
+        description="Mean over the targets of each observation, in the order of the set."
+    )
+
+
 class EncoderResidual(Message):
     """One secondary encoder in one observation."""
 
@@ -164,6 +188,10 @@ class RunResult(Message):
         default=None, description="Held-out compensation of each model, if more than joints may bend."
     )
     residuals: list[Residual]
+    contributions: list[Contribution] = Field(
+        default_factory=list,
+        description="Part of each joint in the predicted deflection; empty if more than joints may bend.",
+    )
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="If secondary encoders were read."
     )
