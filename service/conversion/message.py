@@ -58,7 +58,7 @@ def _column(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
 
 
 def _plain(value: object) -> object:
-    if value is None or isinstance(value, str | int | Message):
+    if value is None or isinstance(value, str | int | dict | Message):
         return value
     if isinstance(value, float):
         return float(value) if isfinite(value) else None
