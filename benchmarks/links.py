@@ -255,7 +255,7 @@ def _certificates(*, quick: bool) -> Section:
             continue
         gaps.append(estimate.certificate.gap)
         matrices = [link.matrix for link in estimate.links]
-        matrices += [] if estimate.coupled is None else [estimate.coupled]
+        matrices += [] if estimate.coupled_joints is None else [estimate.coupled_joints]
         least.append(min(float(np.linalg.eigvalsh(matrix).min()) for matrix in matrices))
         false += _better_exists(Peer(folds.all_rows, model), weight, estimate)
     return Section(

@@ -78,7 +78,7 @@ class Outcome:
             cls(
                 nothing if joint.compliance is None else joint.compliance,
                 nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
-                joint.interval or (nothing, nothing),
+                joint.compliance_interval or (nothing, nothing),
                 joint.one_sided or (nothing, nothing),
             )
             for joint in estimate.joints

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from jointstiff.schemas.fields import Identifier, Message, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Metres, Timestamp
 from jointstiff.schemas.job import JobState, Progress, Provenance
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
@@ -36,10 +36,8 @@ class ComparedMethod(Message):
 
     method: Method
     weighting: Weighting = Field(default="covariance", description="As of a run.")
-    characteristic_length: Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None = Field(
-        default=None,
-        description="For that weighting; if absent, the length of least condition number.",
-        json_schema_extra={"unit": "m"},
+    characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
+        default=None, description="For that weighting; if absent, the length of least condition number."
     )
 
     @field_validator("characteristic_length", mode="after")
@@ -107,8 +105,8 @@ class ComparedFit(Message):
 
     method: Method
     weighting: Weighting
-    characteristic_length: float | None = Field(
-        description="The length that was used, if the weighting needs one.", json_schema_extra={"unit": "m"}
+    characteristic_length: Metres[float | None] = Field(
+        description="The length that was used, if the weighting needs one."
     )
     positive: bool = Field(description="Whether every compliance was constrained to be zero or positive.")
     error: Problem | None = Field(description="Why there are no numbers.")
@@ -116,8 +114,8 @@ class ComparedFit(Message):
     compensation: float | None = Field(
         description="Share of the mean deflection that the model predicts; null as in a run. Dimensionless."
     )
-    rms_residual: float | None = Field(
-        description="Root mean square of the residual vectors' lengths.", json_schema_extra={"unit": "m"}
+    rms_residual: Metres[float | None] = Field(
+        description="Root mean square of the residual vectors' lengths."
     )
     condition_number: float | None = Field(
         description="Of the weighted regressor, columns of unit norm, the greatest of the stages'; null "

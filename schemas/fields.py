@@ -1,4 +1,4 @@
-"""What every message shares: the frozen base, and the vocabulary of its fields."""
+"""The frozen base of all messages, and the types of their fields with their units."""
 
 from __future__ import annotations
 
@@ -9,12 +9,25 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 __all__ = [
     "MAX_NAME_LENGTH",
+    "Compliance",
+    "Dimensionless",
     "Identifier",
     "Message",
+    "Metres",
+    "MixedSquares",
     "Name",
+    "Newtons",
     "Page",
+    "Point",
     "Quantity",
+    "Radians",
+    "Square3",
+    "SquareMetres",
+    "SquareRadians",
+    "StatedUnit",
+    "Stiffness",
     "Timestamp",
+    "TranslationalCompliance",
     "Vector3",
 ]
 
@@ -46,6 +59,27 @@ Quantity = Annotated[float, Field(strict=True, ge=-MAX_MAGNITUDE, le=MAX_MAGNITU
 
 Vector3 = tuple[Quantity, Quantity, Quantity]
 """Three components along x, y and z."""
+
+Point = tuple[float, float, float]
+"""Three components of a result."""
+
+Square3 = tuple[Point, Point, Point]
+"""A matrix of a result, row by row."""
+
+Value = TypeVar("Value")
+
+Metres = Annotated[Value, Field(json_schema_extra={"unit": "m"})]
+Radians = Annotated[Value, Field(json_schema_extra={"unit": "rad"})]
+Newtons = Annotated[Value, Field(json_schema_extra={"unit": "N"})]
+Compliance = Annotated[Value, Field(json_schema_extra={"unit": "rad/(N.m)"})]
+Stiffness = Annotated[Value, Field(json_schema_extra={"unit": "N.m/rad"})]
+TranslationalCompliance = Annotated[Value, Field(json_schema_extra={"unit": "m/N"})]
+SquareMetres = Annotated[Value, Field(json_schema_extra={"unit": "m2"})]
+SquareRadians = Annotated[Value, Field(json_schema_extra={"unit": "rad2"})]
+MixedSquares = Annotated[Value, Field(json_schema_extra={"unit": "m2, m.rad, rad2"})]
+Dimensionless = Annotated[Value, Field(json_schema_extra={"unit": "1"})]
+StatedUnit = Annotated[Value, Field(json_schema_extra={"unit": "see `unit`"})]
+"""A value of any shape in this unit, which stands in the JSON schema: `Metres[float | None]`."""
 
 Timestamp = Annotated[datetime, Field(description="Time in UTC, ISO 8601.")]
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 from typing import Annotated
 
 from pydantic import Field, model_validator
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Quantity
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Point,
+    Quantity,
+    Radians,
+    Square3,
+)
 from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
 
 __all__ = ["Kinematics", "KinematicsRequest", "Posture"]
 
 MAX_POSTURES = 1_000
-
-_LENGTH: JsonDict = {"unit": "m"}
-_DIRECTION: JsonDict = {"unit": "1"}
-
-Point = tuple[float, float, float]
 
 
 class KinematicsRequest(Message):
@@ -27,12 +31,13 @@ class KinematicsRequest(Message):
     robot: RobotDocument | None = Field(
         default=None, description="A robot that is not stored: to see it before it is."
     )
-    joints: Annotated[
-        list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_POSTURES)
+    joints: Radians[
+        Annotated[
+            list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_POSTURES)
+        ]
     ] = Field(
         default_factory=list,
         description="Angles as the controller shows them, a list a configuration; all zeros if empty.",
-        json_schema_extra={"unit": "rad"},
     )
 
     @model_validator(mode="after")
@@ -45,16 +50,15 @@ class KinematicsRequest(Message):
 class Posture(Message):
     """One configuration, axes of R0."""
 
-    joint_origins: list[Point] = Field(
-        description="Origins of the joints' frames, from base to flange.", json_schema_extra=_LENGTH
+    joint_origins: Metres[list[Point]] = Field(
+        description="Origins of the joints' frames, from base to flange."
     )
-    joint_axes: list[Point] = Field(
-        description="Unit vectors along the joints' axes. Dimensionless.", json_schema_extra=_DIRECTION
+    joint_axes: Dimensionless[list[Point]] = Field(
+        description="Unit vectors along the joints' axes. Dimensionless."
     )
-    flange_origin: Point = Field(json_schema_extra=_LENGTH)
-    flange_axes: tuple[Point, Point, Point] = Field(
-        description="Unit vectors of the flange's x, y and z axes. Dimensionless.",
-        json_schema_extra=_DIRECTION,
+    flange_origin: Metres[Point]
+    flange_axes: Dimensionless[Square3] = Field(
+        description="Unit vectors of the flange's x, y and z axes. Dimensionless."
     )
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.fields import Compliance, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.job import JobState, Progress, Provenance
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
@@ -27,9 +26,6 @@ __all__ = [
     "PairSummary",
     "PairedJoint",
 ]
-
-_COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
-_STIFFNESS: JsonDict = {"unit": "N.m/rad"}
 
 
 class PairSide(Message):
@@ -145,18 +141,14 @@ class OrderedJoint(Message):
     """One joint in the problem of both sides. Null for what a side does not show."""
 
     name: Name
-    compliance_first: float | None = Field(json_schema_extra=_COMPLIANCE)
-    compliance_second: float | None = Field(
-        description="Never above `compliance_first`.", json_schema_extra=_COMPLIANCE
+    compliance_first: Compliance[float | None]
+    compliance_second: Compliance[float | None] = Field(description="Never above `compliance_first`.")
+    stiffness_first: Stiffness[float | None] = Field(description="1 / compliance; null where that is zero.")
+    stiffness_second: Stiffness[float | None]
+    compliance_interval_first: Compliance[tuple[float, float] | None] = Field(
+        description="Profile-likelihood interval under all constraints."
     )
-    stiffness_first: float | None = Field(
-        description="1 / compliance; null where that is zero.", json_schema_extra=_STIFFNESS
-    )
-    stiffness_second: float | None = Field(json_schema_extra=_STIFFNESS)
-    compliance_interval_first: tuple[float, float] | None = Field(
-        description="Profile-likelihood interval under all constraints.", json_schema_extra=_COMPLIANCE
-    )
-    compliance_interval_second: tuple[float, float] | None = Field(json_schema_extra=_COMPLIANCE)
+    compliance_interval_second: Compliance[tuple[float, float] | None]
     equal: bool = Field(description="Whether the order holds both together: alone they would cross.")
 
 

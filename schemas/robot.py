@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp
+from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Quantity, Radians, Timestamp
 
 __all__ = [
     "MAX_JOINTS",
@@ -30,18 +30,12 @@ MAX_URDF_CHARACTERS = 2 * 1024 * 1024
 class DhRow(Message):
     """One row of a Denavit-Hartenberg table."""
 
-    a: Quantity = Field(description="Link length a.", json_schema_extra={"unit": "m"})
-    alpha: Quantity = Field(description="Link twist alpha.", json_schema_extra={"unit": "rad"})
-    d: Quantity = Field(description="Link offset d.", json_schema_extra={"unit": "m"})
-    theta: Quantity = Field(
-        description="Constant added to the joint's angle.", json_schema_extra={"unit": "rad"}
-    )
-    lower: Quantity | None = Field(
-        default=None, description="Lower joint limit, if known.", json_schema_extra={"unit": "rad"}
-    )
-    upper: Quantity | None = Field(
-        default=None, description="Upper joint limit, if known.", json_schema_extra={"unit": "rad"}
-    )
+    a: Metres[Quantity] = Field(description="Link length a.")
+    alpha: Radians[Quantity] = Field(description="Link twist alpha.")
+    d: Metres[Quantity] = Field(description="Link offset d.")
+    theta: Radians[Quantity] = Field(description="Constant added to the joint's angle.")
+    lower: Radians[Quantity | None] = Field(default=None, description="Lower joint limit, if known.")
+    upper: Radians[Quantity | None] = Field(default=None, description="Upper joint limit, if known.")
 
 
 class DhModel(Message):
@@ -89,9 +83,7 @@ class JointMap(Message):
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
     ] = Field(description="n × n, invertible; dimensionless.")
-    offset: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] = Field(
-        description="n numbers.", json_schema_extra={"unit": "rad"}
-    )
+    offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(description="n numbers.")
 
 
 class RobotDocument(Message):
@@ -126,24 +118,17 @@ class Joint(Message):
     """One moving joint, in the order of the model."""
 
     name: Name
-    lower: float | None = Field(
-        description="Lower limit of the model angle; null if unlimited.",
-        json_schema_extra={"unit": "rad"},
-    )
-    upper: float | None = Field(
-        description="Upper limit of the model angle; null if unlimited.",
-        json_schema_extra={"unit": "rad"},
-    )
+    lower: Radians[float | None] = Field(description="Lower limit of the model angle; null if unlimited.")
+    upper: Radians[float | None] = Field(description="Upper limit of the model angle; null if unlimited.")
 
 
 class Wrist(Message):
     """Whether the last three axes meet in one point, which the decoupled method needs."""
 
     spherical: bool
-    miss_distance: float | None = Field(
+    miss_distance: Metres[float | None] = Field(
         description="How far the last three axes pass from their nearest common point; "
-        "null where there is no such point.",
-        json_schema_extra={"unit": "m"},
+        "null where there is no such point."
     )
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting import (
     CompletePose,
@@ -66,7 +64,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     size = ComplementaryStiffness(
         included=settings.complementary_stiffness,
         iterations=iterations,
-        largest_ratio=first.largest_stiffness.ratio(estimate.compliance, _known(estimate)),
+        largest_ratio=first.largest_stiffness.ratio(estimate.compliance, estimate.estimated),
         largest_shift=_in_standard_uncertainties(shift, estimate),
     )
     return replace(estimate, complementary_stiffness=size)
@@ -96,11 +94,6 @@ def _assembled(
         certificates=(robust.certificate, *estimate.certificates),
         robust=robust,
     )
-
-
-def _known(estimate: Estimate) -> BoolArray:
-    """(n,) joints with an estimate."""
-    return np.array([joint.compliance is not None for joint in estimate.joints])
 
 
 def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:

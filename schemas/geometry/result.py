@@ -5,9 +5,20 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Message,
+    Metres,
+    MixedSquares,
+    Name,
+    Point,
+    Radians,
+    Square3,
+    SquareMetres,
+    SquareRadians,
+    StatedUnit,
+)
 from jointstiff.schemas.robot import DhRow, RobotDocument
 
 __all__ = [
@@ -22,7 +33,6 @@ __all__ = [
     "IdentifiedDh",
     "LinkComparison",
     "NearlyParallel",
-    "Point",
     "PoseEvidence",
     "Rigid",
     "SweepEvidence",
@@ -33,14 +43,7 @@ __all__ = [
     "WristResult",
 ]
 
-_LENGTH: JsonDict = {"unit": "m"}
-_ANGLE: JsonDict = {"unit": "rad"}
-_AREA: JsonDict = {"unit": "m2"}
-_NUMBER: JsonDict = {"unit": "1"}
-_MIXED: JsonDict = {"unit": "m2, m.rad, rad2"}
 
-Point = tuple[float, float, float]
-Square3 = tuple[Point, Point, Point]
 Square6 = Annotated[
     list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
 ]
@@ -49,23 +52,20 @@ Square6 = Annotated[
 class Rigid(Message):
     """Coordinates x in one frame become ``rotation x + translation`` in another."""
 
-    rotation: Square3 = Field(description="Row by row. Dimensionless.", json_schema_extra=_NUMBER)
-    translation: Point = Field(json_schema_extra=_LENGTH)
+    rotation: Dimensionless[Square3] = Field(description="Row by row. Dimensionless.")
+    translation: Metres[Point]
 
 
 class AxisPlace(Message):
     """An axis in one frame, at model angle zero of all joints."""
 
-    point: Point = Field(description="A point on it.", json_schema_extra=_LENGTH)
-    direction: Point = Field(
-        description="Unit vector, positive rotation by the right hand.", json_schema_extra=_NUMBER
+    point: Metres[Point] = Field(description="A point on it.")
+    direction: Dimensionless[Point] = Field(description="Unit vector, positive rotation by the right hand.")
+    point_covariance: SquareMetres[Square3 | None] = Field(
+        description="Of where the axis passes at `point`, singular along it; null if it is not determined."
     )
-    point_covariance: Square3 | None = Field(
-        description="Of where the axis passes at `point`, singular along it; null if it is not determined.",
-        json_schema_extra=_AREA,
-    )
-    direction_covariance: Square3 | None = Field(
-        description="Of the unit vector; null if it is not determined.", json_schema_extra={"unit": "rad2"}
+    direction_covariance: SquareRadians[Square3 | None] = Field(
+        description="Of the unit vector; null if it is not determined."
     )
 
 
@@ -75,13 +75,11 @@ class IdentifiedAxis(Message):
     name: Name = Field(description="Of the model's joint.")
     tracker: AxisPlace = Field(description="In the tracker's frame.")
     base: AxisPlace = Field(description="In R0, the uncertainty of R0 included.")
-    position_uncertainty: float | None = Field(
-        description="Greatest standard uncertainty across the axis at `point`, tracker's frame.",
-        json_schema_extra=_LENGTH,
+    position_uncertainty: Metres[float | None] = Field(
+        description="Greatest standard uncertainty across the axis at `point`, tracker's frame."
     )
-    direction_uncertainty: float | None = Field(
-        description="Greatest standard uncertainty of the direction, tracker's frame.",
-        json_schema_extra=_ANGLE,
+    direction_uncertainty: Radians[float | None] = Field(
+        description="Greatest standard uncertainty of the direction, tracker's frame."
     )
 
 
@@ -90,15 +88,14 @@ class SweptTarget(Message):
 
     name: Name
     readings: int
-    radius: float | None = Field(
-        description="Distance from the axis; null in a sweep that turns two axes.", json_schema_extra=_LENGTH
+    radius: Metres[float | None] = Field(
+        description="Distance from the axis; null in a sweep that turns two axes."
     )
-    radial_rms: float | None = Field(
+    radial_rms: Metres[float | None] = Field(
         description="Root mean square of the residuals towards the axis; across the axis in a sweep that "
-        "turns two. Null without a reading.",
-        json_schema_extra=_LENGTH,
+        "turns two. Null without a reading."
     )
-    axial_rms: float | None = Field(description="The same along the axis.", json_schema_extra=_LENGTH)
+    axial_rms: Metres[float | None] = Field(description="The same along the axis.")
 
 
 class SweepEvidence(Message):
@@ -107,15 +104,14 @@ class SweepEvidence(Message):
     joint: Name = Field(description="As it was posted.")
     turned: list[Name] = Field(description="Joints of the model that turn.")
     positions: int
-    arc: float = Field(description="Angle that the readings cover.", json_schema_extra=_ANGLE)
+    arc: Radians[float] = Field(description="Angle that the readings cover.")
     targets: list[SweptTarget]
     angle_scale: float = Field(
         description="How far the joint turned over how far controller and joint map say. Dimensionless."
     )
-    angle_deviation: float | None = Field(
+    angle_deviation: Radians[float | None] = Field(
         description="Root mean square of the angle from the readings less the controller's; null where the "
-        "controller's are taken.",
-        json_schema_extra=_ANGLE,
+        "controller's are taken."
     )
     variance_factor: float = Field(
         description="χ²/dof of this sweep: 1 on average if sigma is right. Dimensionless."
@@ -131,16 +127,15 @@ class PoseEvidence(Message):
     only_together: list[list[str]] = Field(
         description="The unknowns of each combination that is not determined; they keep their nominal values."
     )
-    rms_residual: float = Field(description="Of a coordinate.", json_schema_extra=_LENGTH)
+    rms_residual: Metres[float] = Field(description="Of a coordinate.")
 
 
 class GeometryGoodness(Message):
     """How well one robot fits all readings."""
 
-    sigma: float = Field(
+    sigma: Metres[float] = Field(
         description="Standard uncertainty of a coordinate, by which all others are stated; of an instrument "
-        "the root mean square over the readings.",
-        json_schema_extra=_LENGTH,
+        "the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
@@ -162,20 +157,19 @@ class BaseFrameResult(Message):
 
     by: Literal["nominal", "axes"]
     transform_tracker_to_base: Rigid
-    covariance: Square6 | None = Field(
+    covariance: MixedSquares[Square6 | None] = Field(
         description="Of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: translation, then "
-        "rotation; null if the readings do not determine it.",
-        json_schema_extra=_MIXED,
+        "rotation; null if the readings do not determine it."
     )
 
 
 class WristCentre(Message):
     """The wrist centre by one way."""
 
-    tracker: Point = Field(json_schema_extra=_LENGTH)
-    tracker_covariance: Square3 = Field(json_schema_extra=_AREA)
-    base: Point = Field(description="In R0.", json_schema_extra=_LENGTH)
-    base_covariance: Square3 = Field(description="The uncertainty of R0 included.", json_schema_extra=_AREA)
+    tracker: Metres[Point]
+    tracker_covariance: SquareMetres[Square3]
+    base: Metres[Point] = Field(description="In R0.")
+    base_covariance: SquareMetres[Square3] = Field(description="The uncertainty of R0 included.")
 
 
 class WristEstimate(WristCentre):
@@ -192,7 +186,7 @@ class WristDistance(Message):
 
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
-    distance: float = Field(json_schema_extra=_LENGTH)
+    distance: Metres[float]
     probability: float = Field(description="That noise alone does this.")
 
 
@@ -202,16 +196,14 @@ class WristResult(Message):
     estimates: list[WristEstimate]
     combined: WristCentre = Field(description="Mean of the ways, each weighted by its information.")
     distances: list[WristDistance]
-    posture: list[float] = Field(
+    posture: Radians[list[float]] = Field(
         description="Model angles in which the centre is where it is stated; those of the wrist do not "
-        "matter.",
-        json_schema_extra=_ANGLE,
+        "matter."
     )
-    miss_distance: float = Field(
-        description="Greatest distance of one of the three axes from the point nearest to them.",
-        json_schema_extra=_LENGTH,
+    miss_distance: Metres[float] = Field(
+        description="Greatest distance of one of the three axes from the point nearest to them."
     )
-    miss_uncertainty: float = Field(json_schema_extra=_LENGTH)
+    miss_uncertainty: Metres[float]
     miss_probability: float = Field(description="That axes which do meet are found so far apart.")
     decoupled_method: bool = Field(
         description="Whether the decoupled method applies: the axes miss by no more than 0.5 mm."
@@ -222,10 +214,8 @@ class FlangeTarget(Message):
     """A target in the flange frame."""
 
     name: Name
-    position: Point = Field(json_schema_extra=_LENGTH)
-    covariance: Square3 | None = Field(
-        description="Null if the readings do not determine it.", json_schema_extra=_AREA
-    )
+    position: Metres[Point]
+    covariance: SquareMetres[Square3 | None] = Field(description="Null if the readings do not determine it.")
 
 
 class LinkComparison(Message):
@@ -237,14 +227,11 @@ class LinkComparison(Message):
     )
     joint: Name = Field(description="Of the axis, or of the first of two neighbours.")
     unit: Literal["m", "rad"] = Field(description="Of the numbers.")
-    nominal: float = Field(json_schema_extra={"unit": "see `unit`"})
-    identified: float = Field(json_schema_extra={"unit": "see `unit`"})
-    difference: float = Field(
-        description="Identified less nominal.", json_schema_extra={"unit": "see `unit`"}
-    )
-    standard_uncertainty: float | None = Field(
-        description="Of the identified one; null if the readings do not determine it.",
-        json_schema_extra={"unit": "see `unit`"},
+    nominal: StatedUnit[float]
+    identified: StatedUnit[float]
+    difference: StatedUnit[float] = Field(description="Identified less nominal.")
+    standard_uncertainty: StatedUnit[float | None] = Field(
+        description="Of the identified one; null if the readings do not determine it."
     )
 
 
@@ -252,7 +239,7 @@ class NearlyParallel(Message):
     """Neighbouring axes that are nearly parallel."""
 
     joint: Name = Field(description="Of the first.")
-    angle: float = Field(json_schema_extra=_ANGLE)
+    angle: Radians[float]
     made_parallel: bool = Field(description="Whether the table takes them as parallel.")
 
 
@@ -264,10 +251,9 @@ class IdentifiedDh(Message):
     base: Rigid = Field(description="From frame 0 to R0.")
     tool: Rigid = Field(description="From the flange frame to frame n.")
     parallel: list[NearlyParallel]
-    deviation: float = Field(
+    deviation: Metres[float] = Field(
         description="Greatest distance of the table's flange from the identified model's, over 200 random "
-        "postures: what making axes parallel leaves out.",
-        json_schema_extra=_LENGTH,
+        "postures: what making axes parallel leaves out."
     )
 
 
@@ -275,11 +261,11 @@ class Drift(Message):
     """Motion of tracker and robot against each other between two readings of the base targets."""
 
     transform_after_to_before: Rigid = Field(description="Removes the drift from later readings.")
-    displacement: Point = Field(
-        description="Of the middle of the targets on the flange, tracker's frame.", json_schema_extra=_LENGTH
+    displacement: Metres[Point] = Field(
+        description="Of the middle of the targets on the flange, tracker's frame."
     )
-    displacement_covariance: Square3 = Field(json_schema_extra=_AREA)
-    rotation: Point = Field(description="Rotation vector, tracker's frame.", json_schema_extra=_ANGLE)
+    displacement_covariance: SquareMetres[Square3]
+    rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
     probability: float = Field(description="That noise alone does this.")
     deformation_probability: float = Field(description="That noise alone leaves these residuals.")
     significant: bool
@@ -306,9 +292,7 @@ class GeometryFinding(Message):
     ]
     severity: Literal["error", "warning", "note"]
     where: str
-    figure: float = Field(
-        description="The number that raised it, in `unit`.", json_schema_extra={"unit": "see `unit`"}
-    )
+    figure: StatedUnit[float] = Field(description="The number that raised it, in `unit`.")
     unit: str = Field(description="Of the figure; empty where it has none.")
     message: str
     remedy: str

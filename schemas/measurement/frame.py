@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Metres, Name, Vector3
 
 __all__ = ["Frame", "ResolvedFrame", "Rotation"]
 
-_LENGTH: JsonDict = {"unit": "m"}
 
 Rotation = tuple[Vector3, Vector3, Vector3]
 
@@ -22,8 +20,8 @@ class Frame(Message):
     geometry_id: Identifier | None = Field(
         default=None, description="A geometry by the same tracker at the same station, of the same robot."
     )
-    rotation: Rotation | None = Field(
-        default=None, description="Row by row, tracker to R0. Dimensionless.", json_schema_extra={"unit": "1"}
+    rotation: Dimensionless[Rotation | None] = Field(
+        default=None, description="Row by row, tracker to R0. Dimensionless."
     )
     translation: Vector3 | None = Field(
         default=None, description="The tracker's origin in R0, in units.length."
@@ -53,12 +51,9 @@ class Frame(Message):
 class ResolvedFrame(Message):
     """What a frame meant when the set was stored; it holds though the geometry may be deleted."""
 
-    rotation: Rotation = Field(
-        description="Row by row, tracker to R0. Dimensionless.", json_schema_extra={"unit": "1"}
-    )
-    translation: Vector3 = Field(description="The tracker's origin in R0.", json_schema_extra=_LENGTH)
-    flange_targets: dict[Name, Vector3] = Field(
+    rotation: Dimensionless[Rotation] = Field(description="Row by row, tracker to R0. Dimensionless.")
+    translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
+    flange_targets: Metres[dict[Name, Vector3]] = Field(
         description="The geometry's targets in the flange frame, used for deflections of targets that the "
-        "set does not place; empty if it is of another flange frame.",
-        json_schema_extra=_LENGTH,
+        "set does not place; empty if it is of another flange frame."
     )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from jointstiff.schemas.fields import Message, Quantity, Vector3
+from jointstiff.schemas.fields import Dimensionless, Message, Quantity, Vector3
 
 __all__ = ["Instrument", "Matrix3", "Noise", "Sigma", "Uncertainty", "refuse_two_kinds"]
 
@@ -24,10 +24,8 @@ class Uncertainty(Message):
     constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         description="In the set's unit of length.", examples=[1e-5]
     )
-    per_distance: _PerDistance = Field(
-        description="A number: 5e-6 is 5 µm in a metre, whatever the unit of length.",
-        examples=[5e-6],
-        json_schema_extra={"unit": "1"},
+    per_distance: Dimensionless[_PerDistance] = Field(
+        description="A number: 5e-6 is 5 µm in a metre, whatever the unit of length.", examples=[5e-6]
     )
 
     @model_validator(mode="after")

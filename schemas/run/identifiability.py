@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import Compliance, Message, Name, Newtons, Point, Radians
 
 __all__ = ["Advice", "Identifiability", "ObservabilityIndices", "StageIdentifiability"]
-
-_COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
 
 
 class StageIdentifiability(Message):
@@ -46,24 +43,19 @@ class Advice(Message):
 
     joint: Name
     message: str = Field(description="In words: which posture, which load, and what it would bring.")
-    joints: list[float] = Field(
-        description="Angles as the controller shows them.", json_schema_extra={"unit": "rad"}
-    )
+    joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
     observation: Name | None = Field(description="The observation that has this posture, if one has.")
-    force: tuple[float, float, float] = Field(
+    force: Newtons[Point] = Field(
         description="On the robot, axes of R0, as strong as the strongest of the set; at the load point of "
-        "that observation, for a new posture at that of the strongest force.",
-        json_schema_extra={"unit": "N"},
+        "that observation, for a new posture at that of the strongest force."
     )
     uncertainty_ratio: float | None = Field(
         description="Standard uncertainty of the compliance after one such reading of all targets over that "
         "before, as the partial pose has them, without constraints and priors; null where the readings so "
         "far do not determine the compliance. Dimensionless."
     )
-    standard_uncertainty: float | None = Field(
-        default=None,
-        description="Of the compliance after that reading; null where sigma is unknown.",
-        json_schema_extra=_COMPLIANCE,
+    standard_uncertainty: Compliance[float | None] = Field(
+        default=None, description="Of the compliance after that reading; null where sigma is unknown."
     )
 
 

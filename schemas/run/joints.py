@@ -5,28 +5,22 @@ from __future__ import annotations
 from typing import Literal
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
 __all__ = ["JointResult", "OneSidedBounds"]
-
-_COMPLIANCE: JsonDict = {"unit": "rad/(N.m)"}
-_STIFFNESS: JsonDict = {"unit": "N.m/rad"}
 
 
 class OneSidedBounds(Message):
     """Each holds by itself at the run's confidence; both together hold at less."""
 
-    compliance_at_least: float = Field(json_schema_extra=_COMPLIANCE)
-    compliance_at_most: float = Field(json_schema_extra=_COMPLIANCE)
-    stiffness_at_least: float | None = Field(
-        description="Stiffer than this; null where the compliance may be negative.",
-        json_schema_extra=_STIFFNESS,
+    compliance_at_least: Compliance[float]
+    compliance_at_most: Compliance[float]
+    stiffness_at_least: Stiffness[float | None] = Field(
+        description="Stiffer than this; null where the compliance may be negative."
     )
-    stiffness_at_most: float | None = Field(
-        description="Null: no upper limit, the readings cannot tell the joint from rigid.",
-        json_schema_extra=_STIFFNESS,
+    stiffness_at_most: Stiffness[float | None] = Field(
+        description="Null: no upper limit, the readings cannot tell the joint from rigid."
     )
 
 
@@ -35,22 +29,18 @@ class JointResult(Message):
 
     name: Name
     status: Literal["identified", "at_bound", "not_observable"]
-    compliance: float | None = Field(json_schema_extra=_COMPLIANCE)
-    stiffness: float | None = Field(
-        description="1 / compliance; null where the compliance is zero.",
-        json_schema_extra=_STIFFNESS,
+    compliance: Compliance[float | None]
+    stiffness: Stiffness[float | None] = Field(
+        description="1 / compliance; null where the compliance is zero."
     )
-    standard_uncertainty: float | None = Field(
-        description="Of the compliance, from the covariance of the estimate without constraints.",
-        json_schema_extra=_COMPLIANCE,
+    standard_uncertainty: Compliance[float | None] = Field(
+        description="Of the compliance, from the covariance of the estimate without constraints."
     )
-    compliance_interval: tuple[float, float] | None = Field(
-        description="Profile-likelihood interval under the constraints, at the run's confidence.",
-        json_schema_extra=_COMPLIANCE,
+    compliance_interval: Compliance[tuple[float, float] | None] = Field(
+        description="Profile-likelihood interval under the constraints, at the run's confidence."
     )
-    stiffness_interval: tuple[float, float | None] | None = Field(
-        description="The same in stiffness; an upper end of null means: no upper limit.",
-        json_schema_extra=_STIFFNESS,
+    stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
+        description="The same in stiffness; an upper end of null means: no upper limit."
     )
     one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
     prior_to_data: float | None = Field(

@@ -5,9 +5,16 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import (
+    Compliance,
+    Dimensionless,
+    Message,
+    Metres,
+    Name,
+    Point,
+    TranslationalCompliance,
+)
 
 __all__ = [
     "CrossValidation",
@@ -23,9 +30,6 @@ __all__ = [
 
 Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 
-_TRANSLATION: JsonDict = {"unit": "m/N"}
-_ROTATION: JsonDict = {"unit": "rad/(N.m)"}
-_ONE: JsonDict = {"unit": "1"}
 
 Matrix = list[list[float]]
 
@@ -50,7 +54,7 @@ class PrincipalCompliance(Message):
     """Of the compliance to forces or to moments, in the axes of the joint's frame."""
 
     value: float = Field(description="m/N of translation, rad/(N.m) of rotation.")
-    direction: tuple[float, float, float] = Field(description="Unit vector.", json_schema_extra=_ONE)
+    direction: Dimensionless[Point] = Field(description="Unit vector.")
 
 
 class LinkCompliance(Message):
@@ -61,15 +65,14 @@ class LinkCompliance(Message):
         description="6 x 6, symmetric and positive semidefinite: displacement and rotation by force and "
         "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
     )
-    translation: list[PrincipalCompliance] = Field(
-        description="Of the block of force and displacement, largest first.", json_schema_extra=_TRANSLATION
+    translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
+        description="Of the block of force and displacement, largest first."
     )
-    rotation: list[PrincipalCompliance] = Field(
-        description="Of the block of moment and rotation, largest first.", json_schema_extra=_ROTATION
+    rotation: Compliance[list[PrincipalCompliance]] = Field(
+        description="Of the block of moment and rotation, largest first."
     )
-    effective_freedom: float = Field(
-        description="How many of its numbers the readings determine; the penalty settles the others.",
-        json_schema_extra=_ONE,
+    effective_freedom: Dimensionless[float] = Field(
+        description="How many of its numbers the readings determine; the penalty settles the others."
     )
     parameters: int = Field(description="How many numbers it has.")
 
@@ -79,13 +82,12 @@ class ElementShare(Message):
 
     kind: Literal["joint", "coupling", "link"]
     joint: Name | None = Field(description="The joint, or the one that carries the link; null of coupling.")
-    share: float = Field(
+    share: Dimensionless[float] = Field(
         description="Over the set: projection of its predicted deflections on the measured ones, over those; "
-        "all elements and what is left unexplained sum to 1.",
-        json_schema_extra=_ONE,
+        "all elements and what is left unexplained sum to 1."
     )
-    by_observation: list[float] = Field(
-        description="The same of each observation, in the order of the set.", json_schema_extra=_ONE
+    by_observation: Dimensionless[list[float]] = Field(
+        description="The same of each observation, in the order of the set."
     )
 
 
@@ -96,18 +98,15 @@ class LinkCertificate(Message):
         description="Of all matrices in SI units, and the least joint compliance; never negative. In the "
         "unit of its matrix."
     )
-    dual: float = Field(
-        description="How far the slack matrices are from positive semidefinite, over the penalty.",
-        json_schema_extra=_ONE,
+    dual: Dimensionless[float] = Field(
+        description="How far the slack matrices are from positive semidefinite, over the penalty."
     )
-    gap: float = Field(
+    gap: Dimensionless[float] = Field(
         description="The fitted readings, all together and weighted, differ from those of the optimum by no "
-        "more than so many `scale`.",
-        json_schema_extra=_ONE,
+        "more than so many `scale`."
     )
-    scale: float = Field(
-        description="Sigma where it is given, otherwise the residual scale of joints alone.",
-        json_schema_extra={"unit": "m"},
+    scale: Metres[float] = Field(
+        description="Sigma where it is given, otherwise the residual scale of joints alone."
     )
 
 
@@ -115,20 +114,19 @@ class LinksResult(Message):
     """What bends beside the joints."""
 
     model: Elasticity
-    penalty: float = Field(description="Weight of the penalty.", json_schema_extra=_ONE)
+    penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
     penalty_source: Literal["given", "cross_validation"]
-    coupled_joints: Matrix | None = Field(
+    coupled_joints: Compliance[Matrix | None] = Field(
         description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
-        "joints that are not observable.",
-        json_schema_extra=_ROTATION,
+        "joints that are not observable."
     )
     links: list[LinkCompliance] = Field(description="Of the links that may bend.")
     elements: list[ElementShare] = Field(description="What each joint and link explains.")
-    unexplained: float = Field(
-        description="Share of the measured deflection that no element explains.", json_schema_extra=_ONE
+    unexplained: Dimensionless[float] = Field(
+        description="Share of the measured deflection that no element explains."
     )
-    effective_freedom: float = Field(
-        description="How many numbers of the whole model the readings determine.", json_schema_extra=_ONE
+    effective_freedom: Dimensionless[float] = Field(
+        description="How many numbers of the whole model the readings determine."
     )
     parameters: int = Field(description="How many numbers the whole model has.")
     certificate: LinkCertificate
@@ -138,16 +136,12 @@ class ScoredModel(Message):
     """How a model predicts configurations that it was not fitted to."""
 
     model: Elasticity
-    penalty: float | None = Field(
-        description="Weight, chosen for this model or given; null of joints alone.", json_schema_extra=_ONE
+    penalty: Dimensionless[float | None] = Field(
+        description="Weight, chosen for this model or given; null of joints alone."
     )
-    compensation: float = Field(
-        description="Of held-out configurations, mean over the folds.", json_schema_extra=_ONE
-    )
-    standard_error: float = Field(
-        description="Of that mean, from the spread of the folds.", json_schema_extra=_ONE
-    )
-    by_fold: list[float] = Field(description="Compensation of each fold.", json_schema_extra=_ONE)
+    compensation: Dimensionless[float] = Field(description="Of held-out configurations, mean over the folds.")
+    standard_error: Dimensionless[float] = Field(description="Of that mean, from the spread of the folds.")
+    by_fold: Dimensionless[list[float]] = Field(description="Compensation of each fold.")
 
 
 class ModelSelection(Message):

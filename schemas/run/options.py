@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.links import CrossValidation, Elasticity
 from jointstiff.schemas.run.resampling import Resampling
@@ -17,8 +16,6 @@ __all__ = ["Method", "RunOptions", "StiffnessPrior", "Weighting"]
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
 
-_STIFFNESS: JsonDict = {"unit": "N.m/rad"}
-_LENGTH: JsonDict = {"unit": "m"}
 
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
@@ -27,10 +24,9 @@ StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
 class StiffnessPrior(Message):
     """What is known of a joint before anything is measured."""
 
-    stiffness: PositiveStiffness = Field(json_schema_extra=_STIFFNESS)
-    standard_uncertainty: PositiveStiffness = Field(
-        description="Of the stiffness; at most half of it, as the prior is Gaussian in compliance.",
-        json_schema_extra=_STIFFNESS,
+    stiffness: Stiffness[PositiveStiffness]
+    standard_uncertainty: Stiffness[PositiveStiffness] = Field(
+        description="Of the stiffness; at most half of it, as the prior is Gaussian in compliance."
     )
 
     @field_validator("standard_uncertainty", mode="after")
@@ -57,20 +53,17 @@ class RunOptions(Message):
         "`characteristic_length`: translation divided by a length (complete pose only). "
         "`uniform`: all rows alike in SI units.",
     )
-    characteristic_length: Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None = Field(
-        default=None,
-        description="For that weighting; if absent, the length of least condition number.",
-        json_schema_extra=_LENGTH,
+    characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
+        default=None, description="For that weighting; if absent, the length of least condition number."
     )
     positive: Annotated[bool, Field(strict=True)] = Field(
         default=True, strict=True, description="Constrain every compliance to be zero or positive."
     )
-    stiffness_bounds: Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)] = Field(
+    stiffness_bounds: Stiffness[Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)]] = Field(
         default_factory=dict,
         description="Least and greatest stiffness of a joint by its name, null for none. "
         "A bounded joint is positive in any case.",
         examples=[{"joint_2": [1e6, None]}],
-        json_schema_extra=_STIFFNESS,
     )
     loss: Literal["squared", "huber"] = Field(
         default="squared",

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Message, Name
+from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
 __all__ = ["ResampledCompensation", "ResampledJoint", "Resampling", "ResamplingResult"]
 
@@ -34,19 +34,16 @@ class ResampledJoint(Message):
     """One joint over all draws."""
 
     name: Name
-    compliance_mean: float | None = Field(json_schema_extra={"unit": "rad/(N.m)"})
-    compliance_deviation: float | None = Field(
-        description="Standard deviation of one draw.", json_schema_extra={"unit": "rad/(N.m)"}
+    compliance_mean: Compliance[float | None]
+    compliance_deviation: Compliance[float | None] = Field(description="Standard deviation of one draw.")
+    compliance_interval: Compliance[tuple[float, float] | None] = Field(
+        description="Percentile interval at the run's confidence."
     )
-    compliance_interval: tuple[float, float] | None = Field(
-        description="Percentile interval at the run's confidence.", json_schema_extra={"unit": "rad/(N.m)"}
+    stiffness_mean: Stiffness[float | None] = Field(
+        description="Of the finite stiffnesses; to be read beside `share_infinite`."
     )
-    stiffness_mean: float | None = Field(
-        description="Of the finite stiffnesses; to be read beside `share_infinite`.",
-        json_schema_extra={"unit": "N.m/rad"},
-    )
-    stiffness_deviation: float | None = Field(
-        description="Standard deviation of one draw, of the same.", json_schema_extra={"unit": "N.m/rad"}
+    stiffness_deviation: Stiffness[float | None] = Field(
+        description="Standard deviation of one draw, of the same."
     )
     share_negative: float = Field(description="Share of the draws with a negative stiffness.")
     share_infinite: float = Field(description="Share of the draws with compliance zero.")

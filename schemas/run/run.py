@@ -5,9 +5,17 @@ from __future__ import annotations
 from typing import Literal
 
 from pydantic import Field
-from pydantic.config import JsonDict
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Point,
+    Radians,
+    Timestamp,
+)
 from jointstiff.schemas.job import JobState, Progress, Provenance
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
@@ -20,6 +28,7 @@ from jointstiff.schemas.run.resampling import ResamplingResult
 __all__ = [
     "Certificate",
     "ComplementaryStiffness",
+    "Contribution",
     "EncoderResidual",
     "Goodness",
     "Residual",
@@ -31,9 +40,6 @@ __all__ = [
     "SigmaTest",
     "SuspiciousReading",
 ]
-
-_LENGTH: JsonDict = {"unit": "m"}
-_ANGLE: JsonDict = {"unit": "rad"}
 
 
 class RunRequest(RunOptions):
@@ -120,10 +126,22 @@ class Residual(Message):
 
     observation: Name
     target: Name
-    deflection: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
-    predicted: tuple[float, float, float] = Field(json_schema_extra=_LENGTH)
-    residual: tuple[float, float, float] = Field(
-        description="Measured minus predicted, axes of R0.", json_schema_extra=_LENGTH
+    deflection: Metres[Point]
+    predicted: Metres[Point]
+    residual: Metres[Point] = Field(description="Measured minus predicted, axes of R0.")
+
+
+class Contribution(Message):
+    """Part of one joint in the predicted deflection, projected on that deflection."""
+
+    joint: Name
+    share: Dimensionless[float] = Field(
+        description="Share in the mean length of the predicted deflections; those of all joints add up to 1. "
+        "Zero for a joint without a number."
+    )
+    mean: Metres[float] = Field(description="Mean over all readings of the targets.")
+    by_observation: Metres[list[float]] = Field(
+        description="Mean over the targets of each observation, in the order of the set."
     )
 
 
@@ -132,9 +150,9 @@ class EncoderResidual(Message):
 
     observation: Name
     joint: Name
-    deflection: float = Field(description="Loaded minus unloaded.", json_schema_extra=_ANGLE)
-    predicted: float = Field(json_schema_extra=_ANGLE)
-    residual: float = Field(description="Measured minus predicted.", json_schema_extra=_ANGLE)
+    deflection: Radians[float] = Field(description="Loaded minus unloaded.")
+    predicted: Radians[float]
+    residual: Radians[float] = Field(description="Measured minus predicted.")
 
 
 class RunResult(Message):
@@ -145,20 +163,16 @@ class RunResult(Message):
         description="Share of the mean deflection that the model predicts: "
         "1 - mean‖residual‖ / mean‖deflection‖; null where nothing moved. Dimensionless."
     )
-    rms_residual: float = Field(
-        description="Root mean square of the residual vectors' lengths.", json_schema_extra=_LENGTH
-    )
-    sigma: float | None = Field(
+    rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
+    sigma: Metres[float | None] = Field(
         description="Standard uncertainty of one coordinate of one reading; null where it was not "
-        "given and there are no residual degrees of freedom.",
-        json_schema_extra=_LENGTH,
+        "given and there are no residual degrees of freedom."
     )
     goodness: Goodness
     identifiability: Identifiability
     certificate: Certificate = Field(description="The greatest violations of the stages.")
-    characteristic_length: float | None = Field(
-        description="The length that was used, if the weighting needs one.",
-        json_schema_extra=_LENGTH,
+    characteristic_length: Metres[float | None] = Field(
+        description="The length that was used, if the weighting needs one."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
         default=None, description="Null only in runs of earlier versions."
@@ -174,6 +188,10 @@ class RunResult(Message):
         default=None, description="Held-out compensation of each model, if more than joints may bend."
     )
     residuals: list[Residual]
+    contributions: list[Contribution] = Field(
+        default_factory=list,
+        description="Part of each joint in the predicted deflection; empty if more than joints may bend.",
+    )
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="If secondary encoders were read."
     )

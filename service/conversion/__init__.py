@@ -1,26 +1,28 @@
 """The one place that sees messages (schemas) and the numerical core (solver) at once."""
 
 from jointstiff.service.conversion.comparison_csv import comparison_csv
-from jointstiff.service.conversion.encoders import to_encoder_residuals
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
 from jointstiff.service.conversion.geometry import to_geometry_result
-from jointstiff.service.conversion.kinematics import to_kinematics
 from jointstiff.service.conversion.links import (
     to_elastic_columns,
     to_links_result,
     to_plan,
     to_selection,
-    with_links,
 )
 from jointstiff.service.conversion.measurements import to_measurements, to_warnings
 from jointstiff.service.conversion.pairs import to_pair_result
 from jointstiff.service.conversion.parsing import NOT_JSON, MalformedError, parse
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.service.conversion.requests import to_settings
-from jointstiff.service.conversion.results import to_resampling_result, to_result
-from jointstiff.service.conversion.robots import build_robot, describe_joints, describe_wrist, dh_kinematics
+from jointstiff.service.conversion.results import to_encoder_residuals, to_resampling_result, to_result
+from jointstiff.service.conversion.robots import (
+    build_robot,
+    describe_joints,
+    describe_wrist,
+    dh_kinematics,
+    to_kinematics,
+)
 from jointstiff.service.conversion.sweeps import (
-    common_base_targets,
     to_base_targets,
     to_conventions,
     to_poses,
@@ -34,7 +36,6 @@ __all__ = [
     "MalformedError",
     "ReadingArrays",
     "build_robot",
-    "common_base_targets",
     "comparison_csv",
     "content_hash",
     "describe_joints",
@@ -61,5 +62,4 @@ __all__ = [
     "to_settings",
     "to_sweeps",
     "to_warnings",
-    "with_links",
 ]

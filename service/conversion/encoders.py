@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from jointstiff.schemas.measurement import EncoderReading, Observation
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run import EncoderResidual
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings import EncoderReadings
 
-__all__ = ["EncoderArrays", "to_encoder_residuals"]
+__all__ = ["EncoderArrays"]
 
 
 _PREFIX = "encoder_"
@@ -105,30 +103,6 @@ class EncoderArrays:
             return None
         names = ("joints", "present", "unloaded", "loaded")
         return cls(*(archive[f"{_PREFIX}{name}"] for name in names))
-
-
-def to_encoder_residuals(
-    encoders: EncoderReadings, predicted: FloatArray, labels: Sequence[str], joint_names: tuple[str, ...]
-) -> list[EncoderResidual]:
-    """Measured and predicted deflection of each encoder that was read.
-
-    Args:
-        encoders: N observations of n joints.
-        predicted: (N, n) deflections of the joints [rad].
-        labels: of the observations.
-        joint_names: of the robot.
-    """
-    residual = encoders.deflection - predicted
-    return [
-        EncoderResidual(
-            observation=labels[i],
-            joint=joint_names[j],
-            deflection=float(encoders.deflection[i, j]),
-            predicted=float(predicted[i, j]),
-            residual=float(residual[i, j]),
-        )
-        for i, j in np.argwhere(encoders.present).tolist()
-    ]
 
 
 def _refuse_crowd(count: int) -> None:

@@ -8,52 +8,38 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.measurement import Frame, MeasurementSetHeader, Noise, ResolvedFrame
+from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry import RigidTransform
 
 __all__ = ["in_base", "stated_transform", "to_resolved"]
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
-ROTATION_TOLERANCE = 1e-5
-"""Of a stated rotation's rows from unit vectors at right angles: 10 µm in a metre."""
-
 
 def stated_transform(frame: Frame, length: float) -> RigidTransform:
-    """An explicit transform from tracker to R0, its rotation made exact.
+    """Return an explicit transform from tracker to R0, its rotation made exact.
 
     Args:
         frame: with rotation and translation.
         length: metres in the set's unit of length.
 
     Raises:
-        MeasurementError: the rotation is none.
+        MeasurementError: the matrix is not a rotation.
     """
-    R = np.array(frame.rotation, dtype=np.float64)
-    gap = float(np.abs(R @ R.T - np.eye(3)).max())
-    if not gap <= ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        what = "a mirror image" if gap <= ROTATION_TOLERANCE else f"off by {gap:.2g}"
-        raise MeasurementError(
-            f"the rows are not unit vectors at right angles: {what}",
-            where="frame.rotation",
-            remedy="give a rotation matrix row by row, from tracker to R0, to seven digits",
-        )
-    U, _, Vt = np.linalg.svd(R)
-    return RigidTransform(U @ Vt, length * np.array(frame.translation, dtype=np.float64))
+    return RigidTransform.stated(
+        np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
+    )
 
 
-def to_resolved(
-    transform: RigidTransform, flange_targets: dict[str, tuple[float, float, float]] | None = None
-) -> ResolvedFrame:
-    """What a frame means, to be stored with its set."""
-    x, y, z = ((a, b, c) for a, b, c in transform.rotation.tolist())
-    a, b, c = transform.translation.tolist()
-    return ResolvedFrame(rotation=(x, y, z), translation=(a, b, c), flange_targets=flange_targets or {})
+def to_resolved(transform: RigidTransform, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
+    """Return what a frame means, to be stored with its set."""
+    return message(ResolvedFrame, transform, flange_targets=flange_targets or {})
 
 
 def in_base(

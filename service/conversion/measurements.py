@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.measurement import measurement_set as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
+from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.noise import to_noise
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["KGF", "to_measurements", "to_warnings"]
-
-
-KGF: Final = 9.80665
-"""Standard gravity: newtons in a kilogram-force, exactly."""
-
-_FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF}
-_MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
+__all__ = ["to_measurements", "to_warnings"]
 
 
 def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
@@ -46,7 +39,7 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     )
     plain = Measurements(
         joints=ANGLE[header.units.angle] * readings.joints,
-        force=_FORCE[header.units.force] * readings.force,
+        force=FORCE[header.units.force] * readings.force,
         moment=_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _load_points(header, readings),
         position=length * _positions(header, readings),
@@ -89,14 +82,14 @@ def _encoder_readings(
 def _moment_factor(units: sets.Units, readings: ReadingArrays) -> float:
     """N·m in the unit of moments, which must be stated where the others do not imply it."""
     if units.moment is not None:
-        return _MOMENT[units.moment]
+        return MOMENT[units.moment]
     if units.length == "m" or not readings.moment.any():
-        return _FORCE[units.force]
+        return FORCE[units.force]
     first = int(np.flatnonzero(readings.moment.any(axis=1))[0])
     raise MeasurementError(
         f"observations[{first}] has a moment, whose unit is not clear when lengths are in mm",
         where="units.moment",
-        remedy=f"state units.moment, one of {', '.join(_MOMENT)}",
+        remedy=f"state units.moment, one of {', '.join(MOMENT)}",
     )
 
 
@@ -130,16 +123,10 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
 
 
 def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.QualityWarning]:
-    """What was noticed, with the observations' labels."""
-    return [
-        sets.QualityWarning(
-            code=finding.code,
-            severity=finding.severity,
-            where=None
-            if finding.observation is None
-            else f"observations[{finding.observation}] '{readings.labels[finding.observation]}'",
-            message=finding.message,
-            remedy=finding.remedy,
-        )
-        for finding in findings
-    ]
+    """Return what was noticed, with the observations' labels."""
+    return [message(sets.QualityWarning, finding, where=_where(finding, readings)) for finding in findings]
+
+
+def _where(finding: Finding, readings: ReadingArrays) -> str | None:
+    i = finding.observation
+    return None if i is None else f"observations[{i}] '{readings.labels[i]}'"

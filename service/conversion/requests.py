@@ -13,11 +13,11 @@ from jointstiff.solver.fitting import DEFAULT_THRESHOLD, Prior
 from jointstiff.solver.identification import Settings
 from jointstiff.solver.robot import Robot
 
-__all__ = ["to_settings"]
+__all__ = ["joint_index", "to_settings"]
 
 
 def to_settings(options: RunOptions, robot: Robot) -> Settings:
-    """How to identify, with what is said of stiffnesses turned into what it says of compliances.
+    """Return how to identify, statements on stiffnesses turned into statements on compliances.
 
     Raises:
         RequestError: something about a joint that the robot does not have, or an order of the joints that
@@ -41,41 +41,54 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
 
 
 def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
-    """Joints with a bound, and those in an order, are positive in any case."""
+    """Return the bounds; joints with a bound, and those in an order, are positive in any case."""
     bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
     lower, upper = bounds.lower.copy(), bounds.upper.copy()
     for pair in order:
         lower[list(pair)] = 0.0
     for name, (least, greatest) in options.stiffness_bounds.items():
-        j = _joint(robot, name, "stiffness_bounds")
+        j = joint_index(robot, name, f"stiffness_bounds.{name}")
         lower[j] = 0.0 if greatest is None else 1.0 / greatest
         upper[j] = np.inf if least is None else 1.0 / least
     return Bounds(lower, upper)
 
 
 def _order(options: RunOptions, robot: Robot) -> Order:
-    """Pairs of neighbours in the chains: the first is at least as stiff, its compliance at most as large."""
-    chains = [[_joint(robot, name, "stiffness_order") for name in chain] for chain in options.stiffness_order]
-    return tuple(dict.fromkeys(pair for chain in chains for pair in pairwise(chain)))
+    """Return pairs of neighbours in the chains: the first is at least as stiff as the second."""
+    pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
+    return tuple(
+        dict.fromkeys(
+            (
+                joint_index(robot, first, f"stiffness_order.{first}"),
+                joint_index(robot, second, f"stiffness_order.{second}"),
+            )
+            for first, second in pairs
+        )
+    )
 
 
 def _prior(options: RunOptions, robot: Robot) -> Prior | None:
-    """In compliance, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²."""
+    """Return the prior in compliance, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²."""
     if not options.priors:
         return None
     mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
     for name, known in options.priors.items():
-        j = _joint(robot, name, "priors")
+        j = joint_index(robot, name, f"priors.{name}")
         mean[j] = 1.0 / known.stiffness
         uncertainty[j] = known.standard_uncertainty / known.stiffness**2
     return Prior(mean, uncertainty)
 
 
-def _joint(robot: Robot, name: str, field: str) -> int:
+def joint_index(robot: Robot, name: str, where: str) -> int:
+    """Return the place of a joint that a field of the request names.
+
+    Raises:
+        RequestError: the robot has no such joint.
+    """
     if name not in robot.joint_names:
         raise RequestError(
             f"the robot has no joint '{name}'",
-            where=f"{field}.{name}",
+            where=where,
             remedy=f"use one of {', '.join(robot.joint_names)}",
         )
     return robot.joint_names.index(name)

@@ -1,24 +1,34 @@
-"""Results: from estimate and prediction to messages."""
+"""Results of a run: from estimate and prediction to messages."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
+from jointstiff.schemas.run import identifiability as identifiabilities
 from jointstiff.schemas.run import run as runs
-from jointstiff.service.conversion.identifiability import to_identifiability
-from jointstiff.service.conversion.joints import to_joint
+from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.robust_loss import to_robust_loss
-from jointstiff.solver.inference import Advice, Estimate, Prediction
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference import Advice, Contributions, Estimate, Prediction
+from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 
-__all__ = ["to_resampling_result", "to_result"]
+__all__ = [
+    "MAX_SUSPICIOUS",
+    "to_encoder_residuals",
+    "to_identifiability",
+    "to_resampling_result",
+    "to_result",
+    "to_robust_loss",
+]
+
+MAX_SUSPICIOUS: Final = 100
+"""Readings that are listed; all are counted."""
 
 
 def to_result(
@@ -29,115 +39,124 @@ def to_result(
     warnings: list[QualityWarning],
     advice: Sequence[Advice] = (),
 ) -> runs.RunResult:
-    """The numbers of a run, with residuals by observation and target, and advice on what to measure next."""
-    return runs.RunResult(
-        joints=[to_joint(joint) for joint in estimate.joints],
+    """Return the numbers of a run, with residuals by observation and target, and advice."""
+    names = [joint.name for joint in estimate.joints]
+    return message(
+        runs.RunResult,
+        estimate,
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
-        sigma=estimate.sigma,
-        goodness=runs.Goodness(
-            chi_square=estimate.chi_square,
-            degrees_of_freedom=estimate.degrees_of_freedom,
-            sigma_source="given" if estimate.sigma_given else "residuals",
-            test=_sigma_test(estimate),
-        ),
+        goodness=message(runs.Goodness, estimate, test=estimate.sigma_test),
         identifiability=to_identifiability(estimate, advice, readings.labels.tolist()),
-        certificate=_certificate(estimate),
-        characteristic_length=estimate.characteristic_length,
-        complementary_stiffness=_complementary_stiffness(estimate),
         robust=to_robust_loss(estimate, readings),
+        contributions=to_contributions(prediction.contributions, names),
+        resampling=None,
+        links=None,
+        selection=None,
         residuals=_residuals(prediction, measurements, readings),
+        encoder_residuals=[],
         warnings=warnings,
+    )
+
+
+def to_contributions(contributions: Contributions | None, names: Sequence[str]) -> list[runs.Contribution]:
+    """Return each joint's part of the predicted deflection; none where links bend, too."""
+    if contributions is None:
+        return []
+    return rows(
+        runs.Contribution,
+        joint=names,
+        share=contributions.share,
+        mean=contributions.mean,
+        by_observation=contributions.by_observation,
+    )
+
+
+def to_identifiability(
+    estimate: Estimate, advice: Sequence[Advice], labels: Sequence[str]
+) -> identifiabilities.Identifiability:
+    """Return rank, condition, combinations and indices, with advice in words."""
+    names = [joint.name for joint in estimate.joints]
+    return message(
+        identifiabilities.Identifiability,
+        estimate,
+        stages=estimate.identifiability,
+        advice=[
+            message(
+                identifiabilities.Advice,
+                piece,
+                joint=names[piece.joint],
+                observation=None if piece.observation is None else labels[piece.observation],
+                message=piece.in_words(names, labels),
+            )
+            for piece in advice
+        ],
+    )
+
+
+def to_robust_loss(estimate: Estimate, readings: ReadingArrays) -> runs.RobustLoss | None:
+    """Return the readings that the Huber loss suspects, worst first; None for the squared loss."""
+    robust = estimate.robust
+    if robust is None:
+        return None
+    i, t = robust.suspicious[:MAX_SUSPICIOUS].T
+    suspicious = rows(
+        runs.SuspiciousReading,
+        observation=readings.labels[i],
+        target=readings.targets[t],
+        weight=robust.weight[i, t],
+        residual_norm=robust.residual_norm[i, t],
+    )
+    return message(runs.RobustLoss, robust, suspicious=suspicious, suspicious_count=len(robust.suspicious))
+
+
+def to_encoder_residuals(
+    encoders: EncoderReadings, predicted: FloatArray, labels: Sequence[str], joint_names: Sequence[str]
+) -> list[runs.EncoderResidual]:
+    """Return measured and predicted deflection (N, n) [rad] of each encoder that was read."""
+    i, j = np.nonzero(encoders.present)
+    return rows(
+        runs.EncoderResidual,
+        observation=np.array(labels)[i],
+        joint=np.array(joint_names)[j],
+        deflection=encoders.deflection[i, j],
+        predicted=predicted[i, j],
+        residual=(encoders.deflection - predicted)[i, j],
     )
 
 
 def to_resampling_result(
     summary: ResamplingSummary, joints: list[JointResult], repetitions: int
 ) -> ResamplingResult:
-    """Statistics of the draws; joints that the whole set does not show get no numbers from parts of it."""
+    """Return statistics of the draws; joints that the whole set does not show get no numbers."""
+    shown = summary.without(np.array([joint.status == "not_observable" for joint in joints]))
     return ResamplingResult(
         repetitions=repetitions,
-        joints=[_resampled(summary, j, joint) for j, joint in enumerate(joints)],
-        share_any_negative=summary.share_any_negative,
-        compensation=ResampledCompensation(
-            mean=_finite(summary.compensation_mean),
-            deviation=_finite(summary.compensation_deviation),
-            interval=_finite_pair(summary.compensation_interval),
+        joints=rows(
+            ResampledJoint,
+            name=[joint.name for joint in joints],
+            **{name: getattr(shown, name) for name in ResampledJoint.model_fields if name != "name"},
         ),
-    )
-
-
-def _resampled(summary: ResamplingSummary, j: int, joint: JointResult) -> ResampledJoint:
-    hidden = joint.status == "not_observable"
-    low, high = summary.compliance_interval[j].tolist()
-    return ResampledJoint(
-        name=joint.name,
-        compliance_mean=None if hidden else _finite(float(summary.compliance_mean[j])),
-        compliance_deviation=None if hidden else _finite(float(summary.compliance_deviation[j])),
-        compliance_interval=None if hidden else _finite_pair((low, high)),
-        stiffness_mean=None if hidden else _finite(float(summary.stiffness_mean[j])),
-        stiffness_deviation=None if hidden else _finite(float(summary.stiffness_deviation[j])),
-        share_negative=0.0 if hidden else float(summary.share_negative[j]),
-        share_infinite=0.0 if hidden else float(summary.share_infinite[j]),
-        share_undetermined=1.0 if hidden else float(summary.share_undetermined[j]),
-    )
-
-
-def _finite_pair(pair: tuple[float, float]) -> tuple[float, float] | None:
-    return pair if all(map(isfinite, pair)) else None
-
-
-def _sigma_test(estimate: Estimate) -> runs.SigmaTest | None:
-    test = estimate.sigma_test
-    return None if test is None else runs.SigmaTest(p_value=test.p_value, verdict=test.verdict)
-
-
-def _complementary_stiffness(estimate: Estimate) -> runs.ComplementaryStiffness | None:
-    size = estimate.complementary_stiffness
-    if size is None:
-        return None
-    return runs.ComplementaryStiffness(
-        included=size.included,
-        iterations=size.iterations,
-        largest_ratio=size.largest_ratio,
-        largest_shift=size.largest_shift,
-    )
-
-
-def _finite(number: float) -> float | None:
-    return number if isfinite(number) else None
-
-
-def _certificate(estimate: Estimate) -> runs.Certificate:
-    stages = estimate.certificates
-    return runs.Certificate(
-        primal=max(stage.primal for stage in stages),
-        dual=max(stage.dual for stage in stages),
-        complementarity=max(stage.complementarity for stage in stages),
-        solved_by=[stage.solved_by for stage in stages],
+        share_any_negative=summary.share_any_negative,
+        compensation=message(
+            ResampledCompensation,
+            summary,
+            mean=summary.compensation_mean,
+            deviation=summary.compensation_deviation,
+            interval=np.array(summary.compensation_interval),
+        ),
     )
 
 
 def _residuals(
     prediction: Prediction, measurements: Measurements, readings: ReadingArrays
 ) -> list[runs.Residual]:
-    labels, targets = readings.labels.tolist(), readings.targets.tolist()
-    rows, columns = np.nonzero(measurements.present)
-    place = rows, columns
-    return [
-        runs.Residual(
-            observation=labels[i],
-            target=targets[t],
-            deflection=tuple(deflection),
-            predicted=tuple(predicted),
-            residual=tuple(residual),
-        )
-        for i, t, deflection, predicted, residual in zip(
-            rows.tolist(),
-            columns.tolist(),
-            measurements.deflection[place].tolist(),
-            prediction.predicted[place].tolist(),
-            prediction.residual[place].tolist(),
-            strict=True,
-        )
-    ]
+    i, t = np.nonzero(measurements.present)
+    return rows(
+        runs.Residual,
+        observation=readings.labels[i],
+        target=readings.targets[t],
+        deflection=measurements.deflection[i, t],
+        predicted=prediction.predicted[i, t],
+        residual=prediction.residual[i, t],
+    )

@@ -5,23 +5,34 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.schemas import robot as robots
-from jointstiff.solver.robot import DhRow, JointMap, KinematicChain, Robot, dh_chain, find_wrist
+from jointstiff.schemas.kinematics import Kinematics, Posture
+from jointstiff.service.conversion.message import message, rows
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import (
+    Configurations,
+    DhRow,
+    JointMap,
+    KinematicChain,
+    Robot,
+    dh_chain,
+    find_wrist,
+    joint_frames,
+)
 
-__all__ = ["build_robot", "describe_joints", "describe_wrist", "dh_kinematics"]
+__all__ = ["build_robot", "describe_joints", "describe_wrist", "dh_kinematics", "to_kinematics"]
 
 
 def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
-    """The chain of a DH table.
+    """Return the chain of a DH table.
 
     Raises:
         RobotError: a row that makes no robot.
     """
-    rows = [DhRow(row.a, row.alpha, row.d, row.theta, row.lower, row.upper) for row in model.rows]
-    return dh_chain(rows, model.convention, name)
+    return dh_chain([DhRow(**row.model_dump()) for row in model.rows], model.convention, name)
 
 
 def build_robot(chain: KinematicChain, joint_map: robots.JointMap | None) -> Robot:
-    """A robot of a checked chain.
+    """Return a robot of a checked chain.
 
     Raises:
         RobotError: the joint map does not fit.
@@ -32,20 +43,40 @@ def build_robot(chain: KinematicChain, joint_map: robots.JointMap | None) -> Rob
 
 
 def describe_joints(robot: Robot) -> list[robots.Joint]:
-    """The moving joints with their limits."""
-    return [
-        robots.Joint(
-            name=name,
-            lower=float(lower) if np.isfinite(lower) else None,
-            upper=float(upper) if np.isfinite(upper) else None,
-        )
-        for name, (lower, upper) in zip(robot.joint_names, robot.limits, strict=True)
-    ]
+    """Return the moving joints with their limits."""
+    lower, upper = robot.limits.T
+    return rows(robots.Joint, name=robot.joint_names, lower=lower, upper=upper)
 
 
 def describe_wrist(robot: Robot) -> robots.Wrist:
-    """Whether the decoupled method applies."""
+    """Return whether the decoupled method applies."""
     wrist = find_wrist(robot)
     if wrist is None:
         return robots.Wrist(spherical=False, miss_distance=None)
-    return robots.Wrist(spherical=wrist.spherical, miss_distance=wrist.miss_distance)
+    return message(robots.Wrist, wrist)
+
+
+def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
+    """Return the robot in some configurations, or in that of all zeros.
+
+    Raises:
+        RequestError: a configuration that does not have as many angles as the robot has joints.
+    """
+    for number, angles in enumerate(joints):
+        if len(angles) != robot.n:
+            raise RequestError(
+                f"{len(angles)} joint angles for a robot with {robot.n} joints",
+                where=f"joints[{number}]",
+                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            )
+    controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
+    q = robot.joint_map.model_angles(controller)
+    configurations, (_, origins) = Configurations(robot, q), joint_frames(robot, q)
+    postures = rows(
+        Posture,
+        joint_origins=origins,
+        joint_axes=configurations.angular_jacobian.transpose(0, 2, 1),
+        flange_origin=configurations.flange_translation,
+        flange_axes=configurations.flange_rotation.transpose(0, 2, 1),
+    )
+    return Kinematics(joints=list(robot.joint_names), postures=postures)

@@ -7,15 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition, TrackerSheet
-from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
+from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry import BaseTargets, Conventions, Poses, Sweep, SweepSet
-from jointstiff.solver.readings import Instrument
+from jointstiff.solver.readings import at_read_places
 from jointstiff.solver.robot import JointMap, Robot
 
-__all__ = ["common_base_targets", "to_base_targets", "to_conventions", "to_poses", "to_sweeps"]
+__all__ = ["to_base_targets", "to_conventions", "to_poses", "to_sweeps"]
 
 
 class _Readings:
@@ -44,8 +44,9 @@ class _Readings:
         if request.noise is not None and request.noise.sigma is not None:
             self.sigma = self._length * request.noise.sigma
         elif request.noise is not None and request.noise.instrument is not None:
-            self._instrument = _instrument(request.noise.instrument, self._length)
-            self.sigma = _typical_sigma(self._instrument, self.arrange(positions, "")[1:])
+            self._instrument = to_instrument(request.noise.instrument, self._length)
+            _, points, present = self.arrange(positions, "")
+            self.sigma = self._instrument.typical_sigma(points[present])
 
     def arrange(
         self, positions: Sequence[TrackedPosition], where: str
@@ -68,7 +69,7 @@ class _Readings:
         """Of readings (..., 3) in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
         if self._instrument is None or self.sigma is None:
             return np.eye(3)
-        return self._instrument.covariance(_placed(points, present)) / self.sigma**2
+        return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
 
 
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
@@ -172,14 +173,8 @@ def to_base_targets(
     second = length * np.array([later[name] for name in common])
     covariance = np.eye(3)
     if sigma is not None and request.noise is not None and request.noise.instrument is not None:
-        covariance = _instrument(request.noise.instrument, length).covariance(first) / sigma**2
-    return BaseTargets(first, second, covariance)
-
-
-def common_base_targets(request: GeometryRequest, after: dict[str, tuple[float, float, float]]) -> list[str]:
-    """Names of the base targets that were read both times, in the order of `to_base_targets`."""
-    stated = request.base_targets
-    return [] if stated is None else [name for name in stated.before if name in after]
+        covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
+    return BaseTargets(first, second, covariance, tuple(common))
 
 
 def _joint(name: str, index: int, n: int, robot: Robot | None) -> int:
@@ -199,26 +194,3 @@ def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMa
     if request.joint_map is None:
         return JointMap.identity(n)
     return JointMap.from_rows(request.joint_map.matrix, request.joint_map.offset)
-
-
-def _instrument(sheet: TrackerSheet, length: float) -> Instrument:
-    x, y, z = sheet.station
-    return Instrument(
-        station=(length * x, length * y, length * z),
-        range_constant=length * sheet.range.constant,
-        range_per_distance=sheet.range.per_distance,
-        transverse_constant=length * sheet.transverse.constant,
-        transverse_per_distance=sheet.transverse.per_distance,
-    )
-
-
-def _typical_sigma(instrument: Instrument, readings: tuple[FloatArray, BoolArray]) -> float:
-    """Root mean square of the standard uncertainties of all coordinates [m]."""
-    points, present = readings
-    covariance = instrument.covariance(points[present])
-    return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
-
-
-def _placed(points: FloatArray, present: BoolArray) -> FloatArray:
-    """Targets that were not read have no place; where one stands in for them does not matter."""
-    return np.where(present[..., None], points, points[present][0])

@@ -6,7 +6,28 @@ from typing import Final
 
 import numpy as np
 
-__all__ = ["ANGLE", "LENGTH"]
+from jointstiff.schemas.geometry import TrackerSheet
+from jointstiff.schemas.measurement import Instrument as StatedInstrument
+from jointstiff.solver.readings import Instrument
+
+__all__ = ["ANGLE", "FORCE", "KGF", "LENGTH", "MOMENT", "to_instrument"]
+
+KGF: Final = 9.80665
+"""Standard gravity: newtons in a kilogram-force, exactly."""
 
 LENGTH: Final[dict[str, float]] = {"m": 1.0, "mm": 1e-3}
 ANGLE: Final[dict[str, float]] = {"rad": 1.0, "deg": np.pi / 180.0}
+FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF}
+MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
+
+
+def to_instrument(sheet: StatedInstrument | TrackerSheet, length: float) -> Instrument:
+    """Return a tracker's sheet in SI units, `length` being metres in its unit of length."""
+    x, y, z = sheet.station
+    return Instrument(
+        station=(length * x, length * y, length * z),
+        range_constant=length * sheet.range.constant,
+        range_per_distance=sheet.range.per_distance,
+        transverse_constant=length * sheet.transverse.constant,
+        transverse_per_distance=sheet.transverse.per_distance,
+    )

@@ -19,7 +19,6 @@ from jointstiff.service.conversion import (
     to_selection,
     to_settings,
     to_warnings,
-    with_links,
 )
 from jointstiff.service.jobs.work import Span
 from jointstiff.service.resources import PreparedSet
@@ -36,6 +35,7 @@ from jointstiff.solver.links import (
     fit_fold,
     refuse_unsupported_elastic,
     select_model,
+    with_links,
 )
 
 __all__ = ["ElasticWork", "decode_fits", "encode_fits"]
@@ -142,7 +142,7 @@ class ElasticWork:
         prepared, options = self._prepared, self._options
         name = options.elasticity
         scored = selection.of(name)
-        weight = scored.weight if scored.weight is not None else self._plan.weights[0]
+        weight = scored.penalty if scored.penalty is not None else self._plan.weights[0]
         elastic = estimate_elastic(
             prepared.robot, prepared.measurements, self._folds, ElasticModel(name, self._columns), weight
         )

@@ -10,7 +10,6 @@ from pydantic import BaseModel
 
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
 from jointstiff.service.conversion import (
-    common_base_targets,
     to_base_targets,
     to_conventions,
     to_geometry_result,
@@ -70,11 +69,9 @@ class GeometryWork(Work[None]):
             RequestError: the readings do not determine the robot.
         """
         request, readings = self._request, self._readings
-        stated = request.base_targets
         with _as_request_errors():
             survey = self._survey()
-            names = common_base_targets(request, stated.after) if stated and stated.after else []
-            return to_geometry_result(survey, request.name, readings.joint_map, names)
+            return to_geometry_result(survey, request.name, readings.joint_map)
 
     def input_hash(self, request: BaseModel) -> str:
         """SHA-256 of the nominal model, the readings and what is asked for; names and ids do not count."""

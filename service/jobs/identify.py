@@ -45,6 +45,7 @@ def run_identification(
         prepared.measurements,
         estimate.compliance,
         complementary_stiffness=settings.complementary_stiffness,
+        estimated=estimate.estimated,
     )
     warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
     advice = advise(prepared.robot, prepared.measurements, estimate)

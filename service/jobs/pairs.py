@@ -96,7 +96,7 @@ class PairWork(Work[None]):
             *self._second.warnings(pair.second),
             *_of_the_pair(first, second, pair.avoided.matches.unlike),
         ]
-        return to_pair_result(pair, first, second).model_copy(update={"warnings": warnings})
+        return to_pair_result(pair, warnings)
 
 
 def _of_the_pair(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> list[QualityWarning]:

@@ -19,7 +19,6 @@ from jointstiff.schemas.measurement import (
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.conversion import (
     LENGTH,
-    common_base_targets,
     stated_transform,
     to_base_targets,
     to_resolved,
@@ -28,7 +27,7 @@ from jointstiff.service.resources.stored_geometry import succeeded_geometry
 from jointstiff.service.store import RobotRecord, Store
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import BaseDrift, RigidTransform, find_drift
+from jointstiff.solver.geometry import BaseDrift, RigidTransform
 
 __all__ = ["resolve_frame"]
 
@@ -81,21 +80,14 @@ def _drift(
             where="frame.base_targets",
             remedy="leave them out, or give base_targets.before with the geometry",
         )
-    drift = find_drift(
-        read.before,
-        read.after,
-        sigma=result.goodness.sigma,
-        at=_middle(request, read.after.mean(axis=0)),
-        covariance=read.covariance,
-    )
-    names = common_base_targets(geometry, later)
+    drift = read.drift(result.goodness.sigma, _middle(request, read.after.mean(axis=0)))
     warnings = [
         QualityWarning(
             code=cast("WarningCode", finding.code),
             where=None,
             message=finding.message
             if finding.code == "base_drifted"
-            else f"base target '{names[drift.moved_targets[0]]}': {finding.message}",
+            else f"base target '{drift.moved_targets[0]}': {finding.message}",
             remedy="it is removed from this set; let the tracker warm up, and fix it better"
             if finding.code == "base_drifted"
             else finding.remedy,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
+
+from jointstiff.solver.finding import Severity
 
 __all__ = ["GeometryFinding", "GeometryFindingCode"]
 
@@ -22,6 +24,14 @@ GeometryFindingCode = Literal[
     "wrist_centres_disagree",
     "parameters_not_identified",
 ]
+
+_SEVERITIES: Final[dict[GeometryFindingCode, Severity]] = {
+    "tracker_bumped": "error",
+    "angle_scale_suspect": "error",
+    "residuals_below_sigma": "note",
+    "axes_nearly_parallel": "note",
+}
+"""Severities of findings that are not warnings."""
 
 
 @dataclass(frozen=True)
@@ -43,3 +53,8 @@ class GeometryFinding:
     unit: str
     message: str
     remedy: str
+
+    @property
+    def severity(self) -> Severity:
+        """Severity: "error" where it is almost certainly a mistake, "note" where it is good to know."""
+        return _SEVERITIES.get(self.code, "warning")

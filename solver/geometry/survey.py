@@ -6,7 +6,7 @@ Every number comes with its uncertainty and every suspicion with its figure; not
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,20 +16,14 @@ from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames import (
     BaseConvention,
-    BaseDrift,
-    BaseFrame,
     CentreEstimate,
     WristCentre,
     find_base_frame,
-    find_drift,
     find_wrist_centre,
     nearest_to_axes,
 )
 from jointstiff.solver.geometry.model import (
-    DhTable,
     FlangeConvention,
-    IdentifiedModel,
-    LinkParameter,
     Poses,
     calibrate,
     dh_table,
@@ -37,6 +31,7 @@ from jointstiff.solver.geometry.model import (
     link_table,
     refine_axes,
 )
+from jointstiff.solver.geometry.surveyed import BaseTargets, Conventions, Evidence, Survey
 from jointstiff.solver.geometry.sweeps import (
     AngleUse,
     Axis,
@@ -50,105 +45,13 @@ from jointstiff.solver.geometry.sweeps import (
 )
 from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
 
-__all__ = ["BaseTargets", "Conventions", "Evidence", "Survey", "survey_poses", "survey_sweeps"]
+__all__ = ["survey_poses", "survey_sweeps"]
 
 
 _DEGENERATE = "the readings leave it too uncertain to be found"
 
 LEAST_SIGMA = 1e-12
 """Of a coordinate [m]: a picometre. Less, and covariances are zeros."""
-
-
-@dataclass(frozen=True)
-class Conventions:
-    """Where R0 and the flange frame stand, which no axis shows.
-
-    Attributes:
-        base: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`.
-        height: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
-        flange: `nominal`, `axes` or `targets`, as in `FlangeConvention`.
-        flange_targets: for `targets`, indices of the three.
-    """
-
-    base: Literal["nominal", "axes"]
-    flange: Literal["nominal", "axes", "targets"]
-    height: float = 0.0
-    flange_targets: tuple[int, int, int] = (0, 1, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class BaseTargets:
-    """Targets on the robot's base, read twice.
-
-    Attributes:
-        before: (B, 3) tracker's frame [m].
-        after: (B, 3) later.
-        covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma².
-    """
-
-    before: FloatArray
-    after: FloatArray
-    covariance: FloatArray = field(default_factory=lambda: np.eye(3))
-
-    def drift(self, identified: IdentifiedAxes) -> BaseDrift:
-        """What moved meanwhile, in the middle of the targets on the flange.
-
-        Raises:
-            MeasurementError: the base targets lie on a line.
-        """
-        middle = identified.targets.mean(axis=0)
-        return find_drift(
-            self.before, self.after, sigma=identified.sigma, at=middle, covariance=self.covariance
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What sweeps say of themselves.
-
-    Attributes:
-        one_by_one: the axes of each sweep by itself, with the fits.
-        controller_probability: that noise alone makes the controller's angles fit as badly as they do.
-        agreement_probability: that noise alone makes one robot fit all sweeps as badly as it does; None if
-            they were fitted one by one.
-    """
-
-    one_by_one: SweptAxes
-    controller_probability: float
-    agreement_probability: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """A robot as it was found.
-
-    Attributes:
-        identified: axes and targets.
-        sigma_stated: whether its sigma was stated; it comes from the residuals if not.
-        conventions: by which the frames are placed.
-        evidence: of sweeps; None for poses.
-        base: where R0 is.
-        model: the robot.
-        targets_determined: (T,) whether the readings determine the place of each target on the flange.
-        links: beside those of the nominal model; empty without one.
-        wrist: its centre, or why there is none.
-        tables: the model as a standard and as a modified DH table.
-        drift: of the base; None if its targets were not read twice.
-        findings: what a user should know.
-    """
-
-    identified: IdentifiedAxes
-    sigma_stated: bool
-    conventions: Conventions
-    evidence: Evidence | None
-    base: BaseFrame
-    model: IdentifiedModel
-    targets_determined: BoolArray
-    links: tuple[LinkParameter, ...]
-    wrist: WristCentre | str
-    tables: tuple[DhTable, ...]
-    drift: BaseDrift | None
-    findings: tuple[GeometryFinding, ...]
 
 
 def survey_sweeps(
@@ -230,7 +133,8 @@ def _survey(
     base = find_base_frame(identified, _base(conventions, identified, nominal))
     flange = _flange(conventions, nominal)
     model = identify_model(identified, base, flange, nominal=nominal, name=frame.name)
-    drift = None if base_targets is None else base_targets.drift(identified)
+    middle = identified.targets.mean(axis=0)
+    drift = None if base_targets is None else base_targets.drift(identified.sigma, middle)
     found = [*findings]
     found += wrist.findings() if isinstance(wrist, WristCentre) else ()
     found += drift.findings() if drift else ()

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from jointstiff.solver.inference.advice import Advice, advise
+from jointstiff.solver.inference.advice import advise
+from jointstiff.solver.inference.advised_reading import Advice
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
-from jointstiff.solver.inference.estimate import Estimate, JointCompliance, assemble
+from jointstiff.solver.inference.estimate import Estimate, assemble
+from jointstiff.solver.inference.joint import JointCompliance, stiffness_interval, stiffness_of
 from jointstiff.solver.inference.plausibility import judge
-from jointstiff.solver.inference.prediction import Prediction, predict
+from jointstiff.solver.inference.prediction import Contributions, Prediction, predict
 from jointstiff.solver.inference.profile import profile_ends
+from jointstiff.solver.inference.stages import StagesCertificate
 
 __all__ = [
     "Advice",
+    "Contributions",
     "Estimate",
     "JointCompliance",
     "Prediction",
+    "StagesCertificate",
     "advise",
     "assemble",
     "inspect_encoders",
@@ -21,4 +26,6 @@ __all__ = [
     "predict",
     "predict_encoders",
     "profile_ends",
+    "stiffness_interval",
+    "stiffness_of",
 ]

@@ -8,12 +8,12 @@ covariance. Candidates are compared by it, and nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.inference.advised_reading import Advice
 from jointstiff.solver.inference.candidates import (
     AXIS_DIRECTIONS,
     Equipment,
@@ -26,7 +26,7 @@ from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["Advice", "advise", "precision"]
+__all__ = ["advise", "precision"]
 
 
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
@@ -44,43 +44,6 @@ EASIER: Final = 1.05
 """A force along an axis of R0 or the set's own is easier to apply: others must do better by this factor."""
 _NO_PIVOT: Final = 1e-12
 _SHOWS: Final = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Advice:
-    """One more reading that would tell more of a joint.
-
-    Attributes:
-        joint: its index.
-        joints: (n,) angles of the posture as the controller shows them [rad].
-        observation: the observation that has this posture; None for a new one.
-        force: (3,) on the robot, axes of R0 [N].
-        own_direction: whether the force is the one that the whole set was loaded with.
-        torque: of that force about the joint [N·m].
-        deviation: standard uncertainty of the compliance after the reading, in units of sigma
-            [rad/(N·m)/m].
-        sigma: standard uncertainty of one coordinate of one reading [m]; None where it is unknown.
-        ratio: of the standard uncertainties after and before; None where the readings so far do not
-            determine the compliance.
-        same_method: whether the estimate itself has the uncertainties of the partial pose, so that the same
-            method will find what is promised; other weights, the decoupled method and priors have not.
-    """
-
-    joint: int
-    joints: FloatArray
-    observation: int | None
-    force: FloatArray
-    own_direction: bool
-    torque: float
-    deviation: float
-    sigma: float | None
-    ratio: float | None
-    same_method: bool
-
-    @property
-    def uncertainty(self) -> float | None:
-        """Standard uncertainty of the compliance after the reading [rad/(N·m)]."""
-        return None if self.sigma is None else self.sigma * self.deviation
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -224,7 +187,7 @@ class _Search:
             torque=float(abs(torque[joint])),
             deviation=after,
             sigma=self._sigma,
-            ratio=None if before is None else after / before,
+            uncertainty_ratio=None if before is None else after / before,
             same_method=self._same_method,
         )
 
@@ -247,9 +210,13 @@ def _deviation(rows: FloatArray, joint: int) -> float | None:
     return float(np.linalg.norm(spectrum.inverse[joint]))
 
 
+def _gains(advice: Advice) -> bool:
+    return advice.uncertainty_ratio is None or advice.uncertainty_ratio <= 1 - LEAST_GAIN
+
+
 def _worth_saying(measured: Advice | None, new: Advice | None, *, weights: bool) -> list[Advice]:
     """Those of the two that gain something, the better first."""
-    useful = [a for a in (measured, new) if a is not None and (a.ratio is None or a.ratio <= 1 - LEAST_GAIN)]
+    useful = [a for a in (measured, new) if a is not None and _gains(a)]
     if len(useful) < 2 or measured is None or new is None:
         return useful
     easier, other = (new, measured) if weights else (measured, new)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import Certificate
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting import (
@@ -19,11 +20,18 @@ from jointstiff.solver.fitting import (
     scale_of,
     sigma_test,
 )
-from jointstiff.solver.inference.verdict import Evidence, JointCompliance, verdicts
-from jointstiff.solver.observability import Identifiability, Visibility
+from jointstiff.solver.inference.joint import JointCompliance
+from jointstiff.solver.inference.stages import StagesCertificate
+from jointstiff.solver.inference.verdict import Evidence, verdicts
+from jointstiff.solver.observability import (
+    Identifiability,
+    ObservabilityIndices,
+    Visibility,
+    observability_indices,
+)
 from jointstiff.solver.regression import ComplementaryStiffness, Compression
 
-__all__ = ["Estimate", "JointCompliance", "assemble"]
+__all__ = ["Estimate", "assemble"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,53 @@ class Estimate:
     visibility: Visibility
     complementary_stiffness: ComplementaryStiffness | None = None
     robust: RobustFit | None = None
+
+    @property
+    def estimated(self) -> BoolArray:
+        """(n,) joints with an estimate."""
+        return np.array([joint.compliance is not None for joint in self.joints])
+
+    @property
+    def parameters(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def rank(self) -> int:
+        """Number of compliances, or combinations of them, that the readings determine in all stages."""
+        return sum(stage.rank for stage in self.identifiability)
+
+    @property
+    def condition_number(self) -> float:
+        """The greatest of the stages'; inf where a rank is not full."""
+        return max(stage.condition_number for stage in self.identifiability)
+
+    @property
+    def combinations(self) -> list[list[str]]:
+        """Groups of joints, by name, whose compliances show only together."""
+        groups = [group.joints for stage in self.identifiability for group in stage.combinations]
+        return [[self.joints[j].name for j in joints] for joints in groups]
+
+    @property
+    def weakest(self) -> list[str]:
+        """Joints that are hard to tell apart, in words, for each stage that has some."""
+        names = tuple(joint.name for joint in self.joints)
+        return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
+
+    @property
+    def observability(self) -> ObservabilityIndices | None:
+        """Indices over the joints that the readings see; None where the rank is not full."""
+        return observability_indices(self.regressor, self.visibility)
+
+    @property
+    def certificate(self) -> StagesCertificate:
+        """The greatest violations over the stages."""
+        return StagesCertificate.of(self.certificates)
+
+    @property
+    def sigma_source(self) -> Literal["given", "residuals"]:
+        """Origin of sigma."""
+        return "given" if self.sigma_given else "residuals"
 
     @property
     def sigma_test(self) -> SigmaTest | None:

@@ -6,12 +6,41 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import regressor_blocks
 from jointstiff.solver.robot import Robot
 
-__all__ = ["Prediction", "predict"]
+__all__ = ["Contributions", "Prediction", "predict"]
+
+
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """Parts of n joints in the predicted deflection, each projected on that deflection.
+
+    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of all
+    joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
+
+    Attributes:
+        by_observation: (n, N) mean over the targets of each observation [m].
+        mean: (n,) mean over all readings [m].
+        share: (n,) of the mean length of the predicted deflections, dimensionless; zero if nothing moves.
+    """
+
+    by_observation: FloatArray
+    mean: FloatArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, along: FloatArray, present: BoolArray) -> Contributions:
+        """Average the parts (N, T, n) [m], zero where a target is not `present` (N, T)."""
+        mean = along.sum(axis=(0, 1)) / present.sum()
+        total = float(mean.sum())
+        return cls(
+            by_observation=(along.sum(axis=1) / present.sum(axis=1)[:, None]).T,
+            mean=mean,
+            share=mean / total if total > 0.0 else np.zeros_like(mean),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,15 +52,19 @@ class Prediction:
         residual: (N, T, 3) measured minus predicted; zero where a target was not read.
         compensation: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved.
         rms_residual: root mean square of ‖residual‖ [m].
+        contributions: of the joints; None where more than joints bends.
     """
 
     predicted: FloatArray
     residual: FloatArray
     compensation: float | None
     rms_residual: float
+    contributions: Contributions | None = None
 
     @classmethod
-    def of(cls, measurements: Measurements, predicted: FloatArray) -> Prediction:
+    def of(
+        cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
+    ) -> Prediction:
         """Judge predicted deflections (N, T, 3) [m]."""
         residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
         left = np.linalg.norm(residual[measurements.present], axis=-1)
@@ -41,6 +74,7 @@ class Prediction:
             residual=residual,
             compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
             rms_residual=float(np.sqrt(np.mean(left**2))),
+            contributions=contributions,
         )
 
 
@@ -50,6 +84,7 @@ def predict(
     compliance: FloatArray,
     *,
     complementary_stiffness: bool = False,
+    estimated: BoolArray | None = None,
 ) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (METHOD.md §2).
 
@@ -59,6 +94,7 @@ def predict(
         compliance: (n,) [rad/(N·m)].
         complementary_stiffness: whether the load follows the deflection, as in the fit that found the
             compliances: the deflections are then those of the exact balance, to third order.
+        estimated: (n,) joints with an estimate; all if None. The others contribute nothing by name.
 
     Returns:
         The prediction beside the measurements.
@@ -67,5 +103,16 @@ def predict(
         SolverError: the load finds no balance with joints of that compliance.
     """
     blocks = regressor_blocks(robot, measurements, compliance if complementary_stiffness else None)
-    predicted = np.concatenate([block.A @ compliance for block in blocks])
-    return Prediction.of(measurements, predicted)
+    named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    pairs = [(block.A @ compliance, _along(block.A * named)) for block in blocks]
+    predicted, along = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    return Prediction.of(measurements, predicted, Contributions.of(along, measurements.present))
+
+
+def _along(moved: FloatArray) -> FloatArray:
+    """Project what each joint moves (B, T, 3, n) on the deflection by all: (B, T, n) [m]."""
+    whole = moved.sum(axis=-1)
+    length = np.linalg.norm(whole, axis=-1)
+    direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
+    along: FloatArray = np.einsum("btij,bti->btj", moved, direction)
+    return along

@@ -4,47 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import floor, log10
-from typing import Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import Constraints
 from jointstiff.solver.fitting import Fit, Scale
+from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.observability import Visibility, noise_reason
 
-__all__ = ["Evidence", "JointCompliance", "verdicts"]
+__all__ = ["Evidence", "verdicts"]
 
 
 _NO_UNCERTAINTY = (
     "its uncertainty is unknown, as there are no more readings than joints and sigma is not given: "
     "state noise, or measure more"
 )
-
-
-@dataclass(frozen=True)
-class JointCompliance:
-    """What the readings say of one joint; numbers are None where they say nothing.
-
-    Attributes:
-        compliance: [rad/(N·m)].
-        standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
-        interval: profile-likelihood interval of the compliance under the constraints [rad/(N·m)].
-        one_sided: bounds from below and above, each at the full confidence [rad/(N·m)].
-        prior_to_data: information of its prior over that of the readings; inf where the prior alone tells it
-            from other joints, None without a prior.
-        reason: why there is no number, or what holds it.
-    """
-
-    name: str
-    status: Literal["identified", "at_bound", "not_observable"]
-    compliance: float | None = None
-    standard_uncertainty: float | None = None
-    interval: tuple[float, float] | None = None
-    one_sided: tuple[float, float] | None = None
-    prior_to_data: float | None = None
-    reason: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +100,8 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
     name, value = evidence.names[j], float(evidence.fit.compliance[j])
     held = _held(evidence, j, ends)
     ratio = float(evidence.prior_to_data[j])
-    interval, one_sided = (None, None) if ends is None else (_pair(ends[0]), _pair(ends[1]))
+    interval = None if ends is None else _pair(ends[0])
+    one_sided = None if ends is None else OneSidedBounds(*_pair(ends[1]))
     reasons = [held, _NO_UNCERTAINTY if ends is None and held is None else None, _prior_alone(evidence, j)]
     return JointCompliance(
         name,

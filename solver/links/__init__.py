@@ -5,6 +5,7 @@ from __future__ import annotations
 from jointstiff.solver.links.cross_validation import WEIGHTS, FoldFit, Folds, Plan, fit_fold
 from jointstiff.solver.links.estimate import ElasticEstimate, LinkCompliance
 from jointstiff.solver.links.estimation import estimate_elastic, refuse_unsupported_elastic
+from jointstiff.solver.links.joints import with_links
 from jointstiff.solver.links.model import MODELS, ElasticModel
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.links.selection import Selection, select_model
@@ -24,4 +25,5 @@ __all__ = [
     "fit_fold",
     "refuse_unsupported_elastic",
     "select_model",
+    "with_links",
 ]

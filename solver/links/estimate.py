@@ -38,6 +38,14 @@ class LinkCertificate:
 
 
 @dataclass(frozen=True, eq=False)
+class PrincipalCompliance:
+    """A principal compliance [m/N] or [rad/(N·m)] and its direction (3,), a unit vector."""
+
+    value: float
+    direction: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class LinkCompliance:
     """The compliance of a link, in the frame of the joint that carries it.
 
@@ -45,7 +53,7 @@ class LinkCompliance:
         joint: index of that joint.
         matrix: (6, 6) displacement (m, then rad) by the load's wrench (N, then N·m), about the origin of
             the joint's frame and in its axes.
-        translation: principal compliances (3,) [m/N], largest first, and their directions (3, 3) in columns.
+        translation: three principal compliances [m/N], largest first.
         rotation: the same of rotations [rad/(N·m)].
         effective_freedom: how many of its numbers the readings determine.
         parameters: how many numbers it has.
@@ -53,8 +61,8 @@ class LinkCompliance:
 
     joint: int
     matrix: FloatArray
-    translation: tuple[FloatArray, FloatArray]
-    rotation: tuple[FloatArray, FloatArray]
+    translation: tuple[PrincipalCompliance, ...]
+    rotation: tuple[PrincipalCompliance, ...]
     effective_freedom: float
     parameters: int
 
@@ -82,10 +90,10 @@ class ElasticEstimate:
 
     Attributes:
         model: what bends.
-        weight: λ of the penalty.
+        penalty: weight λ of the penalty.
         compliance: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one.
-        coupled: (n, n) full joint compliance [rad/(N·m)]; None where joints are not coupled. Its rows of
-            joints that are not seen are zero.
+        coupled_joints: (n, n) full joint compliance [rad/(N·m)], zero in rows of joints that are not seen;
+            None where joints are not coupled.
         entries: (P,) all compliances by their columns, which predict: rows @ entries.
         links: that bend.
         elements: what each explains.
@@ -99,9 +107,9 @@ class ElasticEstimate:
     """
 
     model: ElasticModel
-    weight: float
+    penalty: float
     compliance: FloatArray
-    coupled: FloatArray | None
+    coupled_joints: FloatArray | None
     entries: FloatArray
     links: tuple[LinkCompliance, ...]
     elements: tuple[Element, ...]
@@ -113,8 +121,14 @@ class ElasticEstimate:
     parameters: int
     certificate: LinkCertificate
 
+    @property
+    def unexplained(self) -> float:
+        """Share of the measured deflection that no element explains."""
+        return 1.0 - sum(element.share for element in self.elements)
 
-def principal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Principal compliances (3,) of a block (3, 3), largest first, and their directions in columns."""
+
+def principal(block: FloatArray) -> tuple[PrincipalCompliance, ...]:
+    """Return the principal compliances of a block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
-    return np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), vectors[:, ::-1].T, strict=True)
+    return tuple(PrincipalCompliance(value, direction) for value, direction in pairs)

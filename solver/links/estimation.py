@@ -103,9 +103,9 @@ def estimate_elastic(
     seen = np.isin(np.arange(robot.n), formulation.columns)
     return ElasticEstimate(
         model=model,
-        weight=weight,
+        penalty=weight,
         compliance=np.where(seen, _joint_compliances(compliances, model.columns), np.nan),
-        coupled=_coupled(compliances, model),
+        coupled_joints=_coupled(compliances, model),
         entries=compliances,
         links=tuple(_links(compliances, model, freedom)),
         elements=elements,

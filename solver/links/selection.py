@@ -24,7 +24,7 @@ class HeldOut:
 
     Attributes:
         model: which.
-        weight: λ that was chosen; None of joints alone.
+        penalty: weight λ that was chosen; None of joints alone.
         compensation: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``.
         standard_error: of that mean, from the spread of the folds.
         by_fold: (K,) compensation of each fold.
@@ -33,7 +33,7 @@ class HeldOut:
     """
 
     model: ModelName
-    weight: float | None
+    penalty: float | None
     compensation: float
     standard_error: float
     by_fold: FloatArray
@@ -108,7 +108,7 @@ def _held_out(name: ModelName, weight: float, compliances: FloatArray, by_fold: 
     spread = np.square(compliances - compliances.mean(axis=0)).sum(axis=0)
     return HeldOut(
         model=name,
-        weight=None if name == "joints" else weight,
+        penalty=None if name == "joints" else weight,
         compensation=float(by_fold.mean()),
         standard_error=float(by_fold.std(ddof=1) / np.sqrt(count)),
         by_fold=by_fold,

@@ -12,13 +12,14 @@ from jointstiff.solver.observability.identifiability import (
     analyse,
     noise_reason,
 )
-from jointstiff.solver.observability.indices import observability_indices
+from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices
 
 __all__ = [
     "NULL_COLUMN",
     "Combination",
     "Exposure",
     "Identifiability",
+    "ObservabilityIndices",
     "Spectrum",
     "Visibility",
     "analyse",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +14,15 @@ from jointstiff.solver.paired.sides import Matches, PairSide
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import regressor_blocks
 
-__all__ = ["MeasuredShare", "PredictedDeflection", "Share", "measured_share", "predicted_deflection"]
+__all__ = [
+    "ConfigurationShare",
+    "MeasuredShare",
+    "PredictedDeflection",
+    "Share",
+    "configuration_shares",
+    "measured_share",
+    "predicted_deflection",
+]
 
 
 _NO_EFFECT = 1e-9
@@ -45,6 +55,23 @@ class MeasuredShare:
     overall: Share
 
 
+@dataclass(frozen=True)
+class ConfigurationShare:
+    """Share of the deflection avoided in one observation, over its targets.
+
+    Attributes:
+        observation: its label.
+        side: campaigns that have it.
+        measured: from the readings; None unless both have it.
+        predicted: from both campaigns' compliances, dimensionless; None where they do not tell.
+    """
+
+    observation: str
+    side: Literal["first", "second", "both"]
+    measured: Share | None
+    predicted: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class PredictedDeflection:
     """Mean predicted deflection of the targets in each of N observations.
@@ -68,6 +95,29 @@ class PredictedDeflection:
         return PredictedDeflection(
             np.concatenate([self.first, other.first]), np.concatenate([self.second, other.second])
         )
+
+
+def configuration_shares(
+    labels: Sequence[str],
+    predicted: PredictedDeflection,
+    side: Literal["first", "second"],
+    matches: Matches | None = None,
+    measured: MeasuredShare | None = None,
+) -> Iterator[ConfigurationShare]:
+    """Yield the shares of a campaign's N observations.
+
+    Args:
+        labels: (N,) of the observations.
+        predicted: for the same.
+        side: which campaign.
+        matches: observations of the first campaign that the second has, too.
+        measured: from their readings.
+    """
+    rows = [] if matches is None or measured is None else matches.first.tolist()
+    each = dict(zip(rows, () if measured is None else measured.each, strict=True))
+    for i, label in enumerate(labels):
+        share = predicted.share(np.array([i])).value
+        yield ConfigurationShare(label, "both" if i in each else side, each.get(i), share)
 
 
 def measured_share(

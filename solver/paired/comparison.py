@@ -19,14 +19,22 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate
 from jointstiff.solver.paired.avoided import (
+    ConfigurationShare,
     MeasuredShare,
     PredictedDeflection,
     Share,
+    configuration_shares,
     measured_share,
     predicted_deflection,
 )
 from jointstiff.solver.paired.ordered_intervals import ordered_constraints, ordered_intervals
-from jointstiff.solver.paired.ordered_pair import OrderedFit, WhitenedCampaign, fit_ordered
+from jointstiff.solver.paired.ordered_pair import (
+    OrderedFit,
+    OrderedJoint,
+    WhitenedCampaign,
+    fit_ordered,
+    ordered_joints,
+)
 from jointstiff.solver.paired.ratio import (
     GaussianEstimate,
     RatioInterval,
@@ -74,6 +82,8 @@ class AvoidedDeflection:
         of_first: predicted for the first campaign's observations.
         of_second: predicted for the second's.
         predicted: of the mean deflection of all observations, matching ones counted once.
+        configurations: observation by observation, the first campaign's before those that only the second
+            has.
     """
 
     matches: Matches
@@ -81,6 +91,7 @@ class AvoidedDeflection:
     of_first: PredictedDeflection
     of_second: PredictedDeflection
     predicted: Share
+    configurations: tuple[ConfigurationShare, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +114,13 @@ class Pair:
     ordered: OrderedFit | None
     ordered_intervals: FloatArray | None
     avoided: AvoidedDeflection
+
+    @property
+    def ordered_joints(self) -> tuple[OrderedJoint, ...]:
+        """Numbers by joint in the problem of both campaigns; empty if it was not asked for."""
+        if self.ordered is None or self.ordered_intervals is None:
+            return ()
+        return ordered_joints(self.ordered, self.ordered_intervals, [joint.name for joint in self.joints])
 
 
 def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordered: bool) -> Pair:
@@ -241,4 +259,8 @@ def _avoided(
     of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
     alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
     rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])
-    return AvoidedDeflection(matches, measured, of_first, of_second, of_first.joined(rest).share())
+    shares = (
+        *configuration_shares(first.labels, of_first, "first", matches, measured),
+        *(s for i, s in enumerate(configuration_shares(second.labels, of_second, "second")) if i in alone),
+    )
+    return AvoidedDeflection(matches, measured, of_first, of_second, of_first.joined(rest).share(), shares)

@@ -7,7 +7,9 @@ linear in v: ``‖R₁ L₁ v − z₁‖² + ‖R₂ L₂ v − z₂‖²`` wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -22,12 +24,13 @@ from jointstiff.solver.convex import (
 )
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.identification import Settings
+from jointstiff.solver.inference import StagesCertificate, stiffness_of
 from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.regression import Compression
 from jointstiff.solver.resampling import GramBlocks, StageBlocks
 from jointstiff.solver.robot import WRIST_JOINTS
 
-__all__ = ["OrderedFit", "WhitenedCampaign", "fit_ordered"]
+__all__ = ["OrderedFit", "OrderedJoint", "WhitenedCampaign", "fit_ordered", "ordered_joints"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,69 @@ class OrderedFit:
     equal: BoolArray
     chi_square_increase: float
     certificates: tuple[Certificate, ...]
+
+    @property
+    def certificate(self) -> StagesCertificate:
+        """The greatest violations over the stages."""
+        return StagesCertificate.of(self.certificates)
+
+
+@dataclass(frozen=True)
+class OrderedJoint:
+    """One joint in the problem of both campaigns; None where a campaign does not determine it.
+
+    Attributes:
+        compliance_first: of the first campaign [rad/(N·m)].
+        compliance_second: of the second, never above.
+        compliance_interval_first: profile-likelihood interval under all constraints [rad/(N·m)].
+        compliance_interval_second: likewise.
+        equal: whether the order holds both together.
+    """
+
+    name: str
+    compliance_first: float | None
+    compliance_second: float | None
+    compliance_interval_first: tuple[float, float] | None
+    compliance_interval_second: tuple[float, float] | None
+    equal: bool
+
+    @property
+    def stiffness_first(self) -> float | None:
+        """Stiffness of the first campaign [N·m/rad]; None for a rigid joint."""
+        return stiffness_of(self.compliance_first)
+
+    @property
+    def stiffness_second(self) -> float | None:
+        """Stiffness of the second campaign [N·m/rad]; None for a rigid joint."""
+        return stiffness_of(self.compliance_second)
+
+
+def ordered_joints(fit: OrderedFit, intervals: FloatArray, names: Sequence[str]) -> tuple[OrderedJoint, ...]:
+    """Return the numbers by joint; one without an interval has no compliance either.
+
+    Args:
+        fit: the optimum of both campaigns.
+        intervals: (2, n, 2) of the compliances [rad/(N·m)], NaN where a campaign says nothing.
+        names: of the n joints.
+    """
+    sides = [
+        [_known(*joint) for joint in zip(c, ends, strict=True)]
+        for c, ends in zip((fit.first, fit.second), intervals, strict=True)
+    ]
+    return tuple(
+        OrderedJoint(name, c_first, c_second, ends_first, ends_second, bool(equal))
+        for name, (c_first, ends_first), (c_second, ends_second), equal in zip(
+            names, *sides, fit.equal, strict=True
+        )
+    )
+
+
+def _known(compliance: float, ends: FloatArray) -> tuple[float | None, tuple[float, float] | None]:
+    """Return the compliance and its interval, None where a campaign does not determine them."""
+    low, high = ends.tolist()
+    if not (isfinite(low) and isfinite(high)):
+        return None, None
+    return (float(compliance) if isfinite(compliance) else None), (low, high)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measur
 from jointstiff.solver.readings.tracker_noise import (
     DifferenceNoise,
     Instrument,
-    places_in_base,
+    at_read_places,
     refuse_no_covariance,
 )
 
@@ -17,6 +17,6 @@ __all__ = [
     "EncoderReadings",
     "Instrument",
     "Measurements",
-    "places_in_base",
+    "at_read_places",
     "refuse_no_covariance",
 ]

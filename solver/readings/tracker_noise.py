@@ -14,10 +14,10 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["DifferenceNoise", "Instrument", "places_in_base", "refuse_no_covariance"]
+__all__ = ["DifferenceNoise", "Instrument", "at_read_places", "places_in_base", "refuse_no_covariance"]
 
 
 SHORTEST_SIGHT: Final = 0.01
@@ -74,6 +74,11 @@ class Instrument:
         covariance: FloatArray = (across**2)[..., None, None] * np.eye(3) + spread
         return covariance
 
+    def typical_sigma(self, places: FloatArray) -> float:
+        """Return the root mean square of the standard uncertainties of all coordinates (K, 3) [m]."""
+        covariance = self.covariance(places)
+        return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
+
 
 @dataclass(frozen=True, eq=False)
 class DifferenceNoise:
@@ -101,6 +106,19 @@ class DifferenceNoise:
         variance = np.trace(total[present], axis1=-2, axis2=-1).mean() / 6.0
         covariance = np.where(present[..., None, None], total / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)
+
+    @classmethod
+    def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
+        """Return the noise of measurements that were read by an instrument."""
+        places = places_in_base(robot, plain.joints, plain.position, plain.in_flange)
+        before = at_read_places(places, plain.present)
+        after = before + plain.deflection
+        return cls.of(instrument.covariance(before), instrument.covariance(after), plain.present)
+
+
+def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:
+    """Put targets that were not read, which have no place, where one was read: it does not matter where."""
+    return np.where(present[..., None], places, places[present][0])
 
 
 def places_in_base(

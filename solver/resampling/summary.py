@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,6 +52,20 @@ class ResamplingSummary:
     compensation_mean: float
     compensation_deviation: float
     compensation_interval: tuple[float, float]
+
+    def without(self, hidden: BoolArray) -> ResamplingSummary:
+        """Withhold the numbers of joints (n,) that the whole set does not show."""
+        return replace(
+            self,
+            compliance_mean=np.where(hidden, np.nan, self.compliance_mean),
+            compliance_deviation=np.where(hidden, np.nan, self.compliance_deviation),
+            compliance_interval=np.where(hidden[:, None], np.nan, self.compliance_interval),
+            stiffness_mean=np.where(hidden, np.nan, self.stiffness_mean),
+            stiffness_deviation=np.where(hidden, np.nan, self.stiffness_deviation),
+            share_negative=np.where(hidden, 0.0, self.share_negative),
+            share_infinite=np.where(hidden, 0.0, self.share_infinite),
+            share_undetermined=np.where(hidden, 1.0, self.share_undetermined),
+        )
 
 
 @dataclass(frozen=True)

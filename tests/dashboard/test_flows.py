@@ -120,7 +120,7 @@ def test_by_keyboard_only(visit, stored):
 
 
 def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
-    """The page's own arithmetic against the solver's prediction."""
+    """The numbers on the page against the predicted deflections of the same run."""
     visited = visit("desktop")
     visited.go(f"#/runs/{stored.run}")
     page = visited.page

@@ -73,7 +73,7 @@ class TestSharedData:
             if joint.name in truth["not_observable"]:
                 assert joint.status == "not_observable"
                 assert "never twists" in joint.reason
-                assert joint.compliance is joint.standard_uncertainty is joint.interval is None
+                assert joint.compliance is joint.standard_uncertainty is joint.compliance_interval is None
             else:
                 assert joint.status == "identified"
                 assert abs(joint.compliance - 1 / stiffness) < 4 * joint.standard_uncertainty
@@ -254,7 +254,7 @@ class TestUncertainty:
             sigmas.append(free.sigma)
             for result in (given, free):
                 truth = zip(result.joints, arm.compliances, strict=True)
-                inside = [j.interval[0] <= c <= j.interval[1] for j, c in truth]
+                inside = [j.compliance_interval[0] <= c <= j.compliance_interval[1] for j, c in truth]
                 covered.append(inside)
         freedom = given.degrees_of_freedom
         assert np.mean(chi_squares) == pytest.approx(1, abs=5 * np.sqrt(2 / freedom / trials))

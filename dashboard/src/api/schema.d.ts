@@ -1035,6 +1035,29 @@ export interface components {
             predicted: number | null;
         };
         /**
+         * Contribution
+         * @description Part of one joint in the predicted deflection, projected on that deflection.
+         */
+        Contribution: {
+            /** Joint */
+            joint: string;
+            /**
+             * Share
+             * @description Share in the mean length of the predicted deflections; those of all joints add up to 1. Zero for a joint without a number.
+             */
+            share: number;
+            /**
+             * Mean
+             * @description Mean over all readings of the targets.
+             */
+            mean: number;
+            /**
+             * By Observation
+             * @description Mean over the targets of each observation, in the order of the set.
+             */
+            by_observation: number[];
+        };
+        /**
          * CrossValidation
          * @description How held-out configurations choose the penalty of the links, and compare the models.
          */
@@ -3749,6 +3772,11 @@ export interface components {
             selection?: components["schemas"]["ModelSelection"] | null;
             /** Residuals */
             residuals: components["schemas"]["Residual"][];
+            /**
+             * Contributions
+             * @description Part of each joint in the predicted deflection; empty if more than joints may bend.
+             */
+            contributions?: components["schemas"]["Contribution"][];
             /**
              * Encoder Residuals
              * @description If secondary encoders were read.

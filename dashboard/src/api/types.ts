@@ -22,6 +22,7 @@ export type Posture = Schemas["Posture"];
 export type Problem = Schemas["Problem"];
 export type Progress = Schemas["Progress"];
 export type QualityWarning = Schemas["QualityWarning"];
+export type Contribution = Schemas["Contribution"];
 export type Residual = Schemas["Residual"];
 export type Robot = Schemas["Robot"];
 export type RobotDocument = Schemas["RobotDocument"];

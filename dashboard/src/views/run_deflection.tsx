@@ -1,18 +1,16 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and what remains. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Residual, Run, RunResult } from "../api/types";
+import type { Contribution, Residual, Run, RunResult } from "../api/types";
 import { Bars, Stacks } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Scatter } from "../charts/scatter";
 import { Toggle } from "../parts/basics";
-import { contributions, shares } from "../pure/contributions";
 import { significant } from "../pure/format";
 import { norm } from "../pure/vector";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../text";
 import type { RunContext } from "./run_context";
-import { usePostures } from "./run_postures";
 
 const MARKS = ["other-1", "other-2", "other-3"];
 const AXES = ["x", "y", "z"] as const;
@@ -33,7 +31,7 @@ export function DeflectionPart({ context, result }: { context: RunContext; resul
     <>
       <BeforeAfter result={result} run={context.run} others={others} />
       <Overlay run={context.run} shown={others} change={setOthers} />
-      {!result.links && <Parts context={context} result={result} />}
+      {result.contributions && result.contributions.length > 0 && <Parts result={result} contributions={result.contributions} />}
       <Residuals result={result} />
     </>
   );
@@ -89,18 +87,11 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
   );
 }
 
-function Parts({ context: { set, robot }, result }: { context: RunContext; result: RunResult }) {
+function Parts({ result, contributions }: { result: RunResult; contributions: Contribution[] }) {
   const words = text.deflection;
-  const postures = usePostures(set, robot);
-  const names = result.joints.map((joint) => joint.name);
-  const table = useMemo(() => {
-    if (!postures) return null;
-    const all = contributions(set, postures, result.joints);
-    return set.observations.map(({ label }) => ({ label, parts: shares(all.filter((moved) => moved.observation === label), names) }));
-  }, [postures, set, result]);
-  if (!table) return null;
-  const labels = table.map((row) => row.label);
-  const parts = names.map((name, j) => ({ name, values: table.map((row) => (row.parts[j]?.mean ?? 0) * 1e3) }));
+  const labels = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
+  const names = contributions.map((one) => one.joint);
+  const parts = contributions.map((one) => ({ name: one.joint, values: one.by_observation.map((value) => value * 1e3) }));
   return (
     <Figure
       title={words.byConfiguration} note={words.byConfigurationNote} legend={names.map((name, j) => ({ label: name, mark: `joint-${j % 6}` }))}

@@ -3,7 +3,7 @@ import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
 import type { MeasurementSet, Posture, Residual, RunResult } from "../api/types";
 import { Busy, Toggle } from "../parts/basics";
 import { DataTable } from "../parts/table";
-import { loadOf, placesOf } from "../pure/contributions";
+import { loadOf, placesOf } from "../pure/places";
 import { fixed } from "../pure/format";
 import { roundStep } from "../pure/scale";
 import { norm, type Vector } from "../pure/vector";

@@ -1,5 +1,5 @@
 /** The first part of a result: warnings, what it comes to, each joint's stiffness, what each contributes. */
-import { useMemo, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { JointResult, Run, RunResult } from "../api/types";
 import { Shares } from "../charts/bars";
@@ -7,7 +7,6 @@ import { Figure } from "../charts/figure";
 import { type IntervalMark, Intervals } from "../charts/intervals";
 import { Name, ProblemNote, Warnings } from "../parts/basics";
 import { DataTable } from "../parts/table";
-import { contributions, shares } from "../pure/contributions";
 import { fixed, percent, significant } from "../pure/format";
 import { freshKey } from "../pure/hash";
 import { axisStiffness, shownStiffness } from "../pure/stiffness";
@@ -18,7 +17,6 @@ import { useSettings } from "../state/settings";
 import { text } from "../text";
 import { isElastic, type RunContext } from "./run_context";
 import { ElementShares, ModelChoice } from "./run_links";
-import { usePostures } from "./run_postures";
 
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
   const { run } = context;
@@ -44,7 +42,7 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
       />
       {other.problem && <ProblemNote problem={other.problem} />}
       <Joints result={result} />
-      {result.links ? <ElementShares links={result.links} /> : <Contributions context={context} result={result} />}
+      {result.links ? <ElementShares links={result.links} /> : <Contributions result={result} />}
       {result.selection && <ModelChoice selection={result.selection} />}
       {result.resampling && <Resampled result={result} />}
     </>
@@ -162,21 +160,17 @@ function JointCard({ joint, unit }: { joint: JointResult; unit: StiffnessUnit })
   );
 }
 
-function Contributions({ context: { set, robot }, result }: { context: RunContext; result: RunResult }) {
-  const postures = usePostures(set, robot);
-  const parts = useMemo(
-    () => postures && shares(contributions(set, postures, result.joints), result.joints.map((joint) => joint.name)),
-    [postures, set, result],
-  );
-  if (!parts || parts.every(({ mean }) => mean === 0)) return null;
+function Contributions({ result }: { result: RunResult }) {
+  const parts = result.contributions ?? [];
+  if (parts.every(({ mean }) => mean === 0)) return null;
   const unseen = new Set(result.joints.filter((joint) => joint.compliance === null).map((joint) => joint.name));
-  const rows = parts.map(({ name, share, mean }) => ({ name, share, note: unseen.has(name) ? text.run.rigid : `${fixed(mean * 1e3, 3)} ${text.units.mm}` }));
+  const rows = parts.map(({ joint, share, mean }) => ({ name: joint, share, note: unseen.has(joint) ? text.run.rigid : `${fixed(mean * 1e3, 3)} ${text.units.mm}` }));
   return (
     <Figure
       title={text.run.contributions} note={text.run.contributionsNote}
       table={{
         columns: [{ title: text.run.joint }, { title: text.run.contributionShare, show: (v) => percent(v) }, { title: text.run.contributionMean, unit: text.units.mm }],
-        rows: parts.map(({ name, share, mean }) => [name, share, mean * 1e3]),
+        rows: parts.map(({ joint, share, mean }) => [joint, share, mean * 1e3]),
       }}
     >
       {(width) => <Shares shares={rows} width={width} label={text.run.contributions} />}

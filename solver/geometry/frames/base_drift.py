@@ -37,7 +37,7 @@ class BaseDrift:
         probability: that tracker noise alone does this.
         deformation_probability: that noise alone leaves these residuals to a rigid motion.
         residuals: (B, 3) later reading less the moved earlier one [m].
-        moved_targets: indices of targets that moved on the base, each tested alone.
+        moved_targets: targets that moved on the base, each tested alone: their names.
     """
 
     transform_after_to_before: RigidTransform
@@ -47,7 +47,8 @@ class BaseDrift:
     probability: float
     deformation_probability: float
     residuals: FloatArray
-    moved_targets: tuple[int, ...]
+    moved_targets: tuple[str, ...]
+    names: tuple[str, ...]
 
     @property
     def significant(self) -> bool:
@@ -74,11 +75,11 @@ class BaseDrift:
                 )
             )
         for target in self.moved_targets:
-            left = float(np.linalg.norm(self.residuals[target]))
+            left = float(np.linalg.norm(self.residuals[self.names.index(target)]))
             found.append(
                 GeometryFinding(
                     "base_target_moved",
-                    f"base_targets[{target}]",
+                    f"base_targets.after.{target}",
                     left,
                     "m",
                     f"this base target moved against the others, by about {length_text(left)}",
@@ -95,6 +96,7 @@ def find_drift(
     sigma: float,
     at: FloatArray,
     covariance: FloatArray | None = None,
+    names: tuple[str, ...] | None = None,
 ) -> BaseDrift:
     """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
 
@@ -104,6 +106,7 @@ def find_drift(
         sigma: standard uncertainty of one coordinate of one reading [m].
         at: (3,) point of interest, such as the middle of the measured points [m].
         covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma²; isotropic if None.
+        names: (B,) of the targets; numbers from 1 if None.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, or the targets lie on a line.
@@ -119,6 +122,7 @@ def find_drift(
     unmoved = (W @ (after - before)[..., None]).ravel()
     gain = float(unmoved @ unmoved - left @ left)
     at_point = RigidTransform.sensitivity(at)
+    known = names or tuple(str(number) for number in range(1, len(before) + 1))
     certain = RigidTransform(motion.rotation, motion.translation, C)
     return BaseDrift(
         transform_after_to_before=certain.inverse(),
@@ -128,7 +132,8 @@ def find_drift(
         probability=float(stats.chi2.sf(gain, 6)),
         deformation_probability=float(stats.chi2.sf(left @ left, left.size - 6)),
         residuals=after - motion.apply(before),
-        moved_targets=_moved_targets(whitened, left),
+        moved_targets=tuple(known[target] for target in _moved_targets(whitened, left)),
+        names=known,
     )
 
 

@@ -8,9 +8,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.regression import skew
 
 __all__ = ["RigidTransform"]
+
+ROTATION_TOLERANCE = 1e-5
+"""Of a stated rotation's rows from unit vectors at right angles: 10 µm in a metre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,24 @@ class RigidTransform:
     def identity(cls) -> RigidTransform:
         """The exact transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def stated(cls, rotation: FloatArray, translation: FloatArray) -> RigidTransform:
+        """Return a transform whose rotation (3, 3) is stated to some digits, made exact.
+
+        Raises:
+            MeasurementError: the matrix is not a rotation.
+        """
+        gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+            what = "a mirror image" if gap <= ROTATION_TOLERANCE else f"off by {gap:.2g}"
+            raise MeasurementError(
+                f"the rows are not unit vectors at right angles: {what}",
+                where="frame.rotation",
+                remedy="give a rotation matrix row by row, from tracker to R0, to seven digits",
+            )
+        U, _, Vt = np.linalg.svd(rotation)
+        return cls(U @ Vt, translation)
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Transform points (..., 3) [m]."""

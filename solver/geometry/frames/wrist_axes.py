@@ -11,7 +11,7 @@ from scipy import stats
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes, posed
-from jointstiff.solver.robot import WRIST_JOINTS
+from jointstiff.solver.robot import WRIST_JOINTS, WRIST_TOLERANCE
 
 __all__ = ["WristMiss", "nearest_to_axes"]
 
@@ -30,6 +30,11 @@ class WristMiss:
     distance: float
     standard_uncertainty: float
     probability: float
+
+    @property
+    def spherical(self) -> bool:
+        """Whether the axes meet within `WRIST_TOLERANCE`, which the decoupled method needs."""
+        return self.distance <= WRIST_TOLERANCE
 
 
 def nearest_to_axes(

@@ -59,6 +59,11 @@ class CentreEstimate:
     influence: FloatArray
     weight: FloatArray
 
+    @property
+    def share(self) -> float:
+        """Weight in the combination, mean over three directions."""
+        return float(np.trace(self.weight) / 3.0)
+
 
 @dataclass(frozen=True)
 class Disagreement:

@@ -45,6 +45,27 @@ class CalibratedAxes(IdentifiedAxes):
     rank: int
     only_together: tuple[tuple[str, ...], ...]
 
+    @property
+    def positions(self) -> int:
+        """Number of poses."""
+        return len(self.residuals)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns, 4 n + 3 T."""
+        return len(self.covariance)
+
+    @property
+    def determined(self) -> int:
+        """Number of combinations of unknowns that the poses determine."""
+        return self.rank
+
+    @property
+    def rms_residual(self) -> float:
+        """Root mean square of the residuals' coordinates [m]."""
+        read = self.residuals[self.residuals.any(axis=-1)]
+        return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
+
     def findings(self) -> tuple[GeometryFinding, ...]:
         """What was not determined."""
         return tuple(

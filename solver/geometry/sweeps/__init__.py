@@ -5,6 +5,7 @@ from __future__ import annotations
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit
 from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
+from jointstiff.solver.geometry.sweeps.evidence import SweepEvidence, sweep_evidence
 from jointstiff.solver.geometry.sweeps.findings import (
     agreement_findings,
     angle_probability,
@@ -27,6 +28,7 @@ __all__ = [
     "PoseReadings",
     "PoseState",
     "Sweep",
+    "SweepEvidence",
     "SweepSet",
     "SweptAxes",
     "agreement_findings",
@@ -35,4 +37,5 @@ __all__ = [
     "geometry_findings",
     "identify_axes",
     "posed",
+    "sweep_evidence",
 ]

@@ -12,8 +12,8 @@ from support.campaigns import estimate, prepare
 
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.service.conversion import ReadingArrays, content_hash
-from jointstiff.service.conversion.joints import _stiffness_interval
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.inference import stiffness_interval
 
 
 @pytest.mark.parametrize("length", ["m", "mm"])
@@ -111,4 +111,4 @@ def test_content_hash_changes_with_every_number_and_not_with_the_name():
     ],
 )
 def test_stiffness_interval(compliance, stiffness):
-    assert _stiffness_interval(compliance) == pytest.approx(stiffness)
+    assert stiffness_interval(compliance) == pytest.approx(stiffness)

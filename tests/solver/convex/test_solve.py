@@ -311,7 +311,7 @@ def test_an_order_that_the_readings_contradict(method):
         joint = held.joints[j]
         assert joint.status == "at_bound"
         assert f"holds it to the stiffness of {other}" in joint.reason
-        assert joint.interval[0] <= joint.compliance <= joint.interval[1]
+        assert joint.compliance_interval[0] <= joint.compliance <= joint.compliance_interval[1]
     across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
     assert across.compliance[5] == across.compliance[1]
     agreed = estimate(robot, measurements, method=method, stiffness_order=[["joint_5", "joint_6"]])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, prepare
 
-from jointstiff.schemas.run import RunOptions
+from jointstiff.schemas.run import JointResult, RunOptions
 from jointstiff.service.conversion import to_settings
-from jointstiff.service.conversion.joints import to_joint
+from jointstiff.service.conversion.message import message as message_of
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.fitting import Prior
@@ -125,7 +125,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert found.compliance[1] == pytest.approx(1e-7, rel=1e-6)
     assert found.compliance[0] == pytest.approx(whole.compliance[0] - 1e-7, rel=1e-6)
     assert found.joints[1].prior_to_data == np.inf
-    message = to_joint(found.joints[1])
+    message = message_of(JointResult, found.joints[1])
     assert message.prior_to_data is None
     assert "its prior alone tells them apart" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds

@@ -15,7 +15,7 @@ from support.campaigns import METHODS, estimate, prepare
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import ReadingArrays, to_settings
-from jointstiff.service.conversion.robust_loss import to_robust_loss
+from jointstiff.service.conversion.results import to_robust_loss
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques
@@ -479,6 +479,9 @@ def test_intervals_cover_the_truth_although_a_tenth_of_the_readings_is_wrong(pul
     held = []
     for seed in range(60):
         found = estimate(robot, spoilt(noisy(exact, seed), seed)[0], loss="huber")
-        held += [j.interval[0] <= c <= j.interval[1] for j, c in zip(found.joints, truth, strict=True)]
+        held += [
+            j.compliance_interval[0] <= c <= j.compliance_interval[1]
+            for j, c in zip(found.joints, truth, strict=True)
+        ]
     # 360 intervals of 95 %, those of one campaign correlated: a standard deviation of 1.5 % at most.
     assert 0.91 < np.mean(held) < 0.99

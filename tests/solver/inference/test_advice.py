@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.campaigns import estimate, prepare, shared, straight_wrist
 
-from jointstiff.service.conversion.identifiability import to_identifiability
+from jointstiff.service.conversion.results import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, SpringArm
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
@@ -65,12 +65,12 @@ class TestFollowed:
         stiffness = shared("simulated/truth")[name]["stiffness"]
         (advice,) = advise(robot, measurements, estimate(robot, measurements))
         assert advice.joint == 0
-        assert advice.ratio is None
+        assert advice.uncertainty_ratio is None
         assert abs(advice.force[2]) < 1e-9  # sideways: upwards is as blind as downwards
         followed = follow(arm_of(robot, stiffness), robot, measurements, advice)
         joint = estimate(robot, followed).joints[0]
         assert joint.status == "identified"
-        assert joint.standard_uncertainty == pytest.approx(advice.uncertainty, rel=0.01)
+        assert joint.standard_uncertainty == pytest.approx(advice.standard_uncertainty, rel=0.01)
         assert abs(joint.compliance - 1 / stiffness[0]) < 4 * joint.standard_uncertainty
 
     @pytest.mark.parametrize("sigma", [2e-5, None])
@@ -88,10 +88,10 @@ class TestFollowed:
             after = estimate(robot, follow(arm, robot, measurements, piece))
             deviation = after.joints[piece.joint].standard_uncertainty / after.sigma
             assert deviation == pytest.approx(piece.deviation, rel=0.01)
-            if piece.ratio is not None:
+            if piece.uncertainty_ratio is not None:
                 before = found.joints[piece.joint].standard_uncertainty / found.sigma
-                assert deviation / before == pytest.approx(piece.ratio, rel=0.01)
-                assert piece.ratio < 0.99
+                assert deviation / before == pytest.approx(piece.uncertainty_ratio, rel=0.01)
+                assert piece.uncertainty_ratio < 0.99
 
     def test_a_straight_wrist_is_to_be_bent(self):
         robot, measurements = straight_wrist(0.0)
@@ -100,7 +100,7 @@ class TestFollowed:
         assert all(piece.observation is None and abs(piece.joints[4]) > 0.1 for piece in pieces)
         after = estimate(robot, follow(default_arm(), robot, measurements, pieces[0]))
         assert after.joints[3].status == after.joints[5].status == "identified"
-        assert after.joints[3].standard_uncertainty == pytest.approx(pieces[0].uncertainty, rel=0.01)
+        assert after.joints[3].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
 
     def test_several_joints_without_a_trace(self):
         """One posture with the weight above the wrist: joints 1 and others show nothing."""
@@ -111,7 +111,7 @@ class TestFollowed:
         for piece in pieces:
             after = estimate(robot, follow(arm, robot, measurements, piece))
             joint = after.joints[piece.joint]
-            assert joint.standard_uncertainty == pytest.approx(piece.uncertainty, rel=0.01)
+            assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)
 
 
 class TestBest:
@@ -235,7 +235,7 @@ class TestMessages:
         found = estimate(robot, measurements, **options)
         pieces = advise(robot, measurements, found)
         after = estimate(robot, follow(arm, robot, measurements, pieces[0]), **options)
-        kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].uncertainty, rel=0.01)
+        kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
         assert kept == same
         (first, *_) = to_identifiability(found, pieces, [f"c0{i}" for i in range(4)]).advice
         assert ("by the partial pose u(joint_1)" in first.message) != same

@@ -16,7 +16,6 @@ from support.campaigns import METHODS, estimate, prepare
 
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import to_settings
-from jointstiff.service.conversion.joints import to_joint
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import Bounds, Constraints, programs
 from jointstiff.solver.convex.scaled import Scaled
@@ -283,7 +282,7 @@ class TestJoints:
             if estimate(*read_with_noise(rigid_joint, seed), method=method).compliance[3] == 0
         )
         found = estimate(*read_with_noise(rigid_joint, seed), method=method).joints[3]
-        joint = to_joint(found)
+        joint = found
         assert (joint.status, joint.compliance, joint.stiffness) == ("at_bound", 0.0, None)
         assert joint.compliance_interval[0] == 0.0 < joint.compliance_interval[1]
         assert joint.stiffness_interval == (1 / joint.compliance_interval[1], None)
@@ -297,10 +296,10 @@ class TestJoints:
         robot, measurements = read_with_noise(rigid_joint, 1)
         free = estimate(robot, measurements, positive=False).joints[3]
         quantiles = RADII
-        for ends, quantile in zip((free.interval, free.one_sided), quantiles, strict=True):
+        for ends, quantile in zip((free.compliance_interval, free.one_sided), quantiles, strict=True):
             half = quantile * free.standard_uncertainty
             np.testing.assert_allclose(ends, [free.compliance - half, free.compliance + half], rtol=1e-12)
-        joint = to_joint(free)
+        joint = free
         assert joint.compliance_interval[0] < 0 < joint.compliance_interval[1]
         assert joint.stiffness_interval is None
         assert joint.one_sided.stiffness_at_least is joint.one_sided.stiffness_at_most is None
@@ -311,7 +310,7 @@ class TestJoints:
         # Student's t of 165 degrees of freedom: 0.995 for two sides, 0.99 for one.
         joint = free.joints[0]
         assert free.degrees_of_freedom == pytest.approx(165)
-        half = (joint.interval[1] - joint.interval[0]) / 2 / joint.standard_uncertainty
+        half = (joint.compliance_interval[1] - joint.compliance_interval[0]) / 2 / joint.standard_uncertainty
         assert half == pytest.approx(2.6060, abs=1e-4)
         assert (joint.one_sided[1] - joint.compliance) / joint.standard_uncertainty == pytest.approx(
             2.3492, abs=1e-4

@@ -101,7 +101,7 @@ def test_parts_of_a_set_merge_to_the_whole(elastic):
 def test_an_estimate_is_certified_and_semidefinite(elastic, name):
     found = estimate(*elastic, name, 1e-3)
     matrices = [link.matrix for link in found.links]
-    matrices += [] if found.coupled is None else [found.coupled]
+    matrices += [] if found.coupled_joints is None else [found.coupled_joints]
     for matrix in matrices:
         np.testing.assert_array_equal(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() >= 0.0
@@ -251,7 +251,7 @@ def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(
     bending = selected(*elastic, Plan(weights=weights))
     assert bending.simplest != "joints"
     assert bending.of("joints_and_links").compensation > bending.of("joints").compensation
-    assert bending.of("joints").weight is None
+    assert bending.of("joints").penalty is None
 
 
 def test_the_jackknife_is_that_of_the_joints(elastic):

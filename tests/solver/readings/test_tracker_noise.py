@@ -47,7 +47,7 @@ def same_estimates(one, other):
     assert one.chi_square == pytest.approx(other.chi_square, rel=1e-9)
     assert one.degrees_of_freedom == pytest.approx(other.degrees_of_freedom)
     for a, b in zip(one.joints, other.joints, strict=True):
-        assert a.interval == pytest.approx(b.interval, rel=1e-6)
+        assert a.compliance_interval == pytest.approx(b.compliance_interval, rel=1e-6)
 
 
 class TestInstrument:
@@ -293,7 +293,7 @@ def test_coverage_and_efficiency_with_anisotropic_noise(replicated):
     truth = ARM.compliances
     found = identified(robot, sets)
     compliance = np.array([e.compliance for e in found])
-    bounds = np.array([[joint.interval for joint in e.joints] for e in found])
+    bounds = np.array([[joint.compliance_interval for joint in e.joints] for e in found])
     covered = (bounds[..., 0] <= truth) & (truth <= bounds[..., 1])
     # 1800 intervals of 95 %, standard error of the share 0.5 % if independent.
     assert 0.93 < covered.mean() < 0.97

@@ -1,0 +1,71 @@
+"""Messages built from the numerical core's objects, field by field, by the names of their attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jointstiff.schemas.fields import Message
+
+__all__ = ["message", "rows"]
+
+Built = TypeVar("Built", bound=Message)
+
+
+class _View:
+    """Show an object's attributes as messages take them; an attribute that is missing is an error."""
+
+    __slots__ = ("_source",)
+
+    def __init__(self, source: object) -> None:
+        self._source = source
+
+    def __getattr__(self, name: str) -> object:
+        try:
+            return _plain(getattr(self._source, name))
+        except AttributeError as error:  # which pydantic would take for a field to be left at its default
+            raise TypeError(str(error)) from error
+
+
+def message(kind: type[Built], source: object, **stated: object) -> Built:
+    """Build a message from an object.
+
+    Args:
+        kind: class of the message.
+        source: has an attribute for each field that is not stated, objects for nested messages. Arrays
+            become lists; numbers, arrays and pairs that are not finite become null.
+        stated: fields whose values are given here.
+    """
+    view = _View(source)
+    fields = {name: getattr(view, name) for name in kind.model_fields if name not in stated}
+    given = {name: _plain(value) for name, value in stated.items()}
+    return kind.model_validate(fields | given, from_attributes=True)
+
+
+def rows(kind: type[Built], **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
+    """Build one message for each row of columns of equal length, named by their fields."""
+    values = zip(*map(_column, columns.values()), strict=True)
+    return [kind(**dict(zip(columns, row, strict=True))) for row in values]
+
+
+def _column(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
+    if isinstance(values, np.ndarray) and (values.dtype.kind != "f" or np.isfinite(values).all()):
+        return list(values.tolist())
+    return [_plain(value) for value in values]
+
+
+def _plain(value: object) -> object:
+    if value is None or isinstance(value, str | int | dict | Message):
+        return value
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype.kind != "f" or np.isfinite(value).all() else None
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
+        return [_plain(item) for item in value]
+    return _View(value)

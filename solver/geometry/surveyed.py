@@ -1,0 +1,180 @@
+"""A robot as sweeps or poses show it, with the conventions that place its frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.geometry.frames import (
+    BaseDrift,
+    BaseFrame,
+    WristCentre,
+    find_drift,
+)
+from jointstiff.solver.geometry.model import (
+    DhTable,
+    IdentifiedModel,
+    LinkParameter,
+)
+from jointstiff.solver.geometry.placed_axes import PlacedAxis, place_axes
+from jointstiff.solver.geometry.sweeps import (
+    IdentifiedAxes,
+    SweepEvidence,
+    SweptAxes,
+    sweep_evidence,
+)
+
+__all__ = ["BaseTargets", "Conventions", "Evidence", "Survey"]
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """Where R0 and the flange frame stand, which no axis shows.
+
+    Attributes:
+        base: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`.
+        height: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
+        flange: `nominal`, `axes` or `targets`, as in `FlangeConvention`.
+        flange_targets: for `targets`, indices of the three.
+    """
+
+    base: Literal["nominal", "axes"]
+    flange: Literal["nominal", "axes", "targets"]
+    height: float = 0.0
+    flange_targets: tuple[int, int, int] = (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseTargets:
+    """Targets on the robot's base, read twice.
+
+    Attributes:
+        before: (B, 3) tracker's frame [m].
+        after: (B, 3) later.
+        covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma².
+        names: (B,) of the targets.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    covariance: FloatArray
+    names: tuple[str, ...]
+
+    def drift(self, sigma: float, at: FloatArray) -> BaseDrift:
+        """Return the motion between the two readings.
+
+        Args:
+            sigma: standard uncertainty of a coordinate [m].
+            at: (3,) point whose displacement is of interest [m].
+
+        Raises:
+            MeasurementError: the base targets lie on a line.
+        """
+        return find_drift(
+            self.before, self.after, sigma=sigma, at=at, covariance=self.covariance, names=self.names
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What sweeps say of themselves.
+
+    Attributes:
+        one_by_one: the axes of each sweep by itself, with the fits.
+        controller_probability: that noise alone makes the controller's angles fit as badly as they do.
+        agreement_probability: that noise alone makes one robot fit all sweeps as badly as it does; None if
+            they were fitted one by one.
+    """
+
+    one_by_one: SweptAxes
+    controller_probability: float
+    agreement_probability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A robot as it was found.
+
+    Attributes:
+        identified: axes and targets.
+        sigma_stated: whether its sigma was stated; it comes from the residuals if not.
+        conventions: by which the frames are placed.
+        evidence: of sweeps; None for poses.
+        base: where R0 is.
+        model: the robot.
+        targets_determined: (T,) whether the readings determine the place of each target on the flange.
+        links: beside those of the nominal model; empty without one.
+        wrist: its centre, or why there is none.
+        tables: the model as a standard and as a modified DH table.
+        drift: of the base; None if its targets were not read twice.
+        findings: what a user should know.
+    """
+
+    identified: IdentifiedAxes
+    sigma_stated: bool
+    conventions: Conventions
+    evidence: Evidence | None
+    base: BaseFrame
+    model: IdentifiedModel
+    targets_determined: BoolArray
+    links: tuple[LinkParameter, ...]
+    wrist: WristCentre | str
+    tables: tuple[DhTable, ...]
+    drift: BaseDrift | None
+    findings: tuple[GeometryFinding, ...]
+
+    @cached_property
+    def axes(self) -> tuple[PlacedAxis, ...]:
+        """The axes in the tracker's frame and in R0."""
+        return place_axes(self.identified, self.base, self.model.chain.joint_names)
+
+    @property
+    def sweeps(self) -> tuple[SweepEvidence, ...]:
+        """Evidence of each sweep by itself; empty for poses."""
+        if self.evidence is None:
+            return ()
+        return sweep_evidence(self.evidence.one_by_one, self.model.chain.joint_names)
+
+    @property
+    def base_covariance(self) -> FloatArray | None:
+        """(6, 6) of the transform from tracker to base [m, rad]; None if it is not determined."""
+        known = np.isfinite(self.identified.standard_uncertainties(self.base.jacobian)).all()
+        return self.base.transform_tracker_to_base.covariance if known else None
+
+    @property
+    def target_covariances(self) -> FloatArray:
+        """(T, 3, 3) of the targets in the flange frame [m²]; NaN where not determined."""
+        count = len(self.targets_determined)
+        blocks = self.model.targets_covariance.reshape(count, 3, count, 3)
+        own = np.stack([blocks[t, :, t] for t in range(count)])
+        return np.where(self.targets_determined[:, None, None], own, np.nan)
+
+    @property
+    def sigma(self) -> float:
+        """Standard uncertainty of a coordinate [m], stated or from the residuals."""
+        return self.identified.sigma
+
+    @property
+    def sigma_source(self) -> Literal["stated", "residuals"]:
+        """Origin of sigma."""
+        return "stated" if self.sigma_stated else "residuals"
+
+    @property
+    def variance_factor(self) -> float:
+        """χ²/dof: 1 on average if the stated sigma is right; 1 if it comes from the residuals."""
+        return self.identified.variance_factor
+
+    @property
+    def agreement_probability(self) -> float | None:
+        """That noise alone makes one robot fit all sweeps so badly; None if that was not tested."""
+        return None if self.evidence is None else self.evidence.agreement_probability
+
+    @property
+    def controller_probability(self) -> float | None:
+        """That noise alone makes the controller's angles fit so badly; None for poses."""
+        return None if self.evidence is None else self.evidence.controller_probability

@@ -1,0 +1,94 @@
+"""Evidence of one sweep that is fitted by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
+from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
+
+__all__ = ["SweepEvidence", "SweptTarget", "sweep_evidence"]
+
+
+@dataclass(frozen=True)
+class SweptTarget:
+    """One target of a sweep; NaN for what it does not show.
+
+    Attributes:
+        readings: how many.
+        radius: distance from the axis [m]; NaN in a sweep that turns two axes.
+        radial_rms: root mean square of the residuals towards the axis, across it where two turn [m].
+        axial_rms: the same along the axis [m].
+    """
+
+    name: str
+    readings: int
+    radius: float
+    radial_rms: float
+    axial_rms: float
+
+
+@dataclass(frozen=True)
+class SweepEvidence:
+    """One sweep, fitted by itself.
+
+    Attributes:
+        joint: of the controller, by name.
+        turned: names of the model's joints that turn.
+        positions: how many.
+        arc: angle that the readings cover [rad].
+        targets: evidence by target.
+        angle_scale: angle by the readings over that of the controller, dimensionless.
+        angle_deviation: root mean square of their difference [rad]; None if the controller's are taken.
+        variance_factor: χ²/dof, 1 on average if sigma is right.
+    """
+
+    joint: str
+    turned: tuple[str, ...]
+    positions: int
+    arc: float
+    targets: tuple[SweptTarget, ...]
+    angle_scale: float
+    angle_deviation: float | None
+    variance_factor: float
+
+
+def sweep_evidence(swept: SweptAxes, joints: Sequence[str]) -> tuple[SweepEvidence, ...]:
+    """Return the evidence of each sweep.
+
+    Args:
+        swept: axes of the sweeps, fitted one by one.
+        joints: names of the model's joints.
+    """
+    return tuple(
+        SweepEvidence(
+            joint=fit.sweep.name,
+            turned=tuple(joints[index] for index in swept.sweeps.turning(fit.sweep)),
+            positions=len(fit.sweep),
+            arc=fit.arc,
+            targets=tuple(_target(fit, t, name) for t, name in enumerate(swept.names)),
+            angle_scale=fit.angle_scale,
+            angle_deviation=_rms(fit.angle_deviation) if fit.angle_deviation.any() else None,
+            variance_factor=fit.variance_factor,
+        )
+        for fit in swept.fits
+    )
+
+
+def _target(fit: AxisFit | CoupledFit, t: int, name: str) -> SweptTarget:
+    present = fit.sweep.present[:, t]
+    if isinstance(fit, AxisFit):
+        found = fit.targets[t]
+        radius = found.radius if present.any() else float("nan")
+        return SweptTarget(name, int(present.sum()), radius, found.radial_rms, found.axial_rms)
+    local = fit.residuals[present, t] @ fit.axis.frame
+    return SweptTarget(name, int(present.sum()), float("nan"), _rms(local[:, :2]), _rms(local[:, 2]))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
