@@ -39,7 +39,9 @@ MAX_MAGNITUDE = 1e12
 class Message(BaseModel):
     """Base of all messages: immutable, unknown fields refused, NaN and infinity refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, json_schema_serialization_defaults_required=True
+    )
 
 
 def _printable(text: str) -> str:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any, Final
+from typing import Final
 
-import anyio.to_thread
+from anyio import CapacityLimiter
+from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
-from pydantic.json_schema import models_json_schema
+from fastapi.routing import APIRoute
 
-from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.geometry import GeometryRequest
-from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.kinematics import KinematicsRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.pair import PairRequest
-from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.robot import RobotDocument, RobotRequest
-from jointstiff.schemas.run import RunRequest
 from jointstiff.service.api import (
     LARGE_BODIES,
-    Watches,
+    BodyLimits,
+    Followers,
     comparisons,
     geometries,
     health,
@@ -70,57 +62,33 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
         version=JOINTSTIFF_VERSION,
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        servers=[{"url": "/", "description": "This service"}],
+        generate_unique_id_function=_operation_id,
         docs_url=None,  # its page loads scripts from other hosts
         redoc_url=None,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
     app.state.parts = Parts.of(store, announce)
-    app.state.watches = Watches()
     app.state.is_closing = lambda: False
-    app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
+    app.state.followers = Followers(lambda: app.state.is_closing())
+    app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
+    app.add_middleware(BodyLimits)
     resources = (robots, kinematics, geometries, measurement_sets, runs, comparisons, pairs, imports)
     for module in (*resources, health):
         app.include_router(module.router)
     install_page(app)
     install_error_handlers(app)
-    _describe_bodies(app)
     return app
 
 
 @asynccontextmanager
 async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
-    anyio.to_thread.current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
+    current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
     yield
 
 
-def _describe_bodies(app: FastAPI) -> None:
-    """Add the schemas of the bodies, which FastAPI does not see as it does not parse them."""
-    _, definitions = models_json_schema(
-        [
-            (message, "validation")
-            for message in (
-                RobotDocument,
-                KinematicsRequest,
-                ImportRequest,
-                MeasurementSetRequest,
-                RunRequest,
-                ComparisonRequest,
-                PairRequest,
-                RobotRequest,
-                GeometryRequest,
-                Problem,
-            )
-        ],
-        ref_template="#/components/schemas/{model}",
-    )
-    generate = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        document = generate()
-        schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        for name, schema in definitions["$defs"].items():
-            schemas.setdefault(name, schema)
-        return document
-
-    app.openapi = openapi  # type: ignore[method-assign]
+def _operation_id(route: APIRoute) -> str:
+    """Return the name of a route's function in camel case: createRun."""
+    first, *others = route.name.split("_")
+    return first + "".join(word.capitalize() for word in others)

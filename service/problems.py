@@ -168,7 +168,8 @@ def _short(text: str, longest: int = _LONGEST) -> str:
 
 
 def _path(location: Sequence[int | str]) -> str:
-    """observations[3].force[0]; the tag of a model's format is no field and is left out."""
+    """Return observations[3].force[0]; FastAPI's `body` and the tag of a model's format are no fields."""
+    location = location[1:] if location[:1] == ("body",) else location
     path = ""
     for i, part in enumerate(location):
         if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry"}:

@@ -141,6 +141,11 @@ class BaseTargetReadings(Message):
     )
 
 
+_Poses = Annotated[
+    list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_READINGS, fail_fast=True)
+]
+
+
 class GeometryRequest(Message):
     """Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere."""
 
@@ -159,11 +164,9 @@ class GeometryRequest(Message):
     sweeps: Annotated[list[JointSweep], Field(min_length=1, max_length=MAX_JOINTS)] | None = Field(
         default=None, description=f"One of each joint, of {MAX_GEOMETRY_POSITIONS} positions in all."
     )
-    poses: Annotated[list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_READINGS)] | None = (
-        Field(
-            default=None,
-            description="In place of sweeps: unloaded poses, by which a nominal model is calibrated.",
-        )
+    poses: _Poses | None = Field(
+        default=None,
+        description="In place of sweeps: unloaded poses, by which a nominal model is calibrated.",
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",

@@ -1,134 +1,134 @@
-"""Request bodies: capped while they are read, parsed strictly, described in OpenAPI."""
+"""Request bodies: parsed strictly by the route, before FastAPI looks at them."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Annotated, Any, Final, Generic, TypeVar
+from collections.abc import Callable, Coroutine
+from typing import Annotated, Any, Final
 
-from fastapi import Header, HTTPException, Request
-from fastapi.concurrency import run_in_threadpool
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
+from fastapi import Depends, Header, HTTPException, Request, Response, params
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
-from starlette.requests import ClientDisconnect
+from starlette.datastructures import FormData
 
+from jointstiff.service.api.forms import read_form
+from jointstiff.service.api.limits import SMALL_BYTES, refuse_structure
 from jointstiff.service.conversion import MalformedError, parse
 from jointstiff.service.store import IdempotencyKey
 
-__all__ = [
-    "LARGE_BODIES",
-    "MAX_ROBOT_BYTES",
-    "MAX_RUN_BYTES",
-    "MAX_SET_BYTES",
-    "Body",
-    "describe_body",
-    "read_body",
-    "read_content",
-]
+__all__ = ["BodyRoute", "Key", "large_bodies", "understood"]
 
-MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
-MAX_SET_BYTES: Final = 8 * 1024 * 1024
-MAX_RUN_BYTES: Final = 64 * 1024
 MAX_KEY_LENGTH: Final = 255
-SMALL_BYTES: Final = 64 * 1024
-"""Up to this size a body is parsed at once: it takes a millisecond."""
-LARGE_BODIES: Final = 2
-"""Larger bodies that are parsed at a time; the worst we found takes 300 MB meanwhile."""
-MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType({b"{": 60_000, b":": 300_000, b",": 1_000_000})
-"""Objects, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes: 8 MiB of
-them would take gigabytes before the first fault is found."""
 
-Parsed = TypeVar("Parsed", bound=BaseModel)
-
-IdempotencyHeader = Annotated[
-    str | None,
-    Header(
-        min_length=1,
-        max_length=MAX_KEY_LENGTH,
-        description="Any text of your choice. Posting the same body again with the same key answers "
-        "with the resource that the first post created.",
-    ),
-]
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
-@dataclass(frozen=True)
-class Body(Generic[Parsed]):
-    """A body that was read and understood, and the idempotency key that came with it."""
+class BodyRoute(APIRoute):
+    """Route that parses its body itself: FastAPI describes it, and finds it validated.
 
-    message: Parsed
-    key: IdempotencyKey | None
-
-
-def read_body(message: type[Parsed], limit: int) -> Callable[..., Awaitable[Body[Parsed]]]:
-    """A dependency that reads a JSON body of at most `limit` bytes.
-
-    Large ones wait for their turn before they take one of the threads that do the service's work, so that
-    many of them at once neither fill the memory nor keep others from being answered.
+    FastAPI would parse on the event loop, list faults without end, and take any media type.
     """
 
-    async def dependency(request: Request, idempotency_key: IdempotencyHeader = None) -> Body[Parsed]:
-        media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-        if media_type != "application/json":
-            raise HTTPException(415, "send JSON, with the header Content-Type: application/json")
-        content = await read_content(request, limit)
+    def get_route_handler(self) -> Handler:
+        """Return FastAPI's handler behind our parser."""
+        handle = super().get_route_handler()
+        field = self.body_field
+        if field is None:
+            return handle
+        if isinstance(field.field_info, params.Form):
+
+            async def handle_form(request: Request) -> Response:
+                _require(request, "multipart/form-data", "a form")
+                return await handle(_FormRequest(request, await read_form(request)))
+
+            return handle_form
+        message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
+
+        async def handle_json(request: Request) -> Response:
+            _require(request, "application/json", "JSON")
+            parsed = _JsonRequest(request.scope, request.receive)
+            await parsed.read(message)
+            return await handle(parsed)
+
+        return handle_json
+
+
+class _JsonRequest(Request):
+    """Request whose JSON body is a validated message, which FastAPI takes as it is."""
+
+    _message: BaseModel
+
+    async def read(self, message: type[BaseModel]) -> None:
+        """Read and validate the body; large ones take turns in threads of their own.
+
+        Raises:
+            HTTPException: the body is too large (413).
+            RequestValidationError: the body is not such a message.
+        """
+        content = await self.body()
         if len(content) <= SMALL_BYTES:
-            parsed = _understood(content, message)
+            self._message = understood(message, content)
         else:
-            async with request.app.state.large_bodies:
-                parsed = await run_in_threadpool(_understood, content, message)
-        key = None
-        if idempotency_key is not None:
-            key = IdempotencyKey(idempotency_key, hashlib.sha256(content).hexdigest())
-        return Body(parsed, key)
+            turns = large_bodies(self)
+            self._message = await run_sync(understood, message, content, limiter=turns)
 
-    return dependency
+    async def json(self) -> BaseModel:
+        """Return the message."""
+        return self._message
 
 
-async def read_content(request: Request, limit: int) -> bytes:
-    """The body, cut off where it exceeds `limit` bytes, declared or not.
+class _FormRequest(Request):
+    """Request whose form has been read."""
+
+    def __init__(self, request: Request, form: FormData) -> None:
+        super().__init__(request.scope, request.receive)
+        self._form = form
+
+
+def large_bodies(request: Request) -> CapacityLimiter:
+    """Return the application's threads for large bodies."""
+    turns: CapacityLimiter = request.app.state.large_bodies
+    return turns
+
+
+async def _key(
+    request: Request,
+    idempotency_key: Annotated[
+        str | None,
+        Header(
+            min_length=1,
+            max_length=MAX_KEY_LENGTH,
+            description="Any text of your choice. Posting the same body again with the same key answers "
+            "with the resource that the first post created.",
+        ),
+    ] = None,
+) -> IdempotencyKey | None:
+    if idempotency_key is None:
+        return None
+    return IdempotencyKey(idempotency_key, hashlib.sha256(await request.body()).hexdigest())
+
+
+Key = Annotated[IdempotencyKey | None, Depends(_key)]
+"""Idempotency key of a request, bound to the bytes of its body."""
+
+
+def _require(request: Request, media_type: str, what: str) -> None:
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
+        raise HTTPException(415, f"send {what}, with the header Content-Type: {media_type}")
+
+
+def understood(message: type[BaseModel], content: bytes) -> BaseModel:
+    """Validate a JSON body; its depth is limited to 200 by the parser.
 
     Raises:
-        HTTPException: it does (413), or the client left (400).
+        HTTPException: the body has too large a structure (413).
+        RequestValidationError: the body is not such a message.
     """
-    content = bytearray()
-    try:
-        async for chunk in request.stream():
-            content += chunk
-            if len(content) > limit:
-                raise HTTPException(413, f"the body exceeds {limit // 1024} KiB; send less at once")
-    except ClientDisconnect:
-        raise HTTPException(400, "the client left before its body was complete") from None
-    return bytes(content)
-
-
-def _understood(content: bytes, message: type[Parsed]) -> Parsed:
-    """Validate a body; its depth is limited to 200 by the parser.
-
-    Raises:
-        RequestValidationError: if it is not such a message.
-        HTTPException: if it has too many parts (413).
-    """
-    for mark, most in MAX_STRUCTURE.items():
-        if content.count(mark) > most:
-            raise HTTPException(413, f"the body has more than {most} '{mark.decode()}'; send less at once")
+    refuse_structure(content)
     try:
         return parse(message, content)
     except MalformedError as error:
         raise RequestValidationError(error.faults) from None
-
-
-def describe_body(message: type[BaseModel], examples: dict[str, Any]) -> dict[str, Any]:
-    """The OpenAPI description of a body that is read by `read_body`."""
-    return {
-        "requestBody": {
-            "required": True,
-            "content": {
-                "application/json": {
-                    "schema": {"$ref": f"#/components/schemas/{message.__name__}"},
-                    "examples": {name: {"value": value} for name, value in examples.items()},
-                }
-            },
-        }
-    }

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Depends, HTTPException, Query, Response
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.query import ComparisonQuery
-from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import COMPARISONS
-from jointstiff.service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import COMPARISONS, shown
+from jointstiff.service.api.jobs import FollowersOf, JobId, Wait, answer, delete, follow, restore
 from jointstiff.service.api.parts import (
     DELETED,
-    EVENT_STREAM,
     LOCATION,
     PartsOf,
     accepted,
@@ -31,7 +31,7 @@ _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The table, RFC 4180.", "content": {"text/csv": {}}}
 }
 
-router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
+router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"], route_class=BodyRoute)
 
 
 @router.post(
@@ -39,13 +39,13 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
     status_code=201,
     response_model=Comparison,
     responses=LOCATION | accepted(Comparison) | problems(400, 413, 415, 422, 429),
-    openapi_extra=describe_body(ComparisonRequest, COMPARISONS),
 )
-async def post_comparison(
+async def create_comparison(
     parts: PartsOf,
-    body: Annotated[Body[ComparisonRequest], Depends(read_body(ComparisonRequest, MAX_RUN_BYTES))],
+    body: Annotated[ComparisonRequest, shown(COMPARISONS)],
+    key: Key,
     query: Wait,
-    is_closing: Closing,
+    followers: FollowersOf,
 ) -> Response:
     """Identify by several methods, free and constrained, and store the results side by side.
 
@@ -53,7 +53,7 @@ async def post_comparison(
     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
     have their numbers.
     """
-    return await answer(parts.comparisons, "comparisons", body, query.wait, is_closing)
+    return await answer(parts.comparisons, "comparisons", body, key, query.wait, followers)
 
 
 @router.get("", response_model=Page[ComparisonSummary], responses=problems(422))
@@ -87,14 +87,19 @@ def get_comparison_table(parts: PartsOf, comparison_id: JobId) -> Response:
     )
 
 
-@router.get(
-    "/{comparison_id}/events",
-    response_class=StreamingResponse,
-    responses=EVENT_STREAM | problems(404, 422),
-)
-async def get_comparison_events(request: Request, parts: PartsOf, comparison_id: JobId) -> StreamingResponse:
+async def _events(
+    followers: FollowersOf, parts: PartsOf, comparison_id: JobId
+) -> AsyncIterator[ServerSentEvent]:
+    return await follow(followers, parts.comparisons, comparison_id)
+
+
+@router.get("/{comparison_id}/events", response_class=EventSourceResponse, responses=problems(404, 422))
+async def follow_comparison(
+    events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events)],
+) -> AsyncIterator[ServerSentEvent]:
     """Follow a comparison: `progress` events with its state and progress, then one `end` event."""
-    return await follow(request, parts.comparisons, comparison_id)
+    async for event in events:
+        yield event
 
 
 @router.post("/{comparison_id}/cancel", response_model=Comparison, responses=problems(404, 422))

@@ -8,6 +8,7 @@ from typing import Final
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
@@ -31,12 +32,13 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(StoreError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
     app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(ClientDisconnect, _left)
     app.add_exception_handler(Exception, _unexpected)
 
 
 def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
     return Response(
-        problem.model_dump_json(exclude_none=True),
+        problem.model_dump_json(),
         problem.status,
         media_type="application/problem+json",
         headers=headers,
@@ -64,6 +66,10 @@ def _http(_: Request, error: Exception) -> Response:
     headers = dict(error.headers) if error.headers else None
     problem = http_problem(error.status_code, str(error.detail), _REMEDIES.get(error.status_code))
     return _answer(problem, headers)
+
+
+def _left(_: Request, __: Exception) -> Response:
+    return _answer(http_problem(400, "the client left before its body was complete"))
 
 
 def _unexpected(_: Request, error: Exception) -> Response:

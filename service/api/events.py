@@ -1,145 +1,144 @@
-"""Progress of jobs as server-sent events: one look at a job serves all who follow it."""
+"""Progress of jobs as server-sent events: one task looks at all jobs that are followed."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
-from typing import Final, TypeVar
+from collections.abc import AsyncGenerator, Callable, Mapping
+from contextlib import aclosing, suppress
+from dataclasses import dataclass, field
+from typing import Final
 
 from fastapi.concurrency import run_in_threadpool
+from fastapi.sse import ServerSentEvent
 
 from jointstiff.service.jobs import AnyJobs, Job
 from jointstiff.service.store import NotFoundError, Standing, StoreUnavailableError
 
-__all__ = ["Watches", "wait_for_end"]
+__all__ = ["Followers"]
 
-_LOOK_SECONDS: Final = 0.1
-_LOOK_SHARE: Final = 0.05
-"""Between two looks at a job that is waited for: of the time waited so far, if that is longer. Hundreds who
-wait a minute would otherwise keep all threads busy."""
-_LONGEST_LOOK: Final = 2.0
-"""And no longer than this, so that who waits is answered before a service that is told to end has ended."""
-_EVENT_SECONDS: Final = 0.2
-"""Between two looks at a job that is followed."""
-_LOOKS_A_SECOND: Final = 200
-"""At all jobs that are followed: of more than forty, each is looked at less often."""
-_QUIET_LOOKS: Final = 75
-"""After so many looks without news a comment is sent, so that proxies keep the connection."""
-_AT_A_TIME: Final = 8
-"""Followers that are told between two turns of the loop: hundreds must not keep other clients waiting."""
-
-Answer = TypeVar("Answer")
+_TURN_SECONDS: Final = 0.1
+"""Pause between two looks at the jobs that are followed."""
+_PAUSE_PER_LOOK: Final = 4
+"""Least pause as a multiple of the time a look took: looks take at most a fifth of a thread."""
 
 
-async def wait_for_end(jobs: AnyJobs, job_id: str, wait: float, is_closing: Callable[[], bool]) -> None:
-    """Return when a job has ended, after `wait` seconds, or soon after the service was told to end."""
-    clock = asyncio.get_running_loop().time
-    began = clock()
-    while (await run_in_threadpool(jobs.standing, job_id)).goes_on and (waited := clock() - began) < wait:
-        if is_closing():
+@dataclass(eq=False)
+class _Followed:
+    """A job while someone follows it.
+
+    Attributes:
+        jobs: the jobs of its kind.
+        followers: number of those who follow it.
+        job: the job as it was first seen.
+        news: the latest event.
+        over: no further event comes.
+        changed: set when `news` or `over` changes, and replaced by another then.
+    """
+
+    jobs: AnyJobs
+    followers: int = 0
+    job: Job | None = None
+    news: ServerSentEvent | None = None
+    over: bool = False
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def look(self, job_id: str, standing: Standing | None) -> ServerSentEvent | None:
+        """Return the event that tells where the job stands; None if it is gone."""
+        if standing is None:
+            return None
+        is_current = self.job is None or not standing.goes_on
+        if is_current:
+            try:
+                self.job = self.jobs.current(job_id)
+            except NotFoundError:  # deleted meanwhile
+                is_current = False
+        if self.job is None:
+            return None
+        if standing.goes_on:
+            return _event("progress", _at(standing, self.job))
+        return _event("end", self.job if is_current else _at(standing, self.job))
+
+    def tell(self, news: ServerSentEvent | None) -> None:
+        """Tell the followers what is new; None ends their streams."""
+        if news is not None and news == self.news:
             return
-        await asyncio.sleep(min(max(_LOOK_SECONDS, _LOOK_SHARE * waited), _LONGEST_LOOK, wait - waited))
+        self.over = news is None or news.event == "end"
+        self.news = news or self.news
+        self.changed.set()
+        self.changed = asyncio.Event()
 
 
-@dataclass(frozen=True, eq=False)
-class _News:
-    """An event, or a comment, and whether it is the last one."""
+class Followers:
+    """Those who follow jobs. They belong to one event loop."""
 
-    text: str
-    last: bool = False
+    def __init__(self, is_closing: Callable[[], bool] = lambda: False) -> None:
+        """Serve those who follow jobs.
 
+        Args:
+            is_closing: tells whether the service is about to end, which ends all streams.
+        """
+        self._is_closing = is_closing
+        self._followed: dict[str, _Followed] = {}
+        self._task: asyncio.Task[None] | None = None
 
-class _Watch:
-    """One task that looks at a job while someone follows it."""
-
-    def __init__(self, jobs: AnyJobs, job_id: str, pause: Callable[[], float]) -> None:
-        self.followers = 0
-        self._pause = pause
-        self.news: _News | None = None
-        self._waiting: list[asyncio.Future[None]] = []
-        self._task = asyncio.create_task(self._look(jobs, job_id))
-
-    async def changed(self) -> None:
-        """Wait for other news.
+    async def events(self, jobs: AnyJobs, job_id: str) -> AsyncGenerator[ServerSentEvent]:
+        """Yield `progress` events while a job goes on, then one `end` event with its final state.
 
         Raises:
-            Exception: whatever ended the task that looks for them.
+            Exception: a look at the jobs failed, not because the database is away.
         """
-        if self._task.done():
-            await self._task
-        told = asyncio.get_running_loop().create_future()
-        self._waiting.append(told)
-        await told
-
-    def stop(self) -> None:
-        """No one follows any more."""
-        self._task.cancel()
-
-    async def _look(self, jobs: AnyJobs, job_id: str) -> None:
+        followed = self._followed.setdefault(job_id, _Followed(jobs))
+        followed.followers += 1
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._look())
+        task, told = self._task, None
         try:
-            await self._follow(jobs, job_id)
-        except Exception as error:
-            for told in self._waiting:
-                if not told.done():
-                    told.set_exception(error)
-            raise
-
-    async def _follow(self, jobs: AnyJobs, job_id: str) -> None:
-        job = await _asked(jobs.current, job_id)
-        standing, quiet = Standing(job.state, job.progress.done if job.progress else 0), 0
-        while standing.goes_on:
-            event = _event("progress", _at(standing, job))
-            quiet = quiet + 1 if self.news and self.news.text == event else 0
-            if quiet == 0:
-                await self._tell(_News(event))
-            elif quiet % _QUIET_LOOKS == 0:
-                await self._tell(_News(": still running\n\n"))
-            await asyncio.sleep(self._pause())
-            standing = await _asked(jobs.standing, job_id)
-        try:
-            job = await _asked(jobs.current, job_id)
-        except NotFoundError:  # deleted as soon as it had ended
-            job = _at(standing, job)
-        await self._tell(_News(_event("end", job), last=True))
-
-    async def _tell(self, news: _News) -> None:
-        self.news, waiting, self._waiting = news, self._waiting, []
-        for number, told in enumerate(waiting, start=1):
-            if not told.done():  # it may have left
-                told.set_result(None)
-            if number % _AT_A_TIME == 0:
-                await asyncio.sleep(0)
-
-
-class Watches:
-    """The jobs that someone follows. Belongs to one event loop."""
-
-    def __init__(self) -> None:
-        self._watches: dict[str, _Watch] = {}
-
-    async def events(self, jobs: AnyJobs, job_id: str) -> AsyncIterator[str]:
-        """`progress` events while a job goes on, then one `end` event with its final state."""
-        watch = self._watches.get(job_id)
-        if watch is None:
-            watch = self._watches[job_id] = _Watch(jobs, job_id, self._pause)
-        watch.followers += 1
-        try:
-            told: _News | None = None
-            while told is None or not told.last:
-                if watch.news is None or watch.news is told:
-                    await watch.changed()
+            while True:
+                if followed.news is not None and followed.news is not told:
+                    told = followed.news
+                    yield told
+                elif followed.over:
+                    break
                 else:
-                    told = watch.news
-                    yield told.text
+                    await followed.changed.wait()
         finally:
-            watch.followers -= 1
-            if watch.followers == 0:
-                watch.stop()
-                self._watches.pop(job_id, None)
+            followed.followers -= 1
+            if followed.followers == 0 and self._followed.get(job_id) is followed:
+                del self._followed[job_id]
+        if task.done():
+            await task
 
-    def _pause(self) -> float:
-        return max(_EVENT_SECONDS, len(self._watches) / _LOOKS_A_SECOND)
+    async def wait(self, jobs: AnyJobs, job_id: str, seconds: float) -> None:
+        """Return when a job has ended, after some seconds, or when the service is about to end."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds), aclosing(self.events(jobs, job_id)) as events:
+                async for _ in events:
+                    pass
+
+    async def _look(self) -> None:
+        """Look at the jobs until no one follows any."""
+        clock = asyncio.get_running_loop().time
+        try:
+            while self._followed and not self._is_closing():
+                began = clock()
+                followed = {job_id: each for job_id, each in self._followed.items() if not each.over}
+                with suppress(StoreUnavailableError):  # however long the database is away
+                    for job_id, news in (await run_in_threadpool(_looked, followed)).items():
+                        followed[job_id].tell(news)
+                await asyncio.sleep(max(_TURN_SECONDS, _PAUSE_PER_LOOK * (clock() - began)))
+        finally:
+            left, self._followed = self._followed, {}
+            for each in left.values():
+                each.tell(None)
+
+
+def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
+    """Look at jobs, with one query for all of a kind."""
+    kinds: dict[AnyJobs, list[str]] = {}
+    for job_id, each in followed.items():
+        kinds.setdefault(each.jobs, []).append(job_id)
+    standings = {job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.standings(ids).items()}
+    return {job_id: each.look(job_id, standings.get(job_id)) for job_id, each in followed.items()}
 
 
 def _at(standing: Standing, job: Job) -> Job:
@@ -147,15 +146,5 @@ def _at(standing: Standing, job: Job) -> Job:
     return job.model_copy(update={"state": standing.state, "progress": progress})
 
 
-async def _asked(ask: Callable[[str], Answer], job_id: str) -> Answer:
-    """What is asked of a job, however long the database is away."""
-    while True:
-        try:
-            return await run_in_threadpool(ask, job_id)
-        except StoreUnavailableError:
-            await asyncio.sleep(_EVENT_SECONDS)
-
-
-def _event(name: str, job: Job) -> str:
-    data = job.model_dump_json(include={"id", "state", "progress"})
-    return f"event: {name}\ndata: {data}\n\n"
+def _event(name: str, job: Job) -> ServerSentEvent:
+    return ServerSentEvent(event=name, raw_data=job.model_dump_json(include={"id", "state", "progress"}))

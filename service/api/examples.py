@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-__all__ = ["COMPARISONS", "GEOMETRIES", "IMPORTS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS"]
+from fastapi import Body
+from fastapi.openapi.models import Example
+
+__all__ = ["COMPARISONS", "GEOMETRIES", "IMPORTS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS", "shown"]
+
+
+def shown(examples: dict[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
+    """Return the declaration of a JSON body with its examples."""
+    return Body(openapi_examples={name: Example(value=value) for name, value in examples.items()})
+
 
 _QUARTER: Final = 1.5707963267948966
 

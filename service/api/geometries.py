@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
 from jointstiff.schemas.query import GeometryQuery
-from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import GEOMETRIES
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import GEOMETRIES, shown
 from jointstiff.service.api.jobs import JobId, delete, restore
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.store import GeometryEntry
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/geometries", tags=["geometries"])
+router = APIRouter(prefix="/v1/geometries", tags=["geometries"], route_class=BodyRoute)
 
 
 @router.post(
@@ -25,11 +25,11 @@ router = APIRouter(prefix="/v1/geometries", tags=["geometries"])
     status_code=201,
     response_model=Geometry,
     responses=LOCATION | problems(400, 413, 415, 422),
-    openapi_extra=describe_body(GeometryRequest, GEOMETRIES),
 )
-def post_geometry(
+def create_geometry(
     parts: PartsOf,
-    body: Annotated[Body[GeometryRequest], Depends(read_body(GeometryRequest, MAX_ROBOT_BYTES))],
+    body: Annotated[GeometryRequest, shown(GEOMETRIES)],
+    key: Key,
 ) -> Response:
     """Find a robot's geometry, from each joint turned alone or from unloaded poses.
 
@@ -38,7 +38,7 @@ def post_geometry(
     looks wrong (a bumped tracker, a short arc, a joint map that does not fit, …) is a finding with its
     figure; what cannot be used is refused, and nothing is stored.
     """
-    record = parts.geometries.create(body.message, body.key)
+    record = parts.geometries.create(body, key)
     return created("geometries", record.id, record.document)
 
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+import json
+from typing import Annotated, Final
 
-from fastapi import APIRouter, HTTPException, Request, Response
-from fastapi.concurrency import run_in_threadpool
-from fastapi.exceptions import RequestValidationError
-from pydantic import TypeAdapter, ValidationError
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, File, Form, Request, Response, UploadFile
+from pydantic import Json, TypeAdapter, ValidationError
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Name
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
-from jointstiff.service.api.bodies import MAX_SET_BYTES, SMALL_BYTES, read_content
+from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import IMPORTS
-from jointstiff.service.api.multipart import Part, read_parts
+from jointstiff.service.api.forms import MAX_FILES
 from jointstiff.service.api.parts import json_response, problems
-from jointstiff.service.conversion import MalformedError, parse
 from jointstiff.service.importing import SourceFile
 from jointstiff.service.resources import import_files
 from jointstiff.solver.errors import RequestError
@@ -24,38 +23,25 @@ __all__ = ["router"]
 
 _NAME: Final = TypeAdapter(Name)
 
-_FORM: Final[dict[str, Any]] = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "properties": {
-                        "files": {
-                            "type": "array",
-                            "description": "Tables and lists of points: text or Excel, each with its name.",
-                            "items": {"type": "string", "format": "binary"},
-                            "minItems": 1,
-                            "maxItems": 64,
-                        },
-                        "options": {"$ref": f"#/components/schemas/{ImportRequest.__name__}"},
-                    },
-                    "required": ["files"],
-                    "additionalProperties": False,
-                },
-                "encoding": {"options": {"contentType": "application/json"}},
-                "examples": {name: {"value": value} for name, value in IMPORTS.items()},
-            }
-        },
-    }
-}
+_DEFAULTS: Final = ImportRequest()
+_EXAMPLE: Final = IMPORTS["one table"]
 
-router = APIRouter(prefix="/v1/imports", tags=["measurement sets"])
+_Files = Annotated[
+    list[UploadFile],
+    File(
+        description="Tables and lists of points: text or Excel, each with its name.",
+        min_length=1,
+        max_length=MAX_FILES,
+        examples=[_EXAMPLE["files"]],
+    ),
+]
+_Options = Annotated[Json[ImportRequest], Form(examples=[json.dumps(_EXAMPLE["options"])])]
+
+router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=BodyRoute)
 
 
-@router.post("", response_model=ImportAnswer, responses=problems(400, 413, 415, 422), openapi_extra=_FORM)
-async def post_import(request: Request) -> Response:
+@router.post("", response_model=ImportAnswer, responses=problems(400, 413, 415, 422))
+async def create_import(request: Request, files: _Files, options: _Options = _DEFAULTS) -> Response:
     """Understand files of readings, and show what was understood. Nothing is stored.
 
     Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
@@ -63,43 +49,20 @@ async def post_import(request: Request) -> Response:
     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
     be understood in two ways is refused, with its place as file:line:column and the remedy.
     """
-    content = await read_content(request, MAX_SET_BYTES)
     # A few bytes of Excel unpack to a great deal: all imports wait for their turn.
-    async with request.app.state.large_bodies:
-        answer = await run_in_threadpool(_answer, request.headers.get("content-type", ""), content)
+    answer = await run_sync(_understood, files, options, limiter=large_bodies(request))
     return json_response(answer)
 
 
-def _answer(content_type: str, content: bytes) -> str:
-    parts = read_parts(content_type, content)
-    for part in parts:
-        if part.name not in {"files", "options"}:
-            raise RequestError(
-                f"a form has no field {part.name[:MAX_NAME_LENGTH]!r}",
-                remedy="send `files` and `options`",
-                where="body",
-            )
-    options = [part for part in parts if part.name == "options"]
-    if len(options) > 1:
-        raise RequestError("the options are there twice", remedy="send one JSON document", where="options")
-    files = [_file(part) for part in parts if part.name == "files"]
-    return import_files(files, _options(options[0]) if options else ImportRequest()).model_dump_json()
+def _understood(files: list[UploadFile], options: ImportRequest) -> str:
+    return import_files([_source(file) for file in files], options).model_dump_json()
 
 
-def _options(part: Part) -> ImportRequest:
-    if len(part.content) > SMALL_BYTES:
-        raise HTTPException(413, f"the options exceed {SMALL_BYTES // 1024} KiB")
+def _source(file: UploadFile) -> SourceFile:
+    """Return a file under its name without folders."""
+    name = (file.filename or "").replace("\\", "/").rpartition("/")[2]
     try:
-        return parse(ImportRequest, part.content)
-    except MalformedError as error:
-        raise RequestValidationError(
-            [{**fault, "loc": ("options", *fault["loc"])} for fault in error.faults]
-        ) from None
-
-
-def _file(part: Part) -> SourceFile:
-    try:
-        return SourceFile(_NAME.validate_python(part.file_name), part.content)
+        return SourceFile(_NAME.validate_python(name), file.file.read())
     except ValidationError:
         raise RequestError(
             "a file has no name, or one that cannot be shown",

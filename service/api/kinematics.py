@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter
 
 from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
-from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
+from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import to_kinematics
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/kinematics", tags=["robots"])
+router = APIRouter(prefix="/v1/kinematics", tags=["robots"], route_class=BodyRoute)
 
 
 @router.post(
     "",
     response_model=Kinematics,
     responses=problems(400, 404, 413, 415, 422),
-    openapi_extra=describe_body(KinematicsRequest, {}),
 )
-def post_kinematics(
+def compute_kinematics(
     parts: PartsOf,
-    body: Annotated[Body[KinematicsRequest], Depends(read_body(KinematicsRequest, MAX_ROBOT_BYTES))],
+    body: KinematicsRequest,
 ) -> Kinematics:
-    """Where joints and flange are in some configurations. Nothing is stored.
+    """Compute where joints and flange are in some configurations. Nothing is stored.
 
     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
     """
-    request = body.message
-    return to_kinematics(parts.robots.find(request.robot_id, request.robot), request.joints)
+    return to_kinematics(parts.robots.find(body.robot_id, body.robot), body.joints)

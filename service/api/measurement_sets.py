@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
 from jointstiff.schemas.query import SetQuery
-from jointstiff.service.api.bodies import MAX_SET_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import MEASUREMENT_SETS
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.resources import assembled
 from jointstiff.service.store import MeasurementSetEntry
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"])
+router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], route_class=BodyRoute)
 
 
 @router.post(
@@ -25,11 +25,11 @@ router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"])
     status_code=201,
     response_model=MeasurementSet,
     responses=LOCATION | problems(400, 413, 415, 422),
-    openapi_extra=describe_body(MeasurementSetRequest, MEASUREMENT_SETS),
 )
-def post_measurement_set(
+def create_measurement_set(
     parts: PartsOf,
-    body: Annotated[Body[MeasurementSetRequest], Depends(read_body(MeasurementSetRequest, MAX_SET_BYTES))],
+    body: Annotated[MeasurementSetRequest, shown(MEASUREMENT_SETS)],
+    key: Key,
 ) -> Response:
     """Store a measurement set.
 
@@ -37,7 +37,7 @@ def post_measurement_set(
     suspicious (targets that did not move as one body, deflection against the force, angles that look
     like the other unit, …) is stored with a warning, which every run of the set shows.
     """
-    record = parts.sets.create(body.message, body.key)
+    record = parts.sets.create(body, key)
     return created("measurement-sets", record.id, assembled(record).model_dump_json())
 
 

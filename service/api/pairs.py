@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
 from jointstiff.schemas.query import PairQuery
-from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import PAIRS
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import PAIRS, shown
 from jointstiff.service.api.jobs import JobId, delete, restore
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.store import PairEntry
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/pairs", tags=["pairs"])
+router = APIRouter(prefix="/v1/pairs", tags=["pairs"], route_class=BodyRoute)
 
 
 @router.post(
@@ -25,11 +25,8 @@ router = APIRouter(prefix="/v1/pairs", tags=["pairs"])
     status_code=201,
     response_model=Pair,
     responses=LOCATION | problems(400, 413, 415, 422),
-    openapi_extra=describe_body(PairRequest, PAIRS),
 )
-def post_pair(
-    parts: PartsOf, body: Annotated[Body[PairRequest], Depends(read_body(PairRequest, MAX_RUN_BYTES))]
-) -> Response:
+def create_pair(parts: PartsOf, body: Annotated[PairRequest, shown(PAIRS)], key: Key) -> Response:
     """Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
 
     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
@@ -37,7 +34,7 @@ def post_pair(
     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
     joint is softer on the second.
     """
-    record = parts.pairs.create(body.message, body.key)
+    record = parts.pairs.create(body, key)
     return created("pairs", record.id, record.document)
 
 

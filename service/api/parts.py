@@ -12,7 +12,6 @@ from jointstiff.service.jobs import Parts
 
 __all__ = [
     "DELETED",
-    "EVENT_STREAM",
     "LOCATION",
     "PartsOf",
     "accepted",
@@ -61,14 +60,10 @@ def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
             "headers": {
                 "Location": {"description": "Address of the resource.", "schema": {"type": "string"}}
             },
-            "content": {"application/json": {"schema": {"$ref": f"#/components/schemas/{message.__name__}"}}},
+            "model": message,
         }
     }
 
-
-EVENT_STREAM: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "Events of the job.", "content": {"text/event-stream": {}}}
-}
 
 DELETED: Final[dict[int | str, dict[str, Any]]] = {
     204: {"description": "Deleted: `restore` brings it back for 30 days."}

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.query import RobotQuery
 from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
-from jointstiff.service.api.bodies import MAX_ROBOT_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import ROBOTS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.store import RobotRecord
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/robots", tags=["robots"])
+router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 
 
 @router.post(
@@ -24,11 +24,8 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"])
     status_code=201,
     response_model=Robot,
     responses=LOCATION | problems(400, 413, 415, 422),
-    openapi_extra=describe_body(RobotRequest, ROBOTS),
 )
-def post_robot(
-    parts: PartsOf, body: Annotated[Body[RobotRequest], Depends(read_body(RobotRequest, MAX_ROBOT_BYTES))]
-) -> Response:
+def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], key: Key) -> Response:
     """Store a robot.
 
     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
@@ -36,7 +33,7 @@ def post_robot(
     revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
     the identified model, and the geometry's id.
     """
-    record = parts.robots.create(body.message, body.key)
+    record = parts.robots.create(body, key)
     return created("robots", record.id, record.document)
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.query import RunQuery
 from jointstiff.schemas.run import Run, RunRequest, RunSummary
-from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import RUNS
-from jointstiff.service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
+from jointstiff.service.api.bodies import BodyRoute, Key
+from jointstiff.service.api.examples import RUNS, shown
+from jointstiff.service.api.jobs import FollowersOf, JobId, Wait, answer, delete, follow, restore
 from jointstiff.service.api.parts import (
     DELETED,
-    EVENT_STREAM,
     LOCATION,
     PartsOf,
     accepted,
@@ -26,7 +26,7 @@ from jointstiff.service.store import RunEntry
 
 __all__ = ["router"]
 
-router = APIRouter(prefix="/v1/runs", tags=["runs"])
+router = APIRouter(prefix="/v1/runs", tags=["runs"], route_class=BodyRoute)
 
 
 @router.post(
@@ -34,13 +34,13 @@ router = APIRouter(prefix="/v1/runs", tags=["runs"])
     status_code=201,
     response_model=Run,
     responses=LOCATION | accepted(Run) | problems(400, 413, 415, 422, 429),
-    openapi_extra=describe_body(RunRequest, RUNS),
 )
-async def post_run(
+async def create_run(
     parts: PartsOf,
-    body: Annotated[Body[RunRequest], Depends(read_body(RunRequest, MAX_RUN_BYTES))],
+    body: Annotated[RunRequest, shown(RUNS)],
+    key: Key,
     query: Wait,
-    is_closing: Closing,
+    followers: FollowersOf,
 ) -> Response:
     """Identify the joint stiffnesses, and store the result with its provenance.
 
@@ -48,7 +48,7 @@ async def post_run(
     run as it is and its address. A method that the readings cannot support is refused, and nothing is
     stored. Any other failure is a stored run in state `failed` that says why.
     """
-    return await answer(parts.runs, "runs", body, query.wait, is_closing)
+    return await answer(parts.runs, "runs", body, key, query.wait, followers)
 
 
 @router.get("", response_model=Page[RunSummary], responses=problems(422))
@@ -65,14 +65,17 @@ def get_run(parts: PartsOf, run_id: JobId) -> Response:
     return json_response(parts.runs.document(run_id))
 
 
-@router.get(
-    "/{run_id}/events",
-    response_class=StreamingResponse,
-    responses=EVENT_STREAM | problems(404, 422),
-)
-async def get_run_events(request: Request, parts: PartsOf, run_id: JobId) -> StreamingResponse:
+async def _events(followers: FollowersOf, parts: PartsOf, run_id: JobId) -> AsyncIterator[ServerSentEvent]:
+    return await follow(followers, parts.runs, run_id)
+
+
+@router.get("/{run_id}/events", response_class=EventSourceResponse, responses=problems(404, 422))
+async def follow_run(
+    events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events)],
+) -> AsyncIterator[ServerSentEvent]:
     """Follow a run: `progress` events with its state and progress, then one `end` event."""
-    return await follow(request, parts.runs, run_id)
+    async for event in events:
+        yield event
 
 
 @router.post("/{run_id}/cancel", response_model=Run, responses=problems(404, 422))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -131,6 +131,10 @@ class Jobs(Generic[Request, Message, JobRecord]):
         if found is None:
             raise NotFoundError(self.kind.record, job_id)
         return found
+
+    def standings(self, job_ids: Collection[str]) -> Mapping[str, Standing]:
+        """Return state and progress of those of some jobs that exist, by id."""
+        return self.log.standings(job_ids)
 
     def cancel(self, job_id: str) -> Message:
         """End a job where it stands; a job that has ended stays as it is.

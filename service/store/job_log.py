@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
@@ -50,15 +50,19 @@ class JobLog:
         self._database = database
         self._table = table = TABLES[record]
         done = select(func.coalesce(func.sum(job_steps.c.done), 0)).where(job_steps.c.job_id == table.c.id)
-        self._standing = select(table.c.state, done.scalar_subquery().label("done")).where(
-            table.c.id == bindparam("id")
+        self._standings = select(table.c.id, table.c.state, done.scalar_subquery().label("done")).where(
+            table.c.id.in_(bindparam("ids", expanding=True))
         )
 
     def standing(self, job_id: str) -> Standing | None:
         """Where a job stands; None if there is no such job."""
+        return self.standings([job_id]).get(job_id)
+
+    def standings(self, job_ids: Collection[str]) -> dict[str, Standing]:
+        """Return where some jobs stand, by id, without those that do not exist."""
         with self._database.reading() as connection:
-            row = connection.execute(self._standing, {"id": job_id}).one_or_none()
-        return None if row is None else Standing(str(row.state), int(row.done))
+            rows = connection.execute(self._standings, {"ids": list(job_ids)}).all()
+        return {str(row.id): Standing(str(row.state), int(row.done)) for row in rows}
 
     def state(self, job_id: str) -> str | None:
         """The state of a job; None if there is no such job."""

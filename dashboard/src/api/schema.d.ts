@@ -15,10 +15,10 @@ export interface paths {
          * List Robots
          * @description List robots, newest first.
          */
-        get: operations["list_robots_v1_robots_get"];
+        get: operations["listRobots"];
         put?: never;
         /**
-         * Post Robot
+         * Create Robot
          * @description Store a robot.
          *
          *     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
@@ -26,7 +26,7 @@ export interface paths {
          *     revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
          *     the identified model, and the geometry's id.
          */
-        post: operations["post_robot_v1_robots_post"];
+        post: operations["createRobot"];
         delete?: never;
         options?: never;
         head?: never;
@@ -44,7 +44,7 @@ export interface paths {
          * Get Robot
          * @description One robot, with its kinematics as they were understood.
          */
-        get: operations["get_robot_v1_robots__robot_id__get"];
+        get: operations["getRobot"];
         put?: never;
         post?: never;
         delete?: never;
@@ -63,12 +63,12 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Post Kinematics
-         * @description Where joints and flange are in some configurations. Nothing is stored.
+         * Compute Kinematics
+         * @description Compute where joints and flange are in some configurations. Nothing is stored.
          *
          *     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
          */
-        post: operations["post_kinematics_v1_kinematics_post"];
+        post: operations["computeKinematics"];
         delete?: never;
         options?: never;
         head?: never;
@@ -86,10 +86,10 @@ export interface paths {
          * List Geometries
          * @description List geometries without their results, newest first.
          */
-        get: operations["list_geometries_v1_geometries_get"];
+        get: operations["listGeometries"];
         put?: never;
         /**
-         * Post Geometry
+         * Create Geometry
          * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
          *
          *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
@@ -97,7 +97,7 @@ export interface paths {
          *     looks wrong (a bumped tracker, a short arc, a joint map that does not fit, …) is a finding with its
          *     figure; what cannot be used is refused, and nothing is stored.
          */
-        post: operations["post_geometry_v1_geometries_post"];
+        post: operations["createGeometry"];
         delete?: never;
         options?: never;
         head?: never;
@@ -115,14 +115,14 @@ export interface paths {
          * Get Geometry
          * @description One geometry with its readings, result and provenance. It never changes.
          */
-        get: operations["get_geometry_v1_geometries__geometry_id__get"];
+        get: operations["getGeometry"];
         put?: never;
         post?: never;
         /**
          * Delete Geometry
          * @description Delete a geometry; what was made of it stays as it is. For 30 days it can be restored.
          */
-        delete: operations["delete_geometry_v1_geometries__geometry_id__delete"];
+        delete: operations["deleteGeometry"];
         options?: never;
         head?: never;
         patch?: never;
@@ -141,7 +141,7 @@ export interface paths {
          * Restore Geometry
          * @description Bring a deleted geometry back; one that is not deleted stays as it is.
          */
-        post: operations["restore_geometry_v1_geometries__geometry_id__restore_post"];
+        post: operations["restoreGeometry"];
         delete?: never;
         options?: never;
         head?: never;
@@ -159,17 +159,17 @@ export interface paths {
          * List Measurement Sets
          * @description List measurement sets without their observations, newest first.
          */
-        get: operations["list_measurement_sets_v1_measurement_sets_get"];
+        get: operations["listMeasurementSets"];
         put?: never;
         /**
-         * Post Measurement Set
+         * Create Measurement Set
          * @description Store a measurement set.
          *
          *     What cannot be right is refused with its place and the remedy, and nothing is stored. What is
          *     suspicious (targets that did not move as one body, deflection against the force, angles that look
          *     like the other unit, …) is stored with a warning, which every run of the set shows.
          */
-        post: operations["post_measurement_set_v1_measurement_sets_post"];
+        post: operations["createMeasurementSet"];
         delete?: never;
         options?: never;
         head?: never;
@@ -187,7 +187,7 @@ export interface paths {
          * Get Measurement Set
          * @description One measurement set as it was posted, with what was noticed.
          */
-        get: operations["get_measurement_set_v1_measurement_sets__set_id__get"];
+        get: operations["getMeasurementSet"];
         put?: never;
         post?: never;
         delete?: never;
@@ -207,17 +207,17 @@ export interface paths {
          * List Runs
          * @description List runs without their results, newest first.
          */
-        get: operations["list_runs_v1_runs_get"];
+        get: operations["listRuns"];
         put?: never;
         /**
-         * Post Run
+         * Create Run
          * @description Identify the joint stiffnesses, and store the result with its provenance.
          *
          *     Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
          *     run as it is and its address. A method that the readings cannot support is refused, and nothing is
          *     stored. Any other failure is a stored run in state `failed` that says why.
          */
-        post: operations["post_run_v1_runs_post"];
+        post: operations["createRun"];
         delete?: never;
         options?: never;
         head?: never;
@@ -235,14 +235,14 @@ export interface paths {
          * Get Run
          * @description One run with its request, progress, result and provenance. Once ended it never changes.
          */
-        get: operations["get_run_v1_runs__run_id__get"];
+        get: operations["getRun"];
         put?: never;
         post?: never;
         /**
          * Delete Run
          * @description Delete a run; one that goes on must be cancelled first. For 30 days it can be restored.
          */
-        delete: operations["delete_run_v1_runs__run_id__delete"];
+        delete: operations["deleteRun"];
         options?: never;
         head?: never;
         patch?: never;
@@ -256,10 +256,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Get Run Events
+         * Follow Run
          * @description Follow a run: `progress` events with its state and progress, then one `end` event.
          */
-        get: operations["get_run_events_v1_runs__run_id__events_get"];
+        get: operations["followRun"];
         put?: never;
         post?: never;
         delete?: never;
@@ -281,7 +281,7 @@ export interface paths {
          * Cancel Run
          * @description End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is.
          */
-        post: operations["cancel_run_v1_runs__run_id__cancel_post"];
+        post: operations["cancelRun"];
         delete?: never;
         options?: never;
         head?: never;
@@ -301,7 +301,7 @@ export interface paths {
          * Restore Run
          * @description Bring a deleted run back; one that is not deleted stays as it is.
          */
-        post: operations["restore_run_v1_runs__run_id__restore_post"];
+        post: operations["restoreRun"];
         delete?: never;
         options?: never;
         head?: never;
@@ -319,17 +319,17 @@ export interface paths {
          * List Comparisons
          * @description List comparisons without their results, newest first.
          */
-        get: operations["list_comparisons_v1_comparisons_get"];
+        get: operations["listComparisons"];
         put?: never;
         /**
-         * Post Comparison
+         * Create Comparison
          * @description Identify by several methods, free and constrained, and store the results side by side.
          *
          *     The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
          *     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
          *     have their numbers.
          */
-        post: operations["post_comparison_v1_comparisons_post"];
+        post: operations["createComparison"];
         delete?: never;
         options?: never;
         head?: never;
@@ -347,14 +347,14 @@ export interface paths {
          * Get Comparison
          * @description One comparison with its request, progress, result and provenance. Once ended it never changes.
          */
-        get: operations["get_comparison_v1_comparisons__comparison_id__get"];
+        get: operations["getComparison"];
         put?: never;
         post?: never;
         /**
          * Delete Comparison
          * @description Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored.
          */
-        delete: operations["delete_comparison_v1_comparisons__comparison_id__delete"];
+        delete: operations["deleteComparison"];
         options?: never;
         head?: never;
         patch?: never;
@@ -371,7 +371,7 @@ export interface paths {
          * Get Comparison Table
          * @description The result as a table for spreadsheets: one row an entry and joint, units in the headers.
          */
-        get: operations["get_comparison_table_v1_comparisons__comparison_id__table_csv_get"];
+        get: operations["getComparisonTable"];
         put?: never;
         post?: never;
         delete?: never;
@@ -388,10 +388,10 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Get Comparison Events
+         * Follow Comparison
          * @description Follow a comparison: `progress` events with its state and progress, then one `end` event.
          */
-        get: operations["get_comparison_events_v1_comparisons__comparison_id__events_get"];
+        get: operations["followComparison"];
         put?: never;
         post?: never;
         delete?: never;
@@ -413,7 +413,7 @@ export interface paths {
          * Cancel Comparison
          * @description End a comparison where it stands, as a run; one that has ended stays as it is.
          */
-        post: operations["cancel_comparison_v1_comparisons__comparison_id__cancel_post"];
+        post: operations["cancelComparison"];
         delete?: never;
         options?: never;
         head?: never;
@@ -433,7 +433,7 @@ export interface paths {
          * Restore Comparison
          * @description Bring a deleted comparison back; one that is not deleted stays as it is.
          */
-        post: operations["restore_comparison_v1_comparisons__comparison_id__restore_post"];
+        post: operations["restoreComparison"];
         delete?: never;
         options?: never;
         head?: never;
@@ -451,10 +451,10 @@ export interface paths {
          * List Pairs
          * @description List pairs without their results, newest first.
          */
-        get: operations["list_pairs_v1_pairs_get"];
+        get: operations["listPairs"];
         put?: never;
         /**
-         * Post Pair
+         * Create Pair
          * @description Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
          *
          *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
@@ -462,7 +462,7 @@ export interface paths {
          *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
          *     joint is softer on the second.
          */
-        post: operations["post_pair_v1_pairs_post"];
+        post: operations["createPair"];
         delete?: never;
         options?: never;
         head?: never;
@@ -480,14 +480,14 @@ export interface paths {
          * Get Pair
          * @description One pair with its request, result and provenance. It never changes.
          */
-        get: operations["get_pair_v1_pairs__pair_id__get"];
+        get: operations["getPair"];
         put?: never;
         post?: never;
         /**
          * Delete Pair
          * @description Delete a pair. For 30 days it can be restored.
          */
-        delete: operations["delete_pair_v1_pairs__pair_id__delete"];
+        delete: operations["deletePair"];
         options?: never;
         head?: never;
         patch?: never;
@@ -506,7 +506,7 @@ export interface paths {
          * Restore Pair
          * @description Bring a deleted pair back; one that is not deleted stays as it is.
          */
-        post: operations["restore_pair_v1_pairs__pair_id__restore_post"];
+        post: operations["restorePair"];
         delete?: never;
         options?: never;
         head?: never;
@@ -523,7 +523,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Post Import
+         * Create Import
          * @description Understand files of readings, and show what was understood. Nothing is stored.
          *
          *     Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
@@ -531,7 +531,7 @@ export interface paths {
          *     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
          *     be understood in two ways is refused, with its place as file:line:column and the remedy.
          */
-        post: operations["post_import_v1_imports_post"];
+        post: operations["createImport"];
         delete?: never;
         options?: never;
         head?: never;
@@ -549,7 +549,7 @@ export interface paths {
          * Get Health
          * @description Ask the database, and say which version answers, and how many workers there are.
          */
-        get: operations["get_health_health_get"];
+        get: operations["getHealth"];
         put?: never;
         post?: never;
         delete?: never;
@@ -602,7 +602,7 @@ export interface components {
              * Standard Uncertainty
              * @description Of the compliance after that reading; null where sigma is unknown.
              */
-            standard_uncertainty?: number | null;
+            standard_uncertainty: number | null;
         };
         /**
          * AvoidedDeflection
@@ -711,7 +711,25 @@ export interface components {
          * BaseRule
          * @description How R0 stands to axes 1 and 2, which determine all but a convention.
          */
-        BaseRule: {
+        "BaseRule-Input": {
+            /**
+             * By
+             * @description `nominal`: as in the nominal model. `axes`: z along axis 1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero.
+             * @enum {string}
+             */
+            by: "nominal" | "axes";
+            /**
+             * Height
+             * @description For `axes`: height of that perpendicular above R0, in units.length.
+             * @default 0
+             */
+            height?: number;
+        };
+        /**
+         * BaseRule
+         * @description How R0 stands to axes 1 and 2, which determine all but a convention.
+         */
+        "BaseRule-Output": {
             /**
              * By
              * @description `nominal`: as in the nominal model. `axes`: z along axis 1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero.
@@ -729,7 +747,7 @@ export interface components {
          * BaseTargetReadings
          * @description Targets fixed to the robot's base, read twice: they show whether tracker and robot moved.
          */
-        BaseTargetReadings: {
+        "BaseTargetReadings-Input": {
             /**
              * Before
              * @description Before the readings, tracker's frame, in units.length.
@@ -752,6 +770,56 @@ export interface components {
                     number
                 ];
             } | null;
+        };
+        /**
+         * BaseTargetReadings
+         * @description Targets fixed to the robot's base, read twice: they show whether tracker and robot moved.
+         */
+        "BaseTargetReadings-Output": {
+            /**
+             * Before
+             * @description Before the readings, tracker's frame, in units.length.
+             */
+            before: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * After
+             * @description After them. If absent, what is read later, such as by a measurement set in this geometry's frame, is compared with `before`.
+             */
+            after: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            } | null;
+        };
+        /** Body_createImport */
+        Body_createImport: {
+            /**
+             * Files
+             * @description Tables and lists of points: text or Excel, each with its name.
+             * @example [
+             *       "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [mm];P10 loaded x [mm];P10 loaded y [mm];P10 loaded z [mm]\nc01;10.5;-20.25;0;0;-1471.5;1245.7134;-310.1127;239.2014;1245.6021;-310.1098;237.9853\n"
+             *     ]
+             */
+            files: string[];
+            /**
+             * Options
+             * @default {
+             *       "ignore": [],
+             *       "state_words": {},
+             *       "allow_missing": false,
+             *       "flange_targets": {}
+             *     }
+             * @example {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}
+             */
+            options?: string;
         };
         /**
          * Certificate
@@ -862,7 +930,30 @@ export interface components {
          * ComparedMethod
          * @description One of the methods to compare.
          */
-        ComparedMethod: {
+        "ComparedMethod-Input": {
+            /**
+             * Method
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @description As of a run.
+             * @default covariance
+             * @enum {string}
+             */
+            weighting?: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description For that weighting; if absent, the length of least condition number.
+             */
+            characteristic_length?: number | null;
+        };
+        /**
+         * ComparedMethod
+         * @description One of the methods to compare.
+         */
+        "ComparedMethod-Output": {
             /**
              * Method
              * @enum {string}
@@ -879,7 +970,7 @@ export interface components {
              * Characteristic Length
              * @description For that weighting; if absent, the length of least condition number.
              */
-            characteristic_length?: number | null;
+            characteristic_length: number | null;
         };
         /**
          * Comparison
@@ -895,8 +986,8 @@ export interface components {
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
             /** @description Of a comparison that takes long. */
-            progress?: components["schemas"]["Progress"] | null;
-            request: components["schemas"]["ComparisonRequest"];
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["ComparisonRequest-Output"];
             /** @description Present if the comparison succeeded. */
             result: components["schemas"]["ComparisonResult"] | null;
             /** @description Present if the comparison failed. */
@@ -907,7 +998,7 @@ export interface components {
          * ComparisonRequest
          * @description A comparison as it is posted.
          */
-        ComparisonRequest: {
+        "ComparisonRequest-Input": {
             /**
              * Methods
              * @description Each once.
@@ -930,7 +1021,55 @@ export interface components {
              *       }
              *     ]
              */
-            methods: components["schemas"]["ComparedMethod"][];
+            methods?: components["schemas"]["ComparedMethod-Input"][];
+            /**
+             * Constraints
+             * @description Each method is carried out with each of these: compliances free, or zero or positive.
+             * @default [
+             *       "unconstrained",
+             *       "positive"
+             *     ]
+             */
+            constraints?: ("unconstrained" | "positive")[];
+            /** @description Repeat each fit on configurations drawn at random, the same draws for all; a comparison may then take long. */
+            resampling?: components["schemas"]["Resampling-Input"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+            /** Measurement Set Id */
+            measurement_set_id: string;
+        };
+        /**
+         * ComparisonRequest
+         * @description A comparison as it is posted.
+         */
+        "ComparisonRequest-Output": {
+            /**
+             * Methods
+             * @description Each once.
+             * @default [
+             *       {
+             *         "method": "complete_pose",
+             *         "weighting": "characteristic_length"
+             *       },
+             *       {
+             *         "method": "complete_pose",
+             *         "weighting": "covariance"
+             *       },
+             *       {
+             *         "method": "partial_pose",
+             *         "weighting": "covariance"
+             *       },
+             *       {
+             *         "method": "decoupled_partial_pose",
+             *         "weighting": "covariance"
+             *       }
+             *     ]
+             */
+            methods: components["schemas"]["ComparedMethod-Output"][];
             /**
              * Constraints
              * @description Each method is carried out with each of these: compliances free, or zero or positive.
@@ -941,7 +1080,7 @@ export interface components {
              */
             constraints: ("unconstrained" | "positive")[];
             /** @description Repeat each fit on configurations drawn at random, the same draws for all; a comparison may then take long. */
-            resampling?: components["schemas"]["Resampling"] | null;
+            resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
              * @description Level of the intervals.
@@ -1061,7 +1200,32 @@ export interface components {
          * CrossValidation
          * @description How held-out configurations choose the penalty of the links, and compare the models.
          */
-        CrossValidation: {
+        "CrossValidation-Input": {
+            /**
+             * Folds
+             * @description Parts, each held out once; fewer where there are fewer postures.
+             * @default 5
+             */
+            folds?: number;
+            /**
+             * Seed
+             * @description Of the draw that shares out the configurations.
+             * @default 0
+             */
+            seed?: number;
+            /**
+             * Rule
+             * @description `best`: the penalty of least held-out residual. `one_standard_error`: the largest whose residual is within one standard error of that.
+             * @default best
+             * @enum {string}
+             */
+            rule?: "best" | "one_standard_error";
+        };
+        /**
+         * CrossValidation
+         * @description How held-out configurations choose the penalty of the links, and compare the models.
+         */
+        "CrossValidation-Output": {
             /**
              * Folds
              * @description Parts, each held out once; fewer where there are fewer postures.
@@ -1096,13 +1260,13 @@ export interface components {
              * Standard Uncertainty
              * @description From sigma; null where that is not known. Dimensionless.
              */
-            standard_uncertainty?: number | null;
+            standard_uncertainty: number | null;
         };
         /**
          * DhModel
          * @description Kinematics as a Denavit-Hartenberg table; joints are named joint_1, joint_2, ...
          */
-        DhModel: {
+        "DhModel-Input": {
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -1118,13 +1282,35 @@ export interface components {
              * Rows
              * @description One row a joint, from base to flange. All joints are revolute. The flange frame is the last frame of the table.
              */
-            rows: components["schemas"]["DhRow"][];
+            rows: components["schemas"]["DhRow-Input"][];
+        };
+        /**
+         * DhModel
+         * @description Kinematics as a Denavit-Hartenberg table; joints are named joint_1, joint_2, ...
+         */
+        "DhModel-Output": {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            format: "dh";
+            /**
+             * Convention
+             * @description `standard`: rotate by theta, move d, move a, rotate alpha. `modified` (Craig): rotate alpha, move a, rotate theta, move d.
+             * @enum {string}
+             */
+            convention: "standard" | "modified";
+            /**
+             * Rows
+             * @description One row a joint, from base to flange. All joints are revolute. The flange frame is the last frame of the table.
+             */
+            rows: components["schemas"]["DhRow-Output"][];
         };
         /**
          * DhRow
          * @description One row of a Denavit-Hartenberg table.
          */
-        DhRow: {
+        "DhRow-Input": {
             /**
              * A
              * @description Link length a.
@@ -1155,6 +1341,42 @@ export interface components {
              * @description Upper joint limit, if known.
              */
             upper?: number | null;
+        };
+        /**
+         * DhRow
+         * @description One row of a Denavit-Hartenberg table.
+         */
+        "DhRow-Output": {
+            /**
+             * A
+             * @description Link length a.
+             */
+            a: number;
+            /**
+             * Alpha
+             * @description Link twist alpha.
+             */
+            alpha: number;
+            /**
+             * D
+             * @description Link offset d.
+             */
+            d: number;
+            /**
+             * Theta
+             * @description Constant added to the joint's angle.
+             */
+            theta: number;
+            /**
+             * Lower
+             * @description Lower joint limit, if known.
+             */
+            lower: number | null;
+            /**
+             * Upper
+             * @description Upper joint limit, if known.
+             */
+            upper: number | null;
         };
         /**
          * Drift
@@ -1350,7 +1572,7 @@ export interface components {
          * FlangeRule
          * @description Where the flange frame is on the last link, which no axis shows.
          */
-        FlangeRule: {
+        "FlangeRule-Input": {
             /**
              * By
              * @description `nominal`: as in the nominal model. `axes`: z along the last axis, origin where the one before comes nearest to it: the centre of a spherical wrist. `targets`: origin at the first of three targets, x towards the second, y towards the third.
@@ -1362,6 +1584,27 @@ export interface components {
              * @description For `targets`, the three.
              */
             targets?: [
+                string,
+                string,
+                string
+            ] | null;
+        };
+        /**
+         * FlangeRule
+         * @description Where the flange frame is on the last link, which no axis shows.
+         */
+        "FlangeRule-Output": {
+            /**
+             * By
+             * @description `nominal`: as in the nominal model. `axes`: z along the last axis, origin where the one before comes nearest to it: the centre of a spherical wrist. `targets`: origin at the first of three targets, x towards the second, y towards the third.
+             * @enum {string}
+             */
+            by: "nominal" | "axes" | "targets";
+            /**
+             * Targets
+             * @description For `targets`, the three.
+             */
+            targets: [
                 string,
                 string,
                 string
@@ -1406,7 +1649,7 @@ export interface components {
          * Frame
          * @description Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0.
          */
-        Frame: {
+        "Frame-Input": {
             /**
              * Geometry Id
              * @description A geometry by the same tracker at the same station, of the same robot.
@@ -1459,6 +1702,65 @@ export interface components {
              * @default base
              * @enum {string}
              */
+            forces?: "base" | "tracker";
+        };
+        /**
+         * Frame
+         * @description Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0.
+         */
+        "Frame-Output": {
+            /**
+             * Geometry Id
+             * @description A geometry by the same tracker at the same station, of the same robot.
+             */
+            geometry_id: string | null;
+            /**
+             * Rotation
+             * @description Row by row, tracker to R0. Dimensionless.
+             */
+            rotation: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Translation
+             * @description The tracker's origin in R0, in units.length.
+             */
+            translation: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Base Targets
+             * @description With `geometry_id`: its base targets, read again with this set, in units.length. What tracker and robot moved against each other since then is removed, and warned of.
+             */
+            base_targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            } | null;
+            /**
+             * Forces
+             * @description Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight pulls along the vertical of a levelled tracker.
+             * @default base
+             * @enum {string}
+             */
             forces: "base" | "tracker";
         };
         /**
@@ -1476,8 +1778,8 @@ export interface components {
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
             /** @description A geometry is quick: null. */
-            progress?: components["schemas"]["Progress"] | null;
-            request: components["schemas"]["GeometryRequest"];
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["GeometryRequest-Output"];
             /** @description Present if it succeeded. */
             result: components["schemas"]["GeometryResult"] | null;
             /** @description Present if it failed. */
@@ -1550,29 +1852,55 @@ export interface components {
             controller_probability: number | null;
         };
         /**
+         * GeometryModel
+         * @description Kinematics as a stored geometry found them, with the joint map of its readings.
+         */
+        GeometryModel: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            format: "geometry";
+            /** Geometry Id */
+            geometry_id: string;
+        };
+        /**
          * GeometryNoise
          * @description What one reading is worth. Without it sigma comes from the residuals.
          */
-        GeometryNoise: {
+        "GeometryNoise-Input": {
             /**
              * Sigma
              * @description Standard uncertainty of one coordinate of one reading, in units.length.
              */
             sigma?: number | null;
             /** @description In place of `sigma`. */
-            instrument?: components["schemas"]["TrackerSheet"] | null;
+            instrument?: components["schemas"]["TrackerSheet-Input"] | null;
+        };
+        /**
+         * GeometryNoise
+         * @description What one reading is worth. Without it sigma comes from the residuals.
+         */
+        "GeometryNoise-Output": {
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of one reading, in units.length.
+             */
+            sigma: number | null;
+            /** @description In place of `sigma`. */
+            instrument: components["schemas"]["TrackerSheet-Output"] | null;
         };
         /**
          * GeometryRequest
          * @description Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere.
          */
-        GeometryRequest: {
+        "GeometryRequest-Input": {
             /**
              * Name
              * @default geometry
              * @example KR 240 cell 3, sweeps
              */
-            name: string;
+            name?: string;
             units: components["schemas"]["GeometryUnits"];
             /**
              * Robot Id
@@ -1580,11 +1908,11 @@ export interface components {
              */
             robot_id?: string | null;
             /** @description The nominal model, not stored. */
-            robot?: components["schemas"]["RobotDocument"] | null;
+            robot?: components["schemas"]["RobotDocument-Input"] | null;
             /** @description If no robot is given, which has its own; the identity if absent. */
             joint_map?: components["schemas"]["JointMap"] | null;
             /** @description If absent, sigma is estimated from the residuals. */
-            noise?: components["schemas"]["GeometryNoise"] | null;
+            noise?: components["schemas"]["GeometryNoise-Input"] | null;
             /**
              * Sweeps
              * @description One of each joint, of 600 positions in all.
@@ -1601,6 +1929,59 @@ export interface components {
              * @default together
              * @enum {string}
              */
+            fit?: "one_by_one" | "together";
+            /**
+             * Angles
+             * @description Of the joint that is turned: from the readings, or the controller's. The result says whether the controller's are good enough.
+             * @default free
+             * @enum {string}
+             */
+            angles?: "free" | "controller";
+            /** @description By the nominal model if absent; by the axes if there is none. */
+            base?: components["schemas"]["BaseRule-Input"] | null;
+            /** @description Likewise. */
+            flange?: components["schemas"]["FlangeRule-Input"] | null;
+            base_targets?: components["schemas"]["BaseTargetReadings-Input"] | null;
+        };
+        /**
+         * GeometryRequest
+         * @description Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere.
+         */
+        "GeometryRequest-Output": {
+            /**
+             * Name
+             * @default geometry
+             * @example KR 240 cell 3, sweeps
+             */
+            name: string;
+            units: components["schemas"]["GeometryUnits"];
+            /**
+             * Robot Id
+             * @description The robot, whose stored model counts as nominal; or give `robot`.
+             */
+            robot_id: string | null;
+            /** @description The nominal model, not stored. */
+            robot: components["schemas"]["RobotDocument-Output"] | null;
+            /** @description If no robot is given, which has its own; the identity if absent. */
+            joint_map: components["schemas"]["JointMap"] | null;
+            /** @description If absent, sigma is estimated from the residuals. */
+            noise: components["schemas"]["GeometryNoise-Output"] | null;
+            /**
+             * Sweeps
+             * @description One of each joint, of 600 positions in all.
+             */
+            sweeps: components["schemas"]["JointSweep"][] | null;
+            /**
+             * Poses
+             * @description In place of sweeps: unloaded poses, by which a nominal model is calibrated.
+             */
+            poses: components["schemas"]["TrackedPosition"][] | null;
+            /**
+             * Fit
+             * @description Of sweeps: each by itself, which trusts the controller least, or all in one fit, which trusts that joints at rest are where the controller says.
+             * @default together
+             * @enum {string}
+             */
             fit: "one_by_one" | "together";
             /**
              * Angles
@@ -1610,10 +1991,10 @@ export interface components {
              */
             angles: "free" | "controller";
             /** @description By the nominal model if absent; by the axes if there is none. */
-            base?: components["schemas"]["BaseRule"] | null;
+            base: components["schemas"]["BaseRule-Output"] | null;
             /** @description Likewise. */
-            flange?: components["schemas"]["FlangeRule"] | null;
-            base_targets?: components["schemas"]["BaseTargetReadings"] | null;
+            flange: components["schemas"]["FlangeRule-Output"] | null;
+            base_targets: components["schemas"]["BaseTargetReadings-Output"] | null;
         };
         /**
          * GeometryResult
@@ -1652,7 +2033,7 @@ export interface components {
              */
             links: components["schemas"]["LinkComparison"][];
             /** @description The identified model as a robot, ready to be posted. */
-            robot: components["schemas"]["RobotDocument"];
+            robot: components["schemas"]["RobotDocument-Output"];
             /** Dh */
             dh: components["schemas"]["IdentifiedDh"][];
             /** @description Null unless base targets were read before and after. */
@@ -1723,7 +2104,7 @@ export interface components {
              */
             sigma_source: "given" | "residuals";
             /** @description Of a sigma that was stated; null without residual degrees of freedom. */
-            test?: components["schemas"]["SigmaTest"] | null;
+            test: components["schemas"]["SigmaTest"] | null;
         };
         /**
          * Health
@@ -1777,17 +2158,17 @@ export interface components {
              */
             combinations: string[][];
             /** @description Over the joints that the readings see; null where the rank is not full. */
-            observability?: components["schemas"]["ObservabilityIndices"] | null;
+            observability: components["schemas"]["ObservabilityIndices"] | null;
             /**
              * Advice
              * @description What to measure next, for at most three joints: those without a number, at zero compliance, or with a standard uncertainty above a tenth of it. At most two pieces a joint, the better first: another load in a posture of the set, and a new posture.
              */
-            advice?: components["schemas"]["Advice"][];
+            advice: components["schemas"]["Advice"][];
             /**
              * Weakest
              * @description In words, for each stage with a condition number above 100: which joints the readings hardly tell apart, and in which proportion.
              */
-            weakest?: string[];
+            weakest: string[];
             /**
              * Stages
              * @description One a stage of the method: two for the decoupled one, arm then wrist.
@@ -1830,7 +2211,7 @@ export interface components {
              */
             convention: "standard" | "modified";
             /** Rows */
-            rows: components["schemas"]["DhRow"][];
+            rows: components["schemas"]["DhRow-Output"][];
             /** @description From frame 0 to R0. */
             base: components["schemas"]["Rigid"];
             /** @description From the flange frame to frame n. */
@@ -1907,6 +2288,96 @@ export interface components {
              * @description What else a measurement set needs, in words; empty if nothing.
              */
             missing: string[];
+        };
+        /**
+         * ImportRequest
+         * @description How the files are written, and what no file tells of a measurement set.
+         */
+        ImportRequest: {
+            /** @description Units of columns whose header names none; they are never guessed. */
+            units?: components["schemas"]["Units-Input"] | null;
+            /**
+             * Delimiter
+             * @description Between cells; found out if absent.
+             */
+            delimiter?: ("comma" | "semicolon" | "tab" | "whitespace") | null;
+            /**
+             * Decimal Mark
+             * @description Decimal mark of text files; found out if absent and the file decides it.
+             */
+            decimal_mark?: ("point" | "comma") | null;
+            /**
+             * Header
+             * @description The header of files that have none, one text a column.
+             */
+            header?: string[] | null;
+            /**
+             * Ignore
+             * @description Headers of columns to leave out, as they stand in the file.
+             */
+            ignore?: string[];
+            /**
+             * Sheet
+             * @description Sheet of an Excel file.
+             */
+            sheet?: string | null;
+            /**
+             * Point Name
+             * @description How names of points are made up, of `{label}`, `{target}`, `{state}` and `{any}`.
+             * @example {label}_{target}_{state}
+             */
+            point_name?: string | null;
+            /**
+             * File Name
+             * @description The same for names of files, without what follows the last full stop.
+             * @example {target}_{state}
+             */
+            file_name?: string | null;
+            /**
+             * State Words
+             * @description Further words for the states, in names, headers and columns.
+             */
+            state_words?: {
+                [key: string]: "unloaded" | "loaded" | "deflection";
+            };
+            /**
+             * Allow Missing
+             * @description Leave out readings that are not complete, and say so, instead of refusing the file.
+             * @default false
+             */
+            allow_missing?: boolean;
+            /**
+             * Name
+             * @description Of the set; that of the first file if absent.
+             */
+            name?: string | null;
+            /**
+             * Encoders
+             * @description Which encoders close the position loop; never guessed.
+             */
+            encoders?: ("motor" | "secondary") | null;
+            /** @description Of the readings, as in a measurement set. */
+            noise?: components["schemas"]["Noise-Input"] | null;
+            /**
+             * Flange Targets
+             * @description Targets in the flange frame, in the files' unit of length; needed for deflections.
+             */
+            flange_targets?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in the files' unit of length, if no column says it.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
         };
         /**
          * Instrument
@@ -2005,12 +2476,12 @@ export interface components {
                 number | null
             ] | null;
             /** @description One-sided bounds. */
-            one_sided?: components["schemas"]["OneSidedBounds"] | null;
+            one_sided: components["schemas"]["OneSidedBounds"] | null;
             /**
              * Prior To Data
              * @description Information of the prior over that of the readings on this compliance, the others unknown; above 1 the prior speaks, not the readings. Null without a prior. Dimensionless.
              */
-            prior_to_data?: number | null;
+            prior_to_data: number | null;
             /**
              * Reason
              * @description Why there is no number, or why the joint is at a bound.
@@ -2046,6 +2517,24 @@ export interface components {
             joints: string[];
             /** Postures */
             postures: components["schemas"]["Posture"][];
+        };
+        /**
+         * KinematicsRequest
+         * @description A robot, stored or not, and configurations of it.
+         */
+        KinematicsRequest: {
+            /**
+             * Robot Id
+             * @description A stored robot; or give `robot`.
+             */
+            robot_id?: string | null;
+            /** @description A robot that is not stored: to see it before it is. */
+            robot?: components["schemas"]["RobotDocument-Input"] | null;
+            /**
+             * Joints
+             * @description Angles as the controller shows them, a list a configuration; all zeros if empty.
+             */
+            joints?: number[][];
         };
         /**
          * LinkCertificate
@@ -2208,7 +2697,7 @@ export interface components {
              * @example cell 3, dead weight, 2026-11-20
              */
             name: string;
-            units: components["schemas"]["Units"];
+            units: components["schemas"]["Units-Output"];
             /**
              * Encoders
              * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
@@ -2216,14 +2705,14 @@ export interface components {
              */
             encoders: "motor" | "secondary";
             /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
-            noise?: components["schemas"]["Noise"] | null;
+            noise: components["schemas"]["Noise-Output"] | null;
             /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
-            frame?: components["schemas"]["Frame"] | null;
+            frame: components["schemas"]["Frame-Output"] | null;
             /**
              * Flange Targets
              * @description Targets in the flange frame, in units.length; needed for deflections.
              */
-            flange_targets?: {
+            flange_targets: {
                 [key: string]: [
                     number,
                     number,
@@ -2234,7 +2723,7 @@ export interface components {
              * Load Point
              * @description Where the force acts, flange frame, in units.length; an observation may give its own.
              */
-            load_point?: [
+            load_point: [
                 number,
                 number,
                 number
@@ -2243,7 +2732,7 @@ export interface components {
              * Observations
              * @description One to 10000 observations.
              */
-            observations: components["schemas"]["Observation"][];
+            observations: components["schemas"]["Observation-Output"][];
             /**
              * Robot Id
              * @description The robot that was measured.
@@ -2252,7 +2741,7 @@ export interface components {
             /** Id */
             id: string;
             /** @description What `frame` stands for. */
-            resolved_frame?: components["schemas"]["ResolvedFrame"] | null;
+            resolved_frame: components["schemas"]["ResolvedFrame"] | null;
             /** Warnings */
             warnings: components["schemas"]["QualityWarning"][];
             /**
@@ -2277,7 +2766,7 @@ export interface components {
              * @example cell 3, dead weight, 2026-11-20
              */
             name: string;
-            units: components["schemas"]["Units"];
+            units: components["schemas"]["Units-Output"];
             /**
              * Encoders
              * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
@@ -2285,9 +2774,56 @@ export interface components {
              */
             encoders: "motor" | "secondary";
             /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
-            noise?: components["schemas"]["Noise"] | null;
+            noise: components["schemas"]["Noise-Output"] | null;
             /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
-            frame?: components["schemas"]["Frame"] | null;
+            frame: components["schemas"]["Frame-Output"] | null;
+            /**
+             * Flange Targets
+             * @description Targets in the flange frame, in units.length; needed for deflections.
+             */
+            flange_targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Observations
+             * @description One to 10000 observations.
+             */
+            observations: components["schemas"]["Observation-Output"][];
+        };
+        /**
+         * MeasurementSetRequest
+         * @description A measurement set as it is posted.
+         */
+        MeasurementSetRequest: {
+            /**
+             * Name
+             * @example cell 3, dead weight, 2026-11-20
+             */
+            name: string;
+            units: components["schemas"]["Units-Input"];
+            /**
+             * Encoders
+             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
+             * @enum {string}
+             */
+            encoders: "motor" | "secondary";
+            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
+            noise?: components["schemas"]["Noise-Input"] | null;
+            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            frame?: components["schemas"]["Frame-Input"] | null;
             /**
              * Flange Targets
              * @description Targets in the flange frame, in units.length; needed for deflections.
@@ -2312,7 +2848,12 @@ export interface components {
              * Observations
              * @description One to 10000 observations.
              */
-            observations: components["schemas"]["Observation"][];
+            observations: components["schemas"]["Observation-Input"][];
+            /**
+             * Robot Id
+             * @description The robot that was measured.
+             */
+            robot_id: string;
         };
         /**
          * MeasurementSetSummary
@@ -2385,7 +2926,7 @@ export interface components {
          *
          *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
-        Noise: {
+        "Noise-Input": {
             /**
              * Sigma
              * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. A deflection, being a difference of two, has √2 times that.
@@ -2400,6 +2941,28 @@ export interface components {
             encoder_sigma?: number | null;
             /** @description What the tracker's sheet says, in place of `sigma`. */
             instrument?: components["schemas"]["Instrument"] | null;
+        };
+        /**
+         * Noise
+         * @description What one reading of the tracker, and of a secondary encoder, is worth.
+         *
+         *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
+         */
+        "Noise-Output": {
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. A deflection, being a difference of two, has √2 times that.
+             * @example 0.00002
+             */
+            sigma: number | null;
+            /**
+             * Encoder Sigma
+             * @description Standard uncertainty of one reading of a secondary encoder, in the set's unit of angle; needed where encoders were read.
+             * @example 0.000005
+             */
+            encoder_sigma: number | null;
+            /** @description What the tracker's sheet says, in place of `sigma`. */
+            instrument: components["schemas"]["Instrument"] | null;
         };
         /**
          * ObservabilityIndices
@@ -2441,7 +3004,7 @@ export interface components {
          * Observation
          * @description One configuration under one load.
          */
-        Observation: {
+        "Observation-Input": {
             /**
              * Label
              * @description Unique in the set.
@@ -2484,12 +3047,66 @@ export interface components {
              * Readings
              * @description What was read of each target, at most once a target.
              */
-            readings: components["schemas"]["Reading"][];
+            readings: components["schemas"]["Reading-Input"][];
             /**
              * Encoder Readings
              * @description What secondary encoders read, at most once a joint. Not where they close the loop, as they show no deflection then.
              */
             encoder_readings?: components["schemas"]["EncoderReading"][] | null;
+        };
+        /**
+         * Observation
+         * @description One configuration under one load.
+         */
+        "Observation-Output": {
+            /**
+             * Label
+             * @description Unique in the set.
+             * @example c01
+             */
+            label: string;
+            /**
+             * Joints
+             * @description Angles as the controller shows them, in units.angle.
+             */
+            joints: number[];
+            /**
+             * Force
+             * @description Force on the robot, axes of R0, in units.force.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the robot about the load point, axes of R0, in units.moment.
+             */
+            moment: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; the set's if absent.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Readings
+             * @description What was read of each target, at most once a target.
+             */
+            readings: components["schemas"]["Reading-Output"][];
+            /**
+             * Encoder Readings
+             * @description What secondary encoders read, at most once a joint. Not where they close the loop, as they show no deflection then.
+             */
+            encoder_readings: components["schemas"]["EncoderReading"][] | null;
         };
         /**
          * OneSidedBounds
@@ -2657,7 +3274,7 @@ export interface components {
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
             /** @description A pair is quick: null. */
-            progress?: components["schemas"]["Progress"] | null;
+            progress: components["schemas"]["Progress"] | null;
             /**
              * First Set Id
              * @description The set of the first side.
@@ -2668,7 +3285,7 @@ export interface components {
              * @description The set of the second side.
              */
             second_set_id: string;
-            request: components["schemas"]["PairRequest"];
+            request: components["schemas"]["PairRequest-Output"];
             /** @description Present if the comparison succeeded. */
             result: components["schemas"]["PairResult"] | null;
             /** @description Present if it failed. */
@@ -2679,9 +3296,32 @@ export interface components {
          * PairRequest
          * @description A pair as it is posted.
          */
-        PairRequest: {
+        "PairRequest-Input": {
             /** @description How to identify the sides that are sets. Without priors, which would speak on both sides, and without resampling. */
-            options?: components["schemas"]["RunOptions"];
+            options?: components["schemas"]["RunOptions-Input"];
+            /**
+             * Ordered
+             * @description Also identify both in one problem in which no joint is softer on the second side, as where secondary encoders are switched on.
+             * @default false
+             */
+            ordered?: boolean;
+            /**
+             * Confidence
+             * @description Level of the intervals; that of the options if absent.
+             */
+            confidence?: number | null;
+            /** @description Such as with the motors' encoders in the loop, or before. */
+            first: components["schemas"]["PairSide-Input"];
+            /** @description Such as with secondary encoders in the loop, or after. */
+            second: components["schemas"]["PairSide-Input"];
+        };
+        /**
+         * PairRequest
+         * @description A pair as it is posted.
+         */
+        "PairRequest-Output": {
+            /** @description How to identify the sides that are sets. Without priors, which would speak on both sides, and without resampling. */
+            options: components["schemas"]["RunOptions-Output"];
             /**
              * Ordered
              * @description Also identify both in one problem in which no joint is softer on the second side, as where secondary encoders are switched on.
@@ -2692,11 +3332,11 @@ export interface components {
              * Confidence
              * @description Level of the intervals; that of the options if absent.
              */
-            confidence?: number | null;
+            confidence: number | null;
             /** @description Such as with the motors' encoders in the loop, or before. */
-            first: components["schemas"]["PairSide"];
+            first: components["schemas"]["PairSide-Output"];
             /** @description Such as with secondary encoders in the loop, or after. */
-            second: components["schemas"]["PairSide"];
+            second: components["schemas"]["PairSide-Output"];
         };
         /**
          * PairResult
@@ -2718,7 +3358,7 @@ export interface components {
          * PairSide
          * @description One side of a pair: a measurement set, or a run.
          */
-        PairSide: {
+        "PairSide-Input": {
             /**
              * Measurement Set Id
              * @description A set, identified as the pair's `options` say.
@@ -2729,6 +3369,22 @@ export interface components {
              * @description A run: its set, identified as that run says but for its resampling.
              */
             run_id?: string | null;
+        };
+        /**
+         * PairSide
+         * @description One side of a pair: a measurement set, or a run.
+         */
+        "PairSide-Output": {
+            /**
+             * Measurement Set Id
+             * @description A set, identified as the pair's `options` say.
+             */
+            measurement_set_id: string | null;
+            /**
+             * Run Id
+             * @description A run: its set, identified as that run says but for its resampling.
+             */
+            run_id: string | null;
         };
         /**
          * PairSummary
@@ -2930,17 +3586,17 @@ export interface components {
              * Where
              * @description Path of the field, if there is one.
              */
-            where?: string | null;
+            where: string | null;
             /**
              * Remedy
              * @description How to mend it.
              */
-            remedy?: string | null;
+            remedy: string | null;
             /**
              * Errors
              * @description The faults found, the first twenty.
              */
-            errors?: components["schemas"]["ProblemItem"][];
+            errors: components["schemas"]["ProblemItem"][];
         };
         /**
          * ProblemItem
@@ -2962,7 +3618,7 @@ export interface components {
              * Remedy
              * @description How to mend it.
              */
-            remedy?: string | null;
+            remedy: string | null;
         };
         /**
          * Progress
@@ -3052,7 +3708,7 @@ export interface components {
          * Reading
          * @description One target in one observation: two positions, or one deflection.
          */
-        Reading: {
+        "Reading-Input": {
             /**
              * Target
              * @description Name of the target (reflector).
@@ -3117,6 +3773,92 @@ export interface components {
              * @description The same under load.
              */
             loaded_covariance?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+        };
+        /**
+         * Reading
+         * @description One target in one observation: two positions, or one deflection.
+         */
+        "Reading-Output": {
+            /**
+             * Target
+             * @description Name of the target (reflector).
+             * @example P10
+             */
+            target: string;
+            /**
+             * Unloaded
+             * @description Position in R0 before the load, in units.length.
+             */
+            unloaded: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Loaded
+             * @description Position in R0 under load, in units.length.
+             */
+            loaded: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Deflection
+             * @description Loaded minus unloaded, axes of R0, in units.length. Needs the target's place in `flange_targets`.
+             */
+            deflection: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of either position of this reading, in units.length. Where one reading states its own noise all do, and `noise` none of the tracker.
+             */
+            sigma: number | null;
+            /**
+             * Unloaded Covariance
+             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both, too.
+             */
+            unloaded_covariance: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Loaded Covariance
+             * @description The same under load.
+             */
+            loaded_covariance: [
                 [
                     number,
                     number,
@@ -3207,7 +3949,37 @@ export interface components {
          * Resampling
          * @description What is drawn, how often, from which seed.
          */
-        Resampling: {
+        "Resampling-Input": {
+            /**
+             * Size
+             * @description Configurations in a draw, at most those of the set.
+             * @example 10
+             */
+            size: number;
+            /**
+             * Repetitions
+             * @description How many draws.
+             * @default 1000
+             */
+            repetitions?: number;
+            /**
+             * Seed
+             * @description Of the draws: the same seed gives the same numbers, on any machines.
+             * @default 0
+             */
+            seed?: number;
+            /**
+             * Replacement
+             * @description Whether a configuration may come more than once in a draw (bootstrap).
+             * @default false
+             */
+            replacement?: boolean;
+        };
+        /**
+         * Resampling
+         * @description What is drawn, how often, from which seed.
+         */
+        "Resampling-Output": {
             /**
              * Size
              * @description Configurations in a draw, at most those of the set.
@@ -3372,9 +4144,9 @@ export interface components {
              */
             name: string;
             /** Model */
-            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"];
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Output"];
             /** @description For coupled axes and flipped signs; the identity if absent. */
-            joint_map?: components["schemas"]["JointMap"] | null;
+            joint_map: components["schemas"]["JointMap"] | null;
             /** Id */
             id: string;
             /** Joints */
@@ -3384,7 +4156,7 @@ export interface components {
              * Geometry Id
              * @description The geometry that the model comes from, if it was posted so.
              */
-            geometry_id?: string | null;
+            geometry_id: string | null;
             /**
              * Content Hash
              * @description SHA-256 of the document as it was understood.
@@ -3401,7 +4173,7 @@ export interface components {
          * RobotDocument
          * @description A robot as it is posted, or as it stands in a campaign file.
          */
-        RobotDocument: {
+        "RobotDocument-Input": {
             /**
              * Name
              * @description What people call this robot.
@@ -3409,8 +4181,40 @@ export interface components {
              */
             name: string;
             /** Model */
-            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"];
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"];
             /** @description For coupled axes and flipped signs; the identity if absent. */
+            joint_map?: components["schemas"]["JointMap"] | null;
+        };
+        /**
+         * RobotDocument
+         * @description A robot as it is posted, or as it stands in a campaign file.
+         */
+        "RobotDocument-Output": {
+            /**
+             * Name
+             * @description What people call this robot.
+             * @example KR 240 cell 3
+             */
+            name: string;
+            /** Model */
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Output"];
+            /** @description For coupled axes and flipped signs; the identity if absent. */
+            joint_map: components["schemas"]["JointMap"] | null;
+        };
+        /**
+         * RobotRequest
+         * @description A robot as it is posted: described, or as a stored geometry found it.
+         */
+        RobotRequest: {
+            /**
+             * Name
+             * @description What people call this robot.
+             * @example KR 240 cell 3
+             */
+            name: string;
+            /** Model */
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"] | components["schemas"]["GeometryModel"];
+            /** @description For coupled axes and flipped signs; the identity if absent. A geometry has its own. */
             joint_map?: components["schemas"]["JointMap"] | null;
         };
         /**
@@ -3463,8 +4267,8 @@ export interface components {
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
             /** @description Of a run that takes long. */
-            progress?: components["schemas"]["Progress"] | null;
-            request: components["schemas"]["RunRequest"];
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["RunRequest-Output"];
             /** @description Present if the run succeeded. */
             result: components["schemas"]["RunResult"] | null;
             /** @description Present if the run failed. */
@@ -3475,21 +4279,21 @@ export interface components {
          * RunOptions
          * @description How to identify. Every field has a default that suits three targets and a tracker.
          */
-        RunOptions: {
+        "RunOptions-Input": {
             /**
              * Method
              * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
-            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            method?: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
              * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
              * @default covariance
              * @enum {string}
              */
-            weighting: "covariance" | "characteristic_length" | "uniform";
+            weighting?: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
              * @description For that weighting; if absent, the length of least condition number.
@@ -3500,7 +4304,7 @@ export interface components {
              * @description Constrain every compliance to be zero or positive.
              * @default true
              */
-            positive: boolean;
+            positive?: boolean;
             /**
              * Stiffness Bounds
              * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
@@ -3523,7 +4327,7 @@ export interface components {
              * @default squared
              * @enum {string}
              */
-            loss: "squared" | "huber";
+            loss?: "squared" | "huber";
             /**
              * Huber Threshold
              * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
@@ -3535,7 +4339,7 @@ export interface components {
              * @default neglected
              * @enum {string}
              */
-            complementary_stiffness: "neglected" | "included";
+            complementary_stiffness?: "neglected" | "included";
             /**
              * Priors
              * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
@@ -3566,7 +4370,7 @@ export interface components {
              * @default joints
              * @enum {string}
              */
-            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
              * @description The links that may bend, each by the joint that carries it; all if empty.
@@ -3589,9 +4393,137 @@ export interface components {
              *       "rule": "best"
              *     }
              */
-            cross_validation: components["schemas"]["CrossValidation"];
+            cross_validation?: components["schemas"]["CrossValidation-Input"];
             /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
-            resampling?: components["schemas"]["Resampling"] | null;
+            resampling?: components["schemas"]["Resampling-Input"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+        };
+        /**
+         * RunOptions
+         * @description How to identify. Every field has a default that suits three targets and a tracker.
+         */
+        "RunOptions-Output": {
+            /**
+             * Method
+             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @default partial_pose
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @default covariance
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description For that weighting; if absent, the length of least condition number.
+             */
+            characteristic_length: number | null;
+            /**
+             * Positive
+             * @description Constrain every compliance to be zero or positive.
+             * @default true
+             */
+            positive: boolean;
+            /**
+             * Stiffness Bounds
+             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @example {
+             *       "joint_2": [
+             *         1000000,
+             *         null
+             *       ]
+             *     }
+             */
+            stiffness_bounds: {
+                [key: string]: [
+                    number | null,
+                    number | null
+                ];
+            };
+            /**
+             * Loss
+             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @default squared
+             * @enum {string}
+             */
+            loss: "squared" | "huber";
+            /**
+             * Huber Threshold
+             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             */
+            huber_threshold: number | null;
+            /**
+             * Complementary Stiffness
+             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @default neglected
+             * @enum {string}
+             */
+            complementary_stiffness: "neglected" | "included";
+            /**
+             * Priors
+             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @example {
+             *       "joint_5": {
+             *         "standard_uncertainty": 40000,
+             *         "stiffness": 400000
+             *       }
+             *     }
+             */
+            priors: {
+                [key: string]: components["schemas"]["StiffnessPrior"];
+            };
+            /**
+             * Stiffness Order
+             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @example [
+             *       [
+             *         "joint_2",
+             *         "joint_4"
+             *       ]
+             *     ]
+             */
+            stiffness_order: string[][];
+            /**
+             * Elasticity
+             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @default joints
+             * @enum {string}
+             */
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Links
+             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @example [
+             *       "joint_2",
+             *       "joint_3"
+             *     ]
+             */
+            links: string[];
+            /**
+             * Link Penalty
+             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             */
+            link_penalty: number | null;
+            /**
+             * @description For all elasticities but `joints`.
+             * @default {
+             *       "folds": 5,
+             *       "seed": 0,
+             *       "rule": "best"
+             *     }
+             */
+            cross_validation: components["schemas"]["CrossValidation-Output"];
+            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
              * @description Level of the intervals.
@@ -3603,21 +4535,21 @@ export interface components {
          * RunRequest
          * @description A run as it is posted.
          */
-        RunRequest: {
+        "RunRequest-Input": {
             /**
              * Method
              * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
-            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            method?: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
              * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
              * @default covariance
              * @enum {string}
              */
-            weighting: "covariance" | "characteristic_length" | "uniform";
+            weighting?: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
              * @description For that weighting; if absent, the length of least condition number.
@@ -3628,7 +4560,7 @@ export interface components {
              * @description Constrain every compliance to be zero or positive.
              * @default true
              */
-            positive: boolean;
+            positive?: boolean;
             /**
              * Stiffness Bounds
              * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
@@ -3651,7 +4583,7 @@ export interface components {
              * @default squared
              * @enum {string}
              */
-            loss: "squared" | "huber";
+            loss?: "squared" | "huber";
             /**
              * Huber Threshold
              * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
@@ -3663,7 +4595,7 @@ export interface components {
              * @default neglected
              * @enum {string}
              */
-            complementary_stiffness: "neglected" | "included";
+            complementary_stiffness?: "neglected" | "included";
             /**
              * Priors
              * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
@@ -3694,7 +4626,7 @@ export interface components {
              * @default joints
              * @enum {string}
              */
-            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
              * @description The links that may bend, each by the joint that carries it; all if empty.
@@ -3717,9 +4649,139 @@ export interface components {
              *       "rule": "best"
              *     }
              */
-            cross_validation: components["schemas"]["CrossValidation"];
+            cross_validation?: components["schemas"]["CrossValidation-Input"];
             /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
-            resampling?: components["schemas"]["Resampling"] | null;
+            resampling?: components["schemas"]["Resampling-Input"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+            /** Measurement Set Id */
+            measurement_set_id: string;
+        };
+        /**
+         * RunRequest
+         * @description A run as it is posted.
+         */
+        "RunRequest-Output": {
+            /**
+             * Method
+             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @default partial_pose
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @default covariance
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Characteristic Length
+             * @description For that weighting; if absent, the length of least condition number.
+             */
+            characteristic_length: number | null;
+            /**
+             * Positive
+             * @description Constrain every compliance to be zero or positive.
+             * @default true
+             */
+            positive: boolean;
+            /**
+             * Stiffness Bounds
+             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @example {
+             *       "joint_2": [
+             *         1000000,
+             *         null
+             *       ]
+             *     }
+             */
+            stiffness_bounds: {
+                [key: string]: [
+                    number | null,
+                    number | null
+                ];
+            };
+            /**
+             * Loss
+             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @default squared
+             * @enum {string}
+             */
+            loss: "squared" | "huber";
+            /**
+             * Huber Threshold
+             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             */
+            huber_threshold: number | null;
+            /**
+             * Complementary Stiffness
+             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @default neglected
+             * @enum {string}
+             */
+            complementary_stiffness: "neglected" | "included";
+            /**
+             * Priors
+             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @example {
+             *       "joint_5": {
+             *         "standard_uncertainty": 40000,
+             *         "stiffness": 400000
+             *       }
+             *     }
+             */
+            priors: {
+                [key: string]: components["schemas"]["StiffnessPrior"];
+            };
+            /**
+             * Stiffness Order
+             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @example [
+             *       [
+             *         "joint_2",
+             *         "joint_4"
+             *       ]
+             *     ]
+             */
+            stiffness_order: string[][];
+            /**
+             * Elasticity
+             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @default joints
+             * @enum {string}
+             */
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Links
+             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @example [
+             *       "joint_2",
+             *       "joint_3"
+             *     ]
+             */
+            links: string[];
+            /**
+             * Link Penalty
+             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             */
+            link_penalty: number | null;
+            /**
+             * @description For all elasticities but `joints`.
+             * @default {
+             *       "folds": 5,
+             *       "seed": 0,
+             *       "rule": "best"
+             *     }
+             */
+            cross_validation: components["schemas"]["CrossValidation-Output"];
+            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
              * @description Level of the intervals.
@@ -3761,15 +4823,15 @@ export interface components {
              */
             characteristic_length: number | null;
             /** @description Null only in runs of earlier versions. */
-            complementary_stiffness?: components["schemas"]["ComplementaryStiffness"] | null;
+            complementary_stiffness: components["schemas"]["ComplementaryStiffness"] | null;
             /** @description If the loss is `huber`. */
-            robust?: components["schemas"]["RobustLoss"] | null;
+            robust: components["schemas"]["RobustLoss"] | null;
             /** @description If the run asked for it. */
-            resampling?: components["schemas"]["ResamplingResult"] | null;
+            resampling: components["schemas"]["ResamplingResult"] | null;
             /** @description If more than joints may bend. The joints' standard uncertainties are then those of a jackknife over the folds, and intervals are null. */
-            links?: components["schemas"]["LinksResult"] | null;
+            links: components["schemas"]["LinksResult"] | null;
             /** @description Held-out compensation of each model, if more than joints may bend. */
-            selection?: components["schemas"]["ModelSelection"] | null;
+            selection: components["schemas"]["ModelSelection"] | null;
             /** Residuals */
             residuals: components["schemas"]["Residual"][];
             /**
@@ -3781,7 +4843,7 @@ export interface components {
              * Encoder Residuals
              * @description If secondary encoders were read.
              */
-            encoder_residuals?: components["schemas"]["EncoderResidual"][];
+            encoder_residuals: components["schemas"]["EncoderResidual"][];
             /**
              * Warnings
              * @description What was noticed when the set was stored, then what the fit itself raises.
@@ -4029,7 +5091,31 @@ export interface components {
          * TrackerSheet
          * @description What the tracker's sheet says: standard uncertainties along its line of sight and across it.
          */
-        TrackerSheet: {
+        "TrackerSheet-Input": {
+            /**
+             * Station
+             * @description Where the tracker stands, in the frame of the positions, in units.length: its origin, as a rule.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            station?: [
+                number,
+                number,
+                number
+            ];
+            /** @description Along the line of sight. */
+            range: components["schemas"]["Uncertainty"];
+            /** @description Across it, in each of two directions. */
+            transverse: components["schemas"]["Uncertainty"];
+        };
+        /**
+         * TrackerSheet
+         * @description What the tracker's sheet says: standard uncertainties along its line of sight and across it.
+         */
+        "TrackerSheet-Output": {
             /**
              * Station
              * @description Where the tracker stands, in the frame of the positions, in units.length: its origin, as a rule.
@@ -4071,7 +5157,7 @@ export interface components {
          * Units
          * @description Units of every number in the set. Mandatory: kg instead of N cannot be found out later.
          */
-        Units: {
+        "Units-Input": {
             /**
              * Length
              * @description Of positions, deflections, load points and sigma.
@@ -4095,6 +5181,35 @@ export interface components {
              * @description Of moments. May be absent where no moment is given, or where lengths are in m: then it is the unit of force times m.
              */
             moment?: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
+        };
+        /**
+         * Units
+         * @description Units of every number in the set. Mandatory: kg instead of N cannot be found out later.
+         */
+        "Units-Output": {
+            /**
+             * Length
+             * @description Of positions, deflections, load points and sigma.
+             * @enum {string}
+             */
+            length: "m" | "mm";
+            /**
+             * Angle
+             * @description Of joint angles, encoder readings and encoder_sigma.
+             * @enum {string}
+             */
+            angle: "rad" | "deg";
+            /**
+             * Force
+             * @description Of forces; 1 kgf = 9.80665 N.
+             * @enum {string}
+             */
+            force: "N" | "kN" | "kgf";
+            /**
+             * Moment
+             * @description Of moments. May be absent where no moment is given, or where lengths are in m: then it is the unit of force times m.
+             */
+            moment: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
         };
         /**
          * UrdfModel
@@ -4323,224 +5438,6 @@ export interface components {
              */
             decoupled_method: boolean;
         };
-        /**
-         * GeometryModel
-         * @description Kinematics as a stored geometry found them, with the joint map of its readings.
-         */
-        GeometryModel: {
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            format: "geometry";
-            /** Geometry Id */
-            geometry_id: string;
-        };
-        /**
-         * ImportRequest
-         * @description How the files are written, and what no file tells of a measurement set.
-         */
-        ImportRequest: {
-            /**
-             * @description Units of columns whose header names none; they are never guessed.
-             * @default null
-             */
-            units: components["schemas"]["Units"] | null;
-            /**
-             * Delimiter
-             * @description Between cells; found out if absent.
-             * @default null
-             */
-            delimiter: ("comma" | "semicolon" | "tab" | "whitespace") | null;
-            /**
-             * Decimal Mark
-             * @description Decimal mark of text files; found out if absent and the file decides it.
-             * @default null
-             */
-            decimal_mark: ("point" | "comma") | null;
-            /**
-             * Header
-             * @description The header of files that have none, one text a column.
-             * @default null
-             */
-            header: string[] | null;
-            /**
-             * Ignore
-             * @description Headers of columns to leave out, as they stand in the file.
-             */
-            ignore?: string[];
-            /**
-             * Sheet
-             * @description Sheet of an Excel file.
-             * @default null
-             */
-            sheet: string | null;
-            /**
-             * Point Name
-             * @description How names of points are made up, of `{label}`, `{target}`, `{state}` and `{any}`.
-             * @default null
-             * @example {label}_{target}_{state}
-             */
-            point_name: string | null;
-            /**
-             * File Name
-             * @description The same for names of files, without what follows the last full stop.
-             * @default null
-             * @example {target}_{state}
-             */
-            file_name: string | null;
-            /**
-             * State Words
-             * @description Further words for the states, in names, headers and columns.
-             */
-            state_words?: {
-                [key: string]: "unloaded" | "loaded" | "deflection";
-            };
-            /**
-             * Allow Missing
-             * @description Leave out readings that are not complete, and say so, instead of refusing the file.
-             * @default false
-             */
-            allow_missing: boolean;
-            /**
-             * Name
-             * @description Of the set; that of the first file if absent.
-             * @default null
-             */
-            name: string | null;
-            /**
-             * Encoders
-             * @description Which encoders close the position loop; never guessed.
-             * @default null
-             */
-            encoders: ("motor" | "secondary") | null;
-            /**
-             * @description Of the readings, as in a measurement set.
-             * @default null
-             */
-            noise: components["schemas"]["Noise"] | null;
-            /**
-             * Flange Targets
-             * @description Targets in the flange frame, in the files' unit of length; needed for deflections.
-             */
-            flange_targets?: {
-                [key: string]: [
-                    number,
-                    number,
-                    number
-                ];
-            };
-            /**
-             * Load Point
-             * @description Where the force acts, flange frame, in the files' unit of length, if no column says it.
-             * @default null
-             */
-            load_point: [
-                number,
-                number,
-                number
-            ] | null;
-        };
-        /**
-         * KinematicsRequest
-         * @description A robot, stored or not, and configurations of it.
-         */
-        KinematicsRequest: {
-            /**
-             * Robot Id
-             * @description A stored robot; or give `robot`.
-             * @default null
-             */
-            robot_id: string | null;
-            /**
-             * @description A robot that is not stored: to see it before it is.
-             * @default null
-             */
-            robot: components["schemas"]["RobotDocument"] | null;
-            /**
-             * Joints
-             * @description Angles as the controller shows them, a list a configuration; all zeros if empty.
-             */
-            joints?: number[][];
-        };
-        /**
-         * MeasurementSetRequest
-         * @description A measurement set as it is posted.
-         */
-        MeasurementSetRequest: {
-            /**
-             * Name
-             * @example cell 3, dead weight, 2026-11-20
-             */
-            name: string;
-            units: components["schemas"]["Units"];
-            /**
-             * Encoders
-             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
-             * @enum {string}
-             */
-            encoders: "motor" | "secondary";
-            /**
-             * @description If absent, and no reading states its own, sigma is estimated from the residuals.
-             * @default null
-             */
-            noise: components["schemas"]["Noise"] | null;
-            /**
-             * @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent.
-             * @default null
-             */
-            frame: components["schemas"]["Frame"] | null;
-            /**
-             * Flange Targets
-             * @description Targets in the flange frame, in units.length; needed for deflections.
-             */
-            flange_targets?: {
-                [key: string]: [
-                    number,
-                    number,
-                    number
-                ];
-            };
-            /**
-             * Load Point
-             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
-             * @default null
-             */
-            load_point: [
-                number,
-                number,
-                number
-            ] | null;
-            /**
-             * Observations
-             * @description One to 10000 observations.
-             */
-            observations: components["schemas"]["Observation"][];
-            /**
-             * Robot Id
-             * @description The robot that was measured.
-             */
-            robot_id: string;
-        };
-        /**
-         * RobotRequest
-         * @description A robot as it is posted: described, or as a stored geometry found it.
-         */
-        RobotRequest: {
-            /**
-             * Name
-             * @description What people call this robot.
-             * @example KR 240 cell 3
-             */
-            name: string;
-            /** Model */
-            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel"] | components["schemas"]["GeometryModel"];
-            /**
-             * @description For coupled axes and flipped signs; the identity if absent. A geometry has its own.
-             * @default null
-             */
-            joint_map: components["schemas"]["JointMap"] | null;
-        };
     };
     responses: never;
     parameters: never;
@@ -4550,7 +5447,7 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
-    list_robots_v1_robots_get: {
+    listRobots: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -4595,7 +5492,7 @@ export interface operations {
             };
         };
     };
-    post_robot_v1_robots_post: {
+    createRobot: {
         parameters: {
             query?: never;
             header?: {
@@ -4669,7 +5566,7 @@ export interface operations {
             };
         };
     };
-    get_robot_v1_robots__robot_id__get: {
+    getRobot: {
         parameters: {
             query?: never;
             header?: never;
@@ -4718,13 +5615,10 @@ export interface operations {
             };
         };
     };
-    post_kinematics_v1_kinematics_post: {
+    computeKinematics: {
         parameters: {
             query?: never;
-            header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
-                "idempotency-key"?: string | null;
-            };
+            header?: never;
             path?: never;
             cookie?: never;
         };
@@ -4799,7 +5693,7 @@ export interface operations {
             };
         };
     };
-    list_geometries_v1_geometries_get: {
+    listGeometries: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -4848,7 +5742,7 @@ export interface operations {
             };
         };
     };
-    post_geometry_v1_geometries_post: {
+    createGeometry: {
         parameters: {
             query?: never;
             header?: {
@@ -4860,7 +5754,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["GeometryRequest"];
+                "application/json": components["schemas"]["GeometryRequest-Input"];
             };
         };
         responses: {
@@ -4922,7 +5816,7 @@ export interface operations {
             };
         };
     };
-    get_geometry_v1_geometries__geometry_id__get: {
+    getGeometry: {
         parameters: {
             query?: never;
             header?: never;
@@ -4971,7 +5865,7 @@ export interface operations {
             };
         };
     };
-    delete_geometry_v1_geometries__geometry_id__delete: {
+    deleteGeometry: {
         parameters: {
             query?: never;
             header?: never;
@@ -5027,7 +5921,7 @@ export interface operations {
             };
         };
     };
-    restore_geometry_v1_geometries__geometry_id__restore_post: {
+    restoreGeometry: {
         parameters: {
             query?: never;
             header?: never;
@@ -5076,7 +5970,7 @@ export interface operations {
             };
         };
     };
-    list_measurement_sets_v1_measurement_sets_get: {
+    listMeasurementSets: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5125,7 +6019,7 @@ export interface operations {
             };
         };
     };
-    post_measurement_set_v1_measurement_sets_post: {
+    createMeasurementSet: {
         parameters: {
             query?: never;
             header?: {
@@ -5199,7 +6093,7 @@ export interface operations {
             };
         };
     };
-    get_measurement_set_v1_measurement_sets__set_id__get: {
+    getMeasurementSet: {
         parameters: {
             query?: never;
             header?: never;
@@ -5248,7 +6142,7 @@ export interface operations {
             };
         };
     };
-    list_runs_v1_runs_get: {
+    listRuns: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5303,7 +6197,7 @@ export interface operations {
             };
         };
     };
-    post_run_v1_runs_post: {
+    createRun: {
         parameters: {
             query?: {
                 /** @description Seconds to wait for the end if it takes long. */
@@ -5318,7 +6212,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["RunRequest"];
+                "application/json": components["schemas"]["RunRequest-Input"];
             };
         };
         responses: {
@@ -5400,7 +6294,7 @@ export interface operations {
             };
         };
     };
-    get_run_v1_runs__run_id__get: {
+    getRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5449,7 +6343,7 @@ export interface operations {
             };
         };
     };
-    delete_run_v1_runs__run_id__delete: {
+    deleteRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5505,7 +6399,7 @@ export interface operations {
             };
         };
     };
-    get_run_events_v1_runs__run_id__events_get: {
+    followRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5516,7 +6410,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events of the job. */
+            /** @description Successful Response */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5554,7 +6448,7 @@ export interface operations {
             };
         };
     };
-    cancel_run_v1_runs__run_id__cancel_post: {
+    cancelRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5603,7 +6497,7 @@ export interface operations {
             };
         };
     };
-    restore_run_v1_runs__run_id__restore_post: {
+    restoreRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5652,7 +6546,7 @@ export interface operations {
             };
         };
     };
-    list_comparisons_v1_comparisons_get: {
+    listComparisons: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5701,7 +6595,7 @@ export interface operations {
             };
         };
     };
-    post_comparison_v1_comparisons_post: {
+    createComparison: {
         parameters: {
             query?: {
                 /** @description Seconds to wait for the end if it takes long. */
@@ -5716,7 +6610,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["ComparisonRequest"];
+                "application/json": components["schemas"]["ComparisonRequest-Input"];
             };
         };
         responses: {
@@ -5798,7 +6692,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_v1_comparisons__comparison_id__get: {
+    getComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5847,7 +6741,7 @@ export interface operations {
             };
         };
     };
-    delete_comparison_v1_comparisons__comparison_id__delete: {
+    deleteComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5903,7 +6797,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_table_v1_comparisons__comparison_id__table_csv_get: {
+    getComparisonTable: {
         parameters: {
             query?: never;
             header?: never;
@@ -5961,7 +6855,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_events_v1_comparisons__comparison_id__events_get: {
+    followComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5972,7 +6866,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events of the job. */
+            /** @description Successful Response */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -6010,7 +6904,7 @@ export interface operations {
             };
         };
     };
-    cancel_comparison_v1_comparisons__comparison_id__cancel_post: {
+    cancelComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -6059,7 +6953,7 @@ export interface operations {
             };
         };
     };
-    restore_comparison_v1_comparisons__comparison_id__restore_post: {
+    restoreComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -6108,7 +7002,7 @@ export interface operations {
             };
         };
     };
-    list_pairs_v1_pairs_get: {
+    listPairs: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -6159,7 +7053,7 @@ export interface operations {
             };
         };
     };
-    post_pair_v1_pairs_post: {
+    createPair: {
         parameters: {
             query?: never;
             header?: {
@@ -6171,7 +7065,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "application/json": components["schemas"]["PairRequest"];
+                "application/json": components["schemas"]["PairRequest-Input"];
             };
         };
         responses: {
@@ -6233,7 +7127,7 @@ export interface operations {
             };
         };
     };
-    get_pair_v1_pairs__pair_id__get: {
+    getPair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6282,7 +7176,7 @@ export interface operations {
             };
         };
     };
-    delete_pair_v1_pairs__pair_id__delete: {
+    deletePair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6338,7 +7232,7 @@ export interface operations {
             };
         };
     };
-    restore_pair_v1_pairs__pair_id__restore_post: {
+    restorePair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6387,7 +7281,7 @@ export interface operations {
             };
         };
     };
-    post_import_v1_imports_post: {
+    createImport: {
         parameters: {
             query?: never;
             header?: never;
@@ -6396,11 +7290,7 @@ export interface operations {
         };
         requestBody: {
             content: {
-                "multipart/form-data": {
-                    /** @description Tables and lists of points: text or Excel, each with its name. */
-                    files: string[];
-                    options?: components["schemas"]["ImportRequest"];
-                };
+                "multipart/form-data": components["schemas"]["Body_createImport"];
             };
         };
         responses: {
@@ -6460,7 +7350,7 @@ export interface operations {
             };
         };
     };
-    get_health_health_get: {
+    getHealth: {
         parameters: {
             query?: never;
             header?: never;

@@ -5,9 +5,16 @@ from __future__ import annotations
 import json
 import socket
 import time
+import tracemalloc
 
 import pytest
+from fastapi import HTTPException
+from fastapi.exceptions import RequestValidationError
 
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.service.api.bodies import understood
+from jointstiff.service.api.limits import refuse_structure
 from jointstiff.service.problems import MAX_PROBLEM_BYTES
 
 JSON = {"Content-Type": "application/json"}
@@ -72,6 +79,55 @@ def test_small_parts_without_end(client, filler):
     assert send(client, "/v1/measurement-sets", body).status_code == 413
     assert client.get("/health").is_success
     assert time.monotonic() - started < 30  # a hang, not a benchmark
+
+
+def members(count, start=0):
+    return b"{" + b",".join(b'"k%d":0' % i for i in range(start, start + count)) + b"}"
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (members(299_000), MeasurementSetRequest),
+        (b'{"observations":[' + b",".join([members(3_900)] * 74) + b"]}", MeasurementSetRequest),
+        (b'{"poses":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest),
+        (b'{"sweeps":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest),
+        (b'{"' + b'\\"' * 1_000_000 + b":" * 5_000, MeasurementSetRequest),
+        (b'{"":"' + b'\\":' * 250_000, MeasurementSetRequest),
+    ],
+    ids=["keys", "observations", "poses", "sweeps", "string without end", "escaped quotes"],
+)
+def test_unknown_keys_cost_little_memory_and_time(body, message):
+    """A fault costs a validator 1 kB: hundreds of thousands of unknown keys would take 300 MB."""
+    tracemalloc.start()
+    started = time.monotonic()
+    try:
+        with pytest.raises((HTTPException, RequestValidationError)):
+            understood(message, body)
+        assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    finally:
+        tracemalloc.stop()
+    assert time.monotonic() - started < 10
+
+
+def test_keys_of_strings_are_no_keys():
+    """Text that looks like keys, in values of strings, counts for nothing."""
+    refuse_structure(b'{"name": "' + b"\\".join(b'\\"k%d\\": ' % i for i in range(10_000)) + b'"}')
+    refuse_structure(json.dumps({"text": ["a", {"b": [f'"k{i}": "' for i in range(10_000)]}]}).encode())
+    with pytest.raises(HTTPException, match="4000 different keys"):
+        refuse_structure(json.dumps({"a": {f'k"{i}': "" for i in range(4_000)}}, indent=2).encode())
+
+
+@pytest.mark.parametrize("path", ["/v1/runs", "/v1/robots", "/v1/imports"])
+def test_a_body_that_is_declared_too_large_is_not_read(service, path):
+    host, port = service.url.removeprefix("http://").split(":")
+    kind = "multipart/form-data; boundary=x" if path.endswith("imports") else "application/json"
+    with socket.create_connection((host, int(port)), timeout=20) as connection:
+        connection.sendall(
+            f"POST {path} HTTP/1.1\r\nHost: x\r\nContent-Type: {kind}\r\n"
+            "Content-Length: 999999999\r\n\r\n".encode()
+        )
+        assert connection.recv(64).startswith(b"HTTP/1.1 413 ")
 
 
 @pytest.mark.parametrize("media_type", ["text/plain", "application/xml", "multipart/form-data", ""])

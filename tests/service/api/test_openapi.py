@@ -87,7 +87,10 @@ def test_examples_are_valid():
 def test_imports_are_described_and_their_example_is_complete():
     operation = DOCUMENT["paths"]["/v1/imports"]["post"]
     content = operation["requestBody"]["content"]["multipart/form-data"]
-    assert content["schema"]["properties"]["options"]["$ref"].endswith("/ImportRequest")
+    form = DOCUMENT["components"]["schemas"][content["schema"]["$ref"].split("/")[-1]]
+    assert form["required"] == ["files"]
+    assert form["properties"]["options"]["contentSchema"]["$ref"].endswith("/ImportRequest")
+    assert form["properties"]["files"]["examples"]
     assert "ImportRequest" in DOCUMENT["components"]["schemas"]
     assert {"200", "413", "415", "422"} <= operation["responses"].keys()
     for example in IMPORTS.values():
@@ -102,9 +105,27 @@ def test_deletion_is_described(kind):
     assert {"200", "404"} <= DOCUMENT["paths"][f"{address}/restore"]["post"]["responses"].keys()
 
 
+def test_requests_need_what_has_no_default_and_answers_have_everything():
+    """Clients generated from the description post what the docs post, and read without asking for absence."""
+    schemas = DOCUMENT["components"]["schemas"]
+    assert schemas["RunRequest-Input"]["required"] == ["measurement_set_id"]
+    for name in ("RunRequest-Output", "Run", "Problem", "MeasurementSet"):
+        assert set(schemas[name]["required"]) == set(schemas[name]["properties"]), name
+
+
+def test_operations_have_short_names_and_a_server():
+    assert DOCUMENT["servers"] == [{"url": "/", "description": "This service"}]
+    names = [each["operationId"] for path in DOCUMENT["paths"].values() for each in path.values()]
+    assert len(set(names)) == len(names)
+    assert {"createRobot", "createMeasurementSet", "createRun", "listRuns", "followRun", "createImport"} <= {
+        *names
+    }
+    assert all(name.isalpha() for name in names)
+
+
 def test_numbers_carry_their_unit():
     schemas = DOCUMENT["components"]["schemas"]
     for name in ("compliance", "stiffness", "standard_uncertainty", "compliance_interval"):
         assert schemas["JointResult"]["properties"][name]["unit"], name
     assert schemas["RunResult"]["properties"]["rms_residual"]["unit"] == "m"
-    assert schemas["DhRow"]["properties"]["alpha"]["unit"] == "rad"
+    assert schemas["DhRow-Input"]["properties"]["alpha"]["unit"] == "rad"

@@ -1,23 +1,27 @@
-"""Events of jobs: all who follow a job share one look at it."""
+"""Events of jobs: one task looks at all jobs that are followed, for all who follow them."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time
+from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 
+import httpx
 import pytest
+from fastapi import APIRouter, FastAPI
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.api import Watches
+from jointstiff.service.api import Followers
 from jointstiff.service.api import events as module
-from jointstiff.service.api.bodies import Body
-from jointstiff.service.api.events import wait_for_end
 from jointstiff.service.api.jobs import answer
 from jointstiff.service.store import DeletedError, RunRecord, Standing, StoreUnavailableError
 
 FOLLOWERS = 100
+REQUEST = RunRequest(measurement_set_id="s")
 NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
@@ -29,8 +33,11 @@ class ScriptedJobs:
         self.end = end
         self.looks = self.documents = 0
 
-    def standing(self, _job_id):
+    def standings(self, job_ids):
         self.looks += 1
+        return {job_id: self.standing() for job_id in job_ids}
+
+    def standing(self):
         if not self.script:
             return Standing(self.end, 0)
         done = self.script.pop(0)
@@ -45,7 +52,7 @@ class ScriptedJobs:
             id=job_id,
             state=self.end if ended else "queued",
             progress=Progress(done=90 if ended else 0, total=90, unit="resamples", activity="resampling"),
-            request=RunRequest(measurement_set_id="s"),
+            request=REQUEST,
             result=None,
             error=None,
             provenance=Provenance(
@@ -54,56 +61,71 @@ class ScriptedJobs:
         )
 
 
-def never():
-    """Whether a service that goes on is about to end."""
-    return False
-
-
 @pytest.fixture(autouse=True)
 def _hurried(monkeypatch):
-    monkeypatch.setattr(module, "_EVENT_SECONDS", 0.01)
-    monkeypatch.setattr(module, "_LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(module, "_TURN_SECONDS", 0.01)
 
 
-async def followed(watches, jobs):
-    return [event async for event in watches.events(jobs, "r1")]
+async def followed(followers, jobs, job_id="r1"):
+    return [event async for event in followers.events(jobs, job_id)]
+
+
+def data_of(events):
+    return [json.loads(event.raw_data) for event in events]
 
 
 def test_all_who_follow_a_job_share_one_look():
     jobs = ScriptedJobs([10, 10, 40, None, 80])
 
     async def crowd():
-        watches = Watches()
-        told = await asyncio.gather(*(followed(watches, jobs) for _ in range(FOLLOWERS)))
-        assert watches._watches == {}
+        followers = Followers()
+        told = await asyncio.gather(*(followed(followers, jobs) for _ in range(FOLLOWERS)))
+        assert followers._followed == {}
         return told
 
     told = asyncio.run(crowd())
     assert len(told) == FOLLOWERS
     assert all(events == told[0] for events in told)
     assert (jobs.looks, jobs.documents) == (6, 2)
-    names = [event.splitlines()[0] for event in told[0]]
-    assert names == ["event: progress"] * 4 + ["event: end"]
-    data = [json.loads(event.splitlines()[1].removeprefix("data: ")) for event in told[0]]
-    assert [each["progress"]["done"] for each in data] == [0, 10, 40, 80, 90]
-    assert [each["state"] for each in data] == ["queued", "running", "running", "running", "succeeded"]
+    assert [event.event for event in told[0]] == ["progress"] * 3 + ["end"]
+    data = data_of(told[0])
+    assert [each["progress"]["done"] for each in data] == [10, 40, 80, 90]
+    assert [each["state"] for each in data] == ["running", "running", "running", "succeeded"]
     assert set(data[0]) == {"id", "state", "progress"}
+
+
+def test_one_look_serves_all_jobs():
+    jobs = ScriptedJobs([])
+
+    async def crowd():
+        followers = Followers()
+        return await asyncio.gather(*(followed(followers, jobs, f"r{n}") for n in range(FOLLOWERS)))
+
+    told = asyncio.run(crowd())
+    assert [each["id"] for events in told for each in data_of(events)] == [f"r{n}" for n in range(FOLLOWERS)]
+    assert jobs.looks == 1
+
+
+def test_streams_end_when_the_service_is_told_to():
+    jobs = ScriptedJobs([1] * 10_000)
+    events = asyncio.run(followed(Followers(lambda: jobs.looks > 2), jobs))
+    assert [event.event for event in events] == ["progress"]
 
 
 def test_those_who_leave_do_not_disturb_those_who_stay():
     jobs = ScriptedJobs(range(20))
 
     async def some_leave():
-        watches = Watches()
-        staying = [asyncio.create_task(followed(watches, jobs)) for _ in range(3)]
-        leaving = [asyncio.create_task(followed(watches, jobs)) for _ in range(3)]
+        followers = Followers()
+        staying = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
+        leaving = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
         await asyncio.sleep(0.05)
         for task in leaving:
             task.cancel()
         return await asyncio.gather(*staying)
 
     told = asyncio.run(some_leave())
-    assert all(events[-1].startswith("event: end") for events in told)
+    assert all(events[-1].event == "end" for events in told)
     assert all(events == told[0] for events in told)
 
 
@@ -111,12 +133,12 @@ def test_no_one_looks_when_no_one_follows():
     jobs = ScriptedJobs(range(10_000))
 
     async def leave():
-        watches = Watches()
-        task = asyncio.create_task(followed(watches, jobs))
+        followers = Followers()
+        task = asyncio.create_task(followed(followers, jobs))
         await asyncio.sleep(0.05)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        assert watches._watches == {}
+        assert followers._followed == {}
         await asyncio.sleep(0.05)
         looks = jobs.looks
         await asyncio.sleep(0.1)
@@ -126,29 +148,48 @@ def test_no_one_looks_when_no_one_follows():
 
 
 def test_a_quiet_job_sends_comments(monkeypatch):
-    monkeypatch.setattr(module, "_QUIET_LOOKS", 3)
-    events = asyncio.run(followed(Watches(), ScriptedJobs([5] * 8)))
-    assert [event.split("\n")[0] for event in events].count(": still running") >= 1
-    assert [event for event in events if event.startswith("event: progress")][-1].count('"done":5')
+    """Proxies would close the connection."""
+    monkeypatch.setattr("fastapi.routing._PING_INTERVAL", 0.03)
+    router = APIRouter()
+
+    @router.get("/", response_class=EventSourceResponse)
+    async def events() -> AsyncIterator[ServerSentEvent]:
+        async for event in Followers().events(ScriptedJobs([5] * 20), "r1"):
+            yield event
+
+    app = FastAPI()
+    app.include_router(router)
+
+    async def get():
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://x") as client:
+            return await client.get("/")
+
+    answer = asyncio.run(get())
+    assert answer.headers["content-type"].startswith("text/event-stream")
+    assert "no-" in answer.headers["cache-control"]
+    blocks = answer.text.strip().split("\n\n")
+    assert blocks[0].startswith("event: progress\ndata: {")
+    assert set(blocks[1:-1]) == {": ping"}
+    assert blocks[-1].startswith("event: end\ndata: {")
 
 
 def test_a_look_that_fails_ends_the_streams():
     class Broken(ScriptedJobs):
-        def standing(self, _job_id):
+        def standings(self, _job_ids):
             raise RuntimeError("broken")
 
     async def crowd():
-        watches = Watches()
+        followers = Followers()
         jobs = Broken([1])
-        return await asyncio.gather(*(followed(watches, jobs) for _ in range(3)), return_exceptions=True)
+        return await asyncio.gather(*(followed(followers, jobs) for _ in range(3)), return_exceptions=True)
 
     assert [str(error) for error in asyncio.run(crowd())] == ["broken"] * 3
 
 
 def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
     class Deleted(ScriptedJobs):
-        def standing(self, _job_id):
-            found = super().standing(_job_id)
+        def standing(self):
+            found = super().standing()
             return found if self.script else Standing("cancelled", 40)
 
         def current(self, job_id):
@@ -156,9 +197,9 @@ def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
                 raise DeletedError(RunRecord, job_id)
             return super().current(job_id)
 
-    told = asyncio.run(followed(Watches(), Deleted([10, 20, 30])))
-    assert told[-1].startswith("event: end")
-    last = json.loads(told[-1].splitlines()[1].removeprefix("data: "))
+    told = asyncio.run(followed(Followers(), Deleted([10, 20, 30])))
+    assert told[-1].event == "end"
+    last = data_of(told)[-1]
     assert (last["state"], last["progress"]["done"]) == ("cancelled", 40)
 
 
@@ -172,33 +213,37 @@ def test_an_outage_at_the_first_or_the_last_look_does_not_end_a_stream():
                 raise StoreUnavailableError("away", "wait")
             return super().current(job_id)
 
-    told = asyncio.run(followed(Watches(), Flickering([10])))
-    assert [event.splitlines()[0] for event in told] == ["event: progress"] * 2 + ["event: end"]
+    told = asyncio.run(followed(Followers(), Flickering([10, 20, 30, 40])))
+    assert [event.event for event in told] == ["progress"] * (len(told) - 1) + ["end"]
+    assert len(told) > 1
 
 
 def test_waiting_ends_when_the_service_is_told_to():
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(wait_for_end(jobs, "r1", 60, lambda: jobs.looks > 2))
+    asyncio.run(Followers(lambda: jobs.looks > 2).wait(jobs, "r1", 60))
     assert jobs.looks == 3
 
 
 def test_waiting_ends_with_the_job_or_with_patience():
     jobs = ScriptedJobs([1, 2, 3])
-    asyncio.run(wait_for_end(jobs, "r1", 60, never))
+    asyncio.run(Followers().wait(jobs, "r1", 60))
     assert jobs.looks == 4
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.05, never))
+    asyncio.run(Followers().wait(jobs, "r1", 0.05))
     assert len(jobs.script) > 1
 
 
-def test_those_who_wait_long_look_less_often(monkeypatch):
-    monkeypatch.setattr(module, "_LOOK_SECONDS", 0.0)
-    jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 0.2, never))
-    often = jobs.looks
-    jobs = ScriptedJobs([1] * 100_000)
-    asyncio.run(wait_for_end(jobs, "r1", 2.0, never))
-    assert jobs.looks < 3 * often
+def test_slow_looks_are_rare():
+    """Looks at many jobs at once take long, and must leave the threads to others."""
+
+    class Slow(ScriptedJobs):
+        def standings(self, job_ids):
+            time.sleep(0.05)
+            return super().standings(job_ids)
+
+    jobs = Slow([1] * 10_000)
+    asyncio.run(Followers().wait(jobs, "r1", 1.0))
+    assert jobs.looks <= 5
 
 
 @pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RunRecord, "r1")])
@@ -210,9 +255,11 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
             job = self.current("r1")
             return RunRecord("r1", "s", "r", "m", "w", True, "joints", job.state, NOW, job.model_dump_json())
 
-        def standing(self, _job_id):
-            raise error
+        def current(self, job_id):
+            if self.documents:
+                raise error
+            return super().current(job_id)
 
-    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5, never))
+    told = asyncio.run(answer(Lost([1]), "runs", REQUEST, None, 0.1, Followers()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"
