@@ -13,7 +13,7 @@ from typing import Final
 
 import httpx
 
-from jointstiff.service.library import RefusedError, ServiceClient
+from jointstiff.service.library import Client, RefusedError
 from jointstiff.service.render import comparison_table, console, problem_text, run_report
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -34,7 +34,7 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
         Exit status.
     """
     with _service(port, database) as (process, address):
-        with ServiceClient(address) as client:
+        with Client(address) as client:
             status = _tour(client)
         if status == 0 and not once:
             try:
@@ -46,18 +46,19 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
     return status
 
 
-def _tour(client: ServiceClient) -> int:
+def _tour(client: Client) -> int:
     """Post the example, print what comes back."""
     out = console()
     campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
     try:
         robot, stored = client.post_campaign(campaign)
         out.print(
-            f"posted robot {robot['id']} and measurement set {stored['id']} "
-            f"({len(stored['observations'])} observations, {len(stored['warnings'])} warnings)\n"
+            f"posted robot {robot.id} and measurement set {stored.id} "
+            f"({len(stored.observations)} observations, {len(stored.warnings)} warnings)\n"
         )
-        run = client.ended(client.run(stored["id"], {}))
-        comparison = client.ended(client.compare(stored["id"], {}))
+        request = {"measurement_set_id": stored.id}
+        run = client.runs.wait(client.runs.create(request))
+        comparison = client.comparisons.wait(client.comparisons.create(request))
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1

@@ -13,7 +13,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.cli.answers import failed, refused, warn
 from jointstiff.service.cli.demo import run_demo
 from jointstiff.service.cli.options import CampaignFile, DatabaseUrl
-from jointstiff.service.library import CampaignError, RefusedError, ServiceClient, read_campaign
+from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
 from jointstiff.service.render import console, progress_bar, run_report
 from jointstiff.service.server import ServerError, run_server
 from jointstiff.service.store import StoreError
@@ -62,11 +62,11 @@ def post(
     """Post a campaign to a running service, and show its answer."""
     try:
         campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
-        with ServiceClient(server, warn) as client:
+        with Client(server, warn=warn) as client:
             client.ping()
             robot, stored = client.post_campaign(campaign)
-            run = client.run(stored["id"], campaign.get("run", {}))
-            posted = (("robots", robot["id"]), ("measurement-sets", stored["id"]), ("runs", run.id))
+            run = client.runs.create(campaign.get("run", {}) | {"measurement_set_id": stored.id})
+            posted = (("robots", robot.id), ("measurement-sets", stored.id), ("runs", run.id))
             addresses = [f"{server.rstrip('/')}/v1/{kind}/{identifier}" for kind, identifier in posted]
             for address in addresses:
                 console().print(address, markup=False, soft_wrap=True)
@@ -78,11 +78,11 @@ def post(
         raise typer.Exit(1)
 
 
-def _ended(client: ServiceClient, run: Run, address: str) -> Run:
+def _ended(client: Client, run: Run, address: str) -> Run:
     """Wait for the end of a run; who waits no longer is told that it goes on."""
     try:
         with progress_bar(shown=run.progress is not None) as tell:
-            return client.ended(run, tell)
+            return client.runs.wait(run, tell)
     except KeyboardInterrupt:
         warn(f"the run goes on; to end it: curl -X POST {address}/cancel")
         raise

@@ -17,7 +17,7 @@ __all__ = ["Assembly", "Gathered", "assemble"]
 _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 
-@dataclass
+@dataclass(slots=True)
 class Gathered:
     """What was said of one observation.
 
@@ -34,7 +34,7 @@ class Gathered:
     points: dict[str, dict[State, Point]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Assembly:
     """All observations, in order of appearance, checked against each other.
 

@@ -16,7 +16,7 @@ COMMENT_MARKS: Final = ("#", "//", "%")
 CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """One row.
 
@@ -31,7 +31,7 @@ class Row:
     kinds: tuple[CellKind, ...] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Grid:
     """All rows of a file.
 

@@ -13,6 +13,7 @@ __all__ = [
     "MAX_LINE_LENGTH",
     "MAX_NUMBER_LENGTH",
     "MAX_ROWS",
+    "MAX_SHEET_CELLS",
     "MAX_UNPACKED_BYTES",
     "MAX_XML_TAGS",
 ]
@@ -30,5 +31,7 @@ MAX_LINE_LENGTH: Final = MAX_COLUMNS * MAX_CELL_LENGTH
 MAX_NUMBER_LENGTH: Final = 40
 MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
 """All parts of an Excel file together, unpacked."""
-MAX_XML_TAGS: Final = 4_500_000
-"""Tags in the parts of an Excel file that are read: four for each cell, and rows."""
+MAX_SHEET_CELLS: Final = 500_000
+"""Cells of a sheet, which take longer to read than those of a text."""
+MAX_XML_TAGS: Final = 2_500_000
+"""Tags in the parts of an Excel file that are read: four for each number, six for each text, and rows."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
@@ -110,24 +110,29 @@ def read_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS
     """
     _check_sizes(files)
     previews: list[FilePreview] = []
-    records: list[Record] = []
     units: dict[Dimension, str] = {}
-    for file in files:
-        grid = _grid(file, options)
-        layout = lay_out(grid, options)
-        mark, assumed = read_mark(grid, layout, options)
-        records += read_records(grid, layout, mark, options)
-        for dimension, unit in layout.columns.units.items():
-            if units.setdefault(dimension, unit) != unit:
-                raise ImportFileError(
-                    Place(file.name),
-                    f"{dimension} in {unit}, in other files in {units[dimension]}",
-                    f"give all numbers of {dimension} in one unit",
-                )
-        notes = (*grid.assumptions, *layout.assumptions, *((assumed,) if assumed else ()))
-        previews.append(preview_file(grid, layout, mark, notes))
+    records = (record for file in files for record in _records(file, options, previews, units))
     assembly = assemble(records, allow_missing=options.allow_missing)
     return Imported(preview_all(previews, assembly), assembly, units)
+
+
+def _records(
+    file: SourceFile, options: ImportOptions, previews: list[FilePreview], units: dict[Dimension, str]
+) -> Iterator[Record]:
+    """Yield the records of a file; add its preview and its units to those of the files before it."""
+    grid = _grid(file, options)
+    layout = lay_out(grid, options)
+    mark, assumed = read_mark(grid, layout, options)
+    for dimension, unit in layout.columns.units.items():
+        if units.setdefault(dimension, unit) != unit:
+            raise ImportFileError(
+                Place(file.name),
+                f"{dimension} in {unit}, in other files in {units[dimension]}",
+                f"give all numbers of {dimension} in one unit",
+            )
+    notes = (*grid.assumptions, *layout.assumptions, *((assumed,) if assumed else ()))
+    previews.append(preview_file(grid, layout, mark, notes))
+    yield from read_records(grid, layout, mark, options)
 
 
 def _check_sizes(files: Sequence[SourceFile]) -> None:

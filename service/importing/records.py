@@ -19,7 +19,7 @@ __all__ = ["Point", "Record", "read_mark", "read_records"]
 Vector = tuple[float, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Point:
     """Three numbers of one target in one state.
 
@@ -36,7 +36,7 @@ class Point:
     place: Place
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Record:
     """What one row says.
 
@@ -116,7 +116,7 @@ def _vector(grid: Grid, row: Row, indices: tuple[int, ...], mark: DecimalMark) -
             raise ImportFileError(
                 grid.place(row, index),
                 f"{kind} where a number must be, {shown(row.cells[index])}",
-                "enter a plain number; paste the values of formulas, and format the cells as numbers",
+                "enter a number, and format the cell as one; paste the value of a formula that has none",
             )
         try:
             numbers.append(read_number(row.cells[index], mark))

@@ -3,149 +3,195 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
+from xml.etree.ElementTree import Element
 
-from jointstiff.service.importing.archive import Archive, parse_part
+from jointstiff.service.importing.archive import NAMES, Archive
 from jointstiff.service.importing.errors import shown
 from jointstiff.service.importing.grid import CellKind, Row
-from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
+from jointstiff.service.importing.limits import (
+    MAX_CELL_LENGTH,
+    MAX_COLUMNS,
+    MAX_ROWS,
+    MAX_SHEET_CELLS,
+)
 
-__all__ = ["SheetReader"]
+__all__ = ["Sheet", "children", "text_of"]
 
 _ADDRESS: Final = re.compile(r"([A-Z]{1,3})([1-9][0-9]{0,6})")
+_ROW: Final = re.compile(r"[1-9][0-9]{0,6}")
 MAX_LINE: Final = 1_048_576
 """Excel's last row."""
 
-_ROW: Final = re.compile(r"[1-9][0-9]{0,6}")
 _KINDS: Final[Mapping[str, CellKind]] = MappingProxyType(
     {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
 )
+_EMPTY: Final[CellKind] = "text"
+_PARTS: Final = MappingProxyType(
+    {
+        "row": {"c", "extLst"},
+        "is": {"t", "r", "rPh", "phoneticPr"},
+        "si": {"t", "r", "rPh", "phoneticPr"},
+        "r": {"rPr", "t"},
+    }
+)
 
 
-class SheetReader:
-    """Receives the elements of a sheet and makes rows of them.
+def children(archive: Archive, element: Element) -> Iterator[tuple[str, Element]]:
+    """Yield the elements in an element with their names.
 
-    Attributes:
-        rows: that are not empty, each as long as its last cell.
-        notes: what should be known of the sheet, in words.
+    Raises:
+        ImportFileError: one is not known there; it could hold a value that would be lost.
+    """
+    allowed = _PARTS.get(NAMES.get(element.tag, ""), set())
+    for child in element:
+        name = NAMES.get(child.tag)
+        if name not in allowed:
+            tag = child.tag.rpartition("}")[2]
+            raise archive.refusal(f"an element {shown(tag)} that {shown(element.tag)} cannot have")
+        yield name, child
+
+
+def text_of(archive: Archive, element: Element) -> str:
+    """Return a text, which may consist of pieces of different fonts, without the phonetic ones.
+
+    Raises:
+        ImportFileError: one of its elements is not known.
+    """
+    pieces = []
+    for name, child in children(archive, element):
+        if name == "r":
+            pieces.append(text_of(archive, child))
+        elif name == "t":
+            pieces.append(_plain(archive, child))
+    return "".join(pieces)
+
+
+def _plain(archive: Archive, element: Element) -> str:
+    if len(element):
+        next(children(archive, element))  # which refuses it, as there can be none
+    return element.text or ""
+
+
+class Sheet:
+    """One sheet, to be read row by row.
+
+    Each reading begins anew; `notes` are those of the last one.
     """
 
-    def __init__(self, archive: Archive, part: str, texts: Sequence[str], kinds: Sequence[CellKind]) -> None:
-        self.rows: list[Row] = []
-        self.notes: list[str] = []
-        self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
-        self._line = self._column = self._count = 0
-        self._cells: list[str] = []
-        self._cell_kinds: list[CellKind] = []
-        self._type: str | None = None
-        self._kind: CellKind = "number"
-        self._value: str | None = None
-        self._reading = False
-        self._phonetic = 0
-        self._hidden = 0
+    def __init__(
+        self, archive: Archive, part: str, texts: Sequence[str], kinds: Mapping[str, CellKind]
+    ) -> None:
+        """Prepare to read.
 
-    def read(self) -> SheetReader:
-        """Read it.
+        Args:
+            archive: that it is in.
+            part: name of the part.
+            texts: that cells refer to by number.
+            kinds: what numbers are, by the number of their format.
+        """
+        self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
+        self._begin()
+
+    def _begin(self) -> None:
+        self._line = self._column = self._count = self._hidden = self._formulas = 0
+
+    @property
+    def notes(self) -> list[str]:
+        """Return what should be known of the rows that were read, in words."""
+        notes = []
+        if self._hidden:
+            notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read too")
+        if self._formulas:
+            notes.append(f"the values stored for formulas were used ({self._formulas} cells)")
+        return notes
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows that are not empty, each as long as its last cell that is not.
 
         Raises:
             ImportFileError: damaged, beyond the limits, or its cells are not in order.
         """
-        parse_part(self._archive, self._part, self._start, self._end, self._text)
-        if self._hidden:
-            self.notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read too")
-        return self
+        self._begin()
+        filled = 0
+        for element in self._archive.elements(self._part, "row", "col"):
+            self._hidden += element.get("hidden") in ("1", "true")
+            row = self._row(element) if NAMES[element.tag] == "row" else None
+            if row is not None:
+                filled += 1
+                if filled > MAX_ROWS:
+                    raise self._refusal(f"more than {MAX_ROWS} rows")
+                yield row
 
-    def _start(self, tag: str, attributes: Mapping[str, str]) -> None:
-        if tag == "row":
-            self._begin_row(attributes)
-        elif tag == "c":
-            self._begin_cell(attributes)
-        elif tag == "f":
-            self._kind = "formula"
-        elif tag == "rPh":
-            self._phonetic += 1
-        elif tag in ("v", "t") and not self._phonetic:
-            self._begin_value(tag)
-        if tag in ("row", "col") and attributes.get("hidden") in ("1", "true"):
-            self._hidden += 1
-
-    def _end(self, tag: str) -> None:
-        if tag == "c":
-            self._finish_cell()
-        elif tag == "row":
-            while self._cells and not self._cells[-1]:
-                self._cells.pop()
-                self._cell_kinds.pop()
-            if self._cells:
-                self.rows.append(Row(self._line, tuple(self._cells), tuple(self._cell_kinds)))
-        elif tag == "rPh":
-            self._phonetic -= 1
-        elif tag in ("v", "t"):
-            self._reading = False
-
-    def _text(self, content: str) -> None:
-        if self._reading:
-            self._value = (self._value or "") + content
-            if len(self._value) > MAX_CELL_LENGTH:
-                raise self._refusal(f"a cell of more than {MAX_CELL_LENGTH} characters")
-
-    def _begin_row(self, attributes: Mapping[str, str]) -> None:
-        number = attributes.get("r", str(self._line + 1))
+    def _row(self, element: Element) -> Row | None:
+        number = element.get("r", str(self._line + 1))
         if not _ROW.fullmatch(number) or not self._line < int(number) <= MAX_LINE:
             raise self._refusal(f"row {shown(number)} follows row {self._line}")
         self._line, self._column = int(number), 0
-        self._cells, self._cell_kinds = [], []
-        if len(self.rows) >= MAX_ROWS:
-            raise self._refusal(f"more than {MAX_ROWS} rows")
+        cells: list[str] = []
+        kinds: list[CellKind] = []
+        for name, cell in children(self._archive, element):
+            if name == "c":
+                self._find_place(cell.get("r"))
+                text, kind = self._cell(cell)
+                if text:
+                    gap = self._column - 1 - len(cells)
+                    cells += [*[""] * gap, text]
+                    kinds += [*[_EMPTY] * gap, kind]
+        return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
-    def _begin_cell(self, attributes: Mapping[str, str]) -> None:
+    def _find_place(self, address: str | None) -> None:
         column = self._column + 1
-        if "r" in attributes:
-            match = _ADDRESS.fullmatch(attributes["r"])
+        if address is not None:
+            match = _ADDRESS.fullmatch(address)
             if match is None or int(match[2]) != self._line or _index(match[1]) < column:
-                raise self._refusal(f"cell {shown(attributes['r'])} is not in its place")
+                raise self._refusal(f"cell {shown(address)} is not in its place")
             column = _index(match[1])
         self._count += column - self._column
-        if column > MAX_COLUMNS or self._count > MAX_CELLS:
-            raise self._refusal(f"more than {MAX_COLUMNS} columns or {MAX_CELLS} cells")
-        skipped = column - self._column - 1
-        self._cells += [""] * skipped
-        self._cell_kinds += ["text"] * skipped
-        self._column, self._value = column, None
-        self._type = attributes.get("t", "n")
-        self._kind = _KINDS.get(self._type) or self._number_kind(attributes.get("s", "0"))
+        self._column = column
+        if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
+            raise self._refusal(f"more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
 
-    def _begin_value(self, tag: str) -> None:
-        """One `v` in a cell, or pieces of text `t` in one with text of its own."""
-        if self._type is None:
-            return
-        if (tag == "t") != (self._type == "inlineStr") or (tag == "v" and self._value is not None):
-            raise self._refusal(f"an element {tag} that a cell of type {shown(self._type)} cannot have")
-        self._value, self._reading = self._value or "", True
+    def _cell(self, cell: Element) -> tuple[str, CellKind]:
+        """Return the text and the kind of a cell; a formula is one if no value is stored beside it."""
+        found = {NAMES.get(child.tag): child for child in cell}
+        type_ = cell.get("t", "n")
+        kind = _KINDS.get(type_) or self._number_kind(type_, cell.get("s", "0"))
+        holder = "is" if type_ == "inlineStr" else "v"
+        if len(found) != len(cell) or not found.keys() <= {holder, "f", "extLst"}:
+            tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
+            raise self._refusal(f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have")
+        value = self._value(found[holder], type_) if holder in found else ""
+        if "f" in found:
+            if not value and type_ != "str":
+                return "= …", "formula"
+            self._formulas += 1
+        return value, kind
 
-    def _number_kind(self, style: str) -> CellKind:
-        if self._type != "n":
-            raise self._refusal(f"a cell of unknown type {shown(self._type or '')}")
-        if not self._kinds:
-            return "number"
-        if not (style.isascii() and style.isdigit() and len(style) < 7) or int(style) >= len(self._kinds):
+    def _value(self, holder: Element, type_: str) -> str:
+        if type_ == "inlineStr":
+            value = text_of(self._archive, holder)
+        else:
+            value = _plain(self._archive, holder)
+            if type_ == "s" and value:
+                known = value.isascii() and value.isdigit() and len(value) < 8
+                if not known or int(value) >= len(self._texts):
+                    raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
+                value = self._texts[int(value)]
+        if len(value) > MAX_CELL_LENGTH:
+            raise self._refusal(f"a cell of more than {MAX_CELL_LENGTH} characters")
+        return value.strip()
+
+    def _number_kind(self, type_: str, style: str) -> CellKind:
+        if type_ != "n":
+            raise self._refusal(f"a cell of unknown type {shown(type_)}")
+        kind = self._kinds.get(style) if self._kinds else "number"
+        if kind is None:
             raise self._refusal(f"a cell of unknown format {shown(style)}")
-        return self._kinds[int(style)]
-
-    def _finish_cell(self) -> None:
-        value = self._value or ""
-        if self._type == "s" and value:
-            known = value.isascii() and value.isdigit() and len(value) < 8
-            if not known or int(value) >= len(self._texts):
-                raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
-            value = self._texts[int(value)]
-        text = value.strip()
-        self._cells.append("= …" if self._kind == "formula" and not text else text)
-        self._cell_kinds.append(self._kind)
-        self._type = None
+        return kind
 
     def _refusal(self, reason: str) -> Exception:
         return self._archive.refusal(reason, self._line or None, self._column or None)

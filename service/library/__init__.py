@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from jointstiff.service.library.answers import RefusedError
 from jointstiff.service.library.campaigns import CampaignError, read_campaign, read_document
-from jointstiff.service.library.client import RefusedError, ServiceClient
+from jointstiff.service.library.client import Client
 
-__all__ = ["CampaignError", "RefusedError", "ServiceClient", "read_campaign", "read_document"]
+__all__ = ["CampaignError", "Client", "RefusedError", "read_campaign", "read_document"]

@@ -1,256 +1,137 @@
-"""A client of the API: it knows the service's address and nothing else of it."""
+"""A client of the service, for notebooks and for the command line."""
 
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 from uuid import uuid4
 
 import httpx
-from pydantic import TypeAdapter, ValidationError
+from tenacity import RetryCallState, Retrying, retry_if_exception, stop_before_delay, wait_exponential
 
-from jointstiff.schemas.comparison import Comparison
-from jointstiff.schemas.fields import Identifier
-from jointstiff.schemas.job import Progress
-from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run import Run
-from jointstiff.service.problems import http_problem
+from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.geometry import Geometry, GeometrySummary
+from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
+from jointstiff.schemas.pair import Pair, PairSummary
+from jointstiff.schemas.robot import Robot, RobotSummary
+from jointstiff.schemas.run import Run, RunSummary
+from jointstiff.service.library.answers import AwayError, RefusedError, alien, problem_in, silence
+from jointstiff.service.library.collections import Collection, Document, Jobs, plain
 
-__all__ = ["PATIENCE_SECONDS", "RefusedError", "ServiceClient"]
+__all__ = ["PATIENCE_SECONDS", "Client"]
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
-_LOOK_SECONDS: Final = 0.2
-_FIRST_PAUSE: Final = 0.2
-_LONGEST_PAUSE: Final = 2.0
-_UNAVAILABLE: Final = 503
-_COLLECTIONS: Final[Mapping[type, str]] = MappingProxyType({Run: "/v1/runs", Comparison: "/v1/comparisons"})
-_IDENTIFIER: Final[TypeAdapter[str]] = TypeAdapter(Identifier)
-
-Job = TypeVar("Job", Run, Comparison)
 
 
-class RefusedError(Exception):
-    """The service refused, or did not answer; carries the problem."""
+class Client:
+    """A service, with its resources by kind, such as `client.runs.get(id)`.
 
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.detail)
-        self.problem = problem
-
-
-class ServiceClient:
-    """Posts robots, measurement sets and jobs, and waits for what goes on.
-
-    A service that answered once and does not now is being restarted, most of the time: requests are repeated
-    until it answers again. Each post carries a key that makes it safe to repeat.
+    A service that answered once and does not now is restarting, most of the time: requests are repeated until
+    it answers again. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
+    if the service refuses or does not answer. Used as a context manager, it closes its connections.
     """
 
     def __init__(
         self,
-        address: str,
+        url: str,
+        key: str | None = None,
+        *,
         warn: Callable[[str], object] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
         """Make a client.
 
         Args:
-            address: of the service, such as http://127.0.0.1:8000.
-            warn: told when the service does not answer and is asked again.
+            url: of the service, such as http://127.0.0.1:8000.
+            key: that the service or a proxy before it demands.
+            warn: called when the service does not answer and requests are repeated.
             transport: carries the requests, if not over the network.
 
         Raises:
             RefusedError: there can be no such address.
         """
+        headers = {} if key is None else {"Authorization": f"Bearer {key}"}
         try:
-            self._http = httpx.Client(base_url=address, timeout=60.0, transport=transport)
+            self._http = httpx.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx.InvalidURL as error:
-            raise RefusedError(_silence(address, error)) from error
+            raise RefusedError(silence(url, error)) from error
         self._warn = warn
         self._answered = False
+        self._retrying = Retrying(
+            retry=retry_if_exception(lambda error: self._answered and isinstance(error, AwayError)),
+            stop=stop_before_delay(PATIENCE_SECONDS),
+            wait=wait_exponential(multiplier=0.2, max=2.0),
+            before_sleep=self._announce,
+            reraise=True,
+        )
+        self.robots = Collection(self.send, "robots", Robot, RobotSummary)
+        self.measurement_sets = Collection(
+            self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
+        )
+        self.runs = Jobs(self.send, "runs", Run, RunSummary)
+        self.comparisons = Jobs(self.send, "comparisons", Comparison, ComparisonSummary)
+        self.pairs = Jobs(self.send, "pairs", Pair, PairSummary)
+        self.geometries = Jobs(self.send, "geometries", Geometry, GeometrySummary)
 
-    def __enter__(self) -> ServiceClient:
+    def __enter__(self) -> Client:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
         self._http.close()
 
     def ping(self) -> None:
-        """Find out that the service is there; from now on it is waited for.
+        """Find out that the service is there; from now on requests are repeated while it is not."""
+        self.send("GET", "/health")
 
-        Raises:
-            RefusedError: it is not.
-        """
-        self._answer("GET", "/health")
+    def identify(self, campaign: Message | Mapping[str, Any]) -> Run:
+        """Post a campaign and its run; return the run once it has ended."""
+        document = plain(campaign)
+        _, stored = self.post_campaign(document)
+        options = document.get("run", {})
+        return self.runs.wait(self.runs.create(options | {"measurement_set_id": stored.id}))
 
-    def post_campaign(self, document: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Post the robot and the readings of a campaign document.
+    def post_campaign(self, campaign: Message | Mapping[str, Any]) -> tuple[Robot, MeasurementSet]:
+        """Post the robot and the readings of a campaign; return both as they were stored."""
+        document = plain(campaign)
+        robot = self.robots.create(document["robot"])
+        return robot, self.measurement_sets.create(document["measurement_set"] | {"robot_id": robot.id})
 
-        Returns:
-            The stored robot and the stored measurement set.
-
-        Raises:
-            RefusedError: the service refuses one of them, or does not answer.
-        """
-        robot = self._post("/v1/robots", document["robot"])
-        readings = document["measurement_set"] | {"robot_id": robot["id"]}
-        return robot, self._post("/v1/measurement-sets", readings)
-
-    def run(self, set_id: str, options: dict[str, Any]) -> Run:
-        """Post a run of a stored measurement set.
-
-        Args:
-            set_id: of the measurement set.
-            options: how to identify.
-
-        Returns:
-            It, ended if that took no longer than a second.
-
-        Raises:
-            RefusedError: the service refuses it, or does not answer.
-        """
-        return self._job(Run, options | {"measurement_set_id": set_id})
-
-    def compare(self, set_id: str, options: dict[str, Any]) -> Comparison:
-        """Post a comparison on a stored measurement set.
-
-        Args:
-            set_id: of the measurement set.
-            options: what to compare.
-
-        Returns:
-            It, ended if that took no longer than a second.
-
-        Raises:
-            RefusedError: the service refuses it, or does not answer.
-        """
-        return self._job(Comparison, options | {"measurement_set_id": set_id})
-
-    def ended(self, job: Job, tell: Callable[[Progress], object] | None = None) -> Job:
-        """Wait for the end of a job.
-
-        Args:
-            job: that was posted.
-            tell: told of its progress.
-
-        Raises:
-            RefusedError: the service does not answer.
-        """
-        kind = type(job)
-        while job.state in {"queued", "running"}:
-            if tell is not None and job.progress is not None:
-                tell(job.progress)
-            time.sleep(_LOOK_SECONDS)
-            job = _as(kind, self._answer("GET", f"{_COLLECTIONS[kind]}/{job.id}"))
-        return job
-
-    def _job(self, kind: type[Job], body: dict[str, Any]) -> Job:
-        return _as(kind, self._post(f"{_COLLECTIONS[kind]}?wait=1", body))
-
-    def _post(self, path: str, body: object) -> dict[str, Any]:
-        content = json.dumps(body).encode()
-        headers = {"Content-Type": "application/json", "Idempotency-Key": uuid4().hex}
-        answer = self._answer("POST", path, content=content, headers=headers)
-        try:
-            _IDENTIFIER.validate_python(answer.get("id"))
-        except ValidationError as error:
-            raise RefusedError(_alien("without an id")) from error
-        return answer
-
-    def _answer(self, verb: str, path: str, **parts: Any) -> dict[str, Any]:  # noqa: ANN401 - httpx's
-        """Ask until there is an answer.
+    def send(
+        self, verb: str, path: str, query: Mapping[str, str] | None = None, document: Document | None = None
+    ) -> httpx.Response:
+        """Send a request until it is answered; return the answer.
 
         Raises:
             RefusedError: the service refuses, never answered, or has not for `PATIENCE_SECONDS`.
         """
-        request = self._request(verb, path, **parts)
-        deadline, pause = time.monotonic() + PATIENCE_SECONDS, _FIRST_PAUSE
-        while True:
-            found = self._try(request)
-            if isinstance(found, dict):
-                return found
-            if not self._answered or time.monotonic() + pause > deadline:
-                raise RefusedError(found)
-            if pause == _FIRST_PAUSE and self._warn is not None:
-                self._warn(f"{found.detail}; trying again for {PATIENCE_SECONDS:.0f} s")
-            time.sleep(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+        parts: dict[str, Any] = {"params": query}
+        if document is not None:
+            headers = {"Content-Type": "application/json", "Idempotency-Key": uuid4().hex}
+            parts |= {"content": json.dumps(plain(document)), "headers": headers}
+        return self._retrying(self._try, verb, path, parts)
 
-    def _request(self, verb: str, path: str, **parts: Any) -> httpx.Request:  # noqa: ANN401 - httpx's
+    def _try(self, verb: str, path: str, parts: dict[str, Any]) -> httpx.Response:
         try:
-            return self._http.build_request(verb, path, **parts)
-        except httpx.InvalidURL as error:
-            raise RefusedError(_silence(self._http.base_url, error)) from error
-
-    def _try(self, request: httpx.Request) -> dict[str, Any] | Problem:
-        """The answer; or, if it may be had later, why there is none now.
-
-        Raises:
-            RefusedError: the service refuses.
-        """
-        try:
-            response = self._http.send(request)
-        except httpx.TransportError as error:
-            return _silence(self._http.base_url, error)
+            response = self._http.request(verb, path, **parts)
         except httpx.DecodingError as error:
-            raise RefusedError(_alien("which cannot be decoded")) from error
+            raise alien("which cannot be decoded") from error
+        except httpx.InvalidURL as error:
+            raise RefusedError(silence(self._http.base_url, error)) from error
+        except httpx.TransportError as error:
+            raise AwayError(silence(self._http.base_url, error)) from error
         self._answered = True
-        if response.status_code == _UNAVAILABLE:
-            return _problem_of(response)
         if not response.is_success:
-            raise RefusedError(_problem_of(response))
-        return _read(response)
+            away = response.status_code == httpx.codes.SERVICE_UNAVAILABLE
+            raise (AwayError if away else RefusedError)(problem_in(response))
+        return response
 
-
-def _as(kind: type[Job], answer: dict[str, Any]) -> Job:
-    try:
-        return kind.model_validate(answer)
-    except ValidationError as error:
-        raise RefusedError(_alien(f"which is no {kind.__name__.lower()}")) from error
-
-
-def _read(response: httpx.Response) -> dict[str, Any]:
-    """The JSON of an answer, which may come from anyone; what would steer a terminal is taken out of it.
-
-    Raises:
-        RefusedError: it is none.
-    """
-    try:
-        answer = _printable(json.loads(response.content))
-    except (ValueError, RecursionError) as error:
-        raise RefusedError(_alien("which is not JSON")) from error
-    if not isinstance(answer, dict):
-        raise RefusedError(_alien("which is no resource"))
-    return answer
-
-
-def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    if isinstance(value, str):
-        return "".join(c if c.isprintable() else "\ufffd" for c in value)
-    if isinstance(value, list):
-        return [_printable(item) for item in value]
-    if isinstance(value, dict):
-        return {_printable(name): _printable(item) for name, item in value.items()}
-    return value
-
-
-def _silence(address: object, error: Exception) -> Problem:
-    remedy = "start it: jointstiff serve"
-    if not str(address).startswith(("http://", "https://")):
-        remedy = "write the address with http:// before it"
-    return http_problem(_UNAVAILABLE, f"no answer from {address}: {error}", remedy)
-
-
-def _alien(what: str) -> Problem:
-    return http_problem(
-        502, f"an answer that is not Jointstiff's, {what}", "check the address, and that versions agree"
-    )
-
-
-def _problem_of(response: httpx.Response) -> Problem:
-    try:
-        return Problem.model_validate(_read(response))
-    except (RefusedError, ValidationError):
-        return _alien(f"status {response.status_code}")
+    def _announce(self, attempt: RetryCallState) -> None:
+        if attempt.attempt_number == 1 and self._warn is not None and attempt.outcome is not None:
+            self._warn(f"{attempt.outcome.exception()}; trying again for {PATIENCE_SECONDS:.0f} s")

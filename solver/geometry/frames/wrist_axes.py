@@ -11,7 +11,7 @@ from scipy import stats
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes, posed
-from jointstiff.solver.robot import WRIST_JOINTS, WRIST_TOLERANCE
+from jointstiff.solver.robot import WRIST_JOINTS, Wrist
 
 __all__ = ["WristMiss", "nearest_to_axes"]
 
@@ -33,8 +33,8 @@ class WristMiss:
 
     @property
     def spherical(self) -> bool:
-        """Whether the axes meet within `WRIST_TOLERANCE`, which the decoupled method needs."""
-        return self.distance <= WRIST_TOLERANCE
+        """Return whether the axes meet within `Wrist.TOLERANCE`, which the decoupled method needs."""
+        return self.distance <= Wrist.TOLERANCE
 
 
 def nearest_to_axes(

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import datetime
 import io
+import random
 import re
+import subprocess
+import sys
+import time
 import zipfile
+from pathlib import Path
 
 import openpyxl
 import pytest
 from support.importing_samples import CAMPAIGN, points_of, read, values_of
 
 from jointstiff.service.importing import ImportFileError
-from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES
+from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
 
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
 
@@ -121,7 +126,7 @@ def test_which_sheet():
 @pytest.mark.parametrize(
     ("value", "number_format", "reason"),
     [
-        ("=B2+1", None, "formula where a number must be"),
+        ("=B2+1", None, "formula where a number must be"),  # openpyxl stores no value
         (datetime.date(2026, 5, 1), None, "date where"),
         (45000.5, "dd.mm.yyyy", "date where"),
         (45000.5, '[$-407]d. mmm "x"', "date where"),
@@ -169,6 +174,48 @@ def test_labels_as_numbers_match_those_of_texts():
     assert points_of(imported)["2", "P10", "unloaded"] == (7, 8, 9.5)
 
 
+@pytest.mark.parametrize(
+    ("cell", "reason"),
+    [
+        (b'<c r="C3"><f>B3*2</f><v>-35.125</v></c>', None),
+        (b'<c r="C3" t="n"><f>B3*2</f><v>-3.5125E1</v></c>', None),
+        (b'<c r="C3"><f t="shared" si="0"/><v>-35.125</v></c>', None),
+        (b'<c r="C3"><f>B3*2</f></c>', "formula where a number must be"),
+        (b'<c r="C3"><f>B3*2</f><v/></c>', "formula where a number must be"),
+        (b'<c r="C3" t="e"><f>1/0</f><v>#DIV/0!</v></c>', "error where"),
+        (b'<c r="C3" t="b"><f>1=1</f><v>1</v></c>', "truth value where"),
+        (b'<c r="C3" t="str"><f>A1</f><v>-35.125</v></c>', "text where"),
+        (b'<c r="C3" t="str"><f>A1</f><v></v></c>', "an empty cell where"),
+    ],
+)
+def test_formulas_have_the_values_that_are_stored_with_them(cell, reason):
+    def change(data):
+        old = b'<c r="C3" t="n"><v>-35.125</v></c>'
+        assert old in data
+        return data.replace(old, cell)
+
+    content = repacked(workbook(), SHEET, change)
+    if reason:
+        refused(content, reason, 3, 3)
+        return
+    imported = read(("a.xlsx", content))
+    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
+    assert imported.preview.files[0].assumptions == ["the values stored for formulas were used (1 cells)"]
+
+
+@pytest.mark.parametrize("value", [b"-20&#46;25", b"-20<!--x-->.25", b"<![CDATA[-20.25]]>", b" -20.25 "])
+def test_markup_within_a_value(value):
+    """Of which python-calamine 0.9 reads -20, -20 and nothing."""
+    content = repacked(workbook(), SHEET, lambda data: data.replace(b"-20.25", value))
+    assert values_of(read(("a.xlsx", content))) == values_of(read(("a.csv", CAMPAIGN)))
+
+
+@pytest.mark.parametrize("far", [b"XFD3", b"IV1048576"])
+def test_a_cell_far_from_the_others(far):
+    """Which made python-calamine 0.9 abort the process."""
+    refused(repacked(workbook(), SHEET, lambda data: data.replace(b'r="M4"', b'r="%s"' % far)), "", 4, 12)
+
+
 def test_hidden_rows_are_read_and_told():
     def hide(_, sheet):
         sheet.row_dimensions[3].hidden = True
@@ -193,6 +240,11 @@ def test_hidden_rows_are_read_and_told():
         (b"<v>-20.25</v>", b"<v>-20.25</v><v>1</v>", "cannot have"),
         (b"<v>-20.25</v>", b"<is><t>-20.25</t></is>", "cannot have"),
         (b'r="A3" t="inlineStr"', b'r="A3"', "cannot have"),
+        (b"<v>-20.25</v>", b"<w>-20.25</w>", "cannot have"),
+        (b"<v>-20.25</v>", b"<v>-20<b/>.25</v>", "cannot have"),
+        (b"<t>c01</t>", b"<u>c01</u>", "cannot have"),
+        (b'<row r="3"', b'<row><row r="3"/></row><row r="3"', "within another"),
+        (b'<c r="C3" t="n"><v>-35.125</v></c>', b'<d r="C3"><v>-35.125</v></d>', "cannot have"),
         (b"spreadsheetml/2006/main", b"spreadsheetml/2007/main", "no row of data"),
         (b"</sheetData>", b"</sheetdata>", "not well-formed"),
         (b"<worksheet", b"<!DOCTYPE a [<!ENTITY b 'c'>]><worksheet", "a document type"),
@@ -258,8 +310,45 @@ def test_a_stated_size_that_lies():
 
 
 def test_many_tags():
+    """With numbers between them, without which they pack too well."""
+    random_ = random.Random(1)  # noqa: S311
+    tags = b"".join(b"<b/>" * 50 + b"%x" % random_.getrandbits(32) for _ in range(MAX_XML_TAGS // 50 + 1))
     with pytest.raises(ImportFileError, match="tags in part"):
-        read(("a.xlsx", repacked(workbook(), SHEET, lambda _: b"<a>" + b"<b/>" * 6_000_001 + b"</a>")))
+        read(("a.xlsx", repacked(workbook(), SHEET, lambda _: b"<a>" + tags + b"</a>")))
+
+
+SPACE = b"http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+
+
+@pytest.mark.parametrize(
+    ("cells", "reason"),
+    [
+        (b"<row><c><v>1</v></c></row>" * 400_000, "100 times as large"),
+        (b"<row>" + b"<c/>" * 257 + b"</row>", "more than 256 columns"),
+        (b'<row><c r="IV%d"/></row>', "or 500000 cells"),
+        (b"<row>" + b"<x/>" * 100_001 + b"</row>", "100000 in one"),
+        (b"<row><c><v>" + b"1" * 400_000 + b"</v></c></row>", "a text of more than"),
+    ],
+)
+def test_small_files_that_unpack_to_much_are_refused_at_once(cells, reason):
+    if b"%d" in cells:
+        cells = b"".join(cells % line for line in range(1, 3000))
+    sheet = b'<worksheet xmlns="%s"><sheetData>%s</sheetData></worksheet>' % (SPACE, cells)
+    content = repacked(workbook(), SHEET, lambda _: sheet)
+    began = time.process_time()
+    with pytest.raises(ImportFileError, match=reason):
+        read(("a.xlsx", content))
+    assert time.process_time() - began < 2
+
+
+@pytest.mark.slow
+def test_a_sheet_at_the_limits_takes_little_memory():
+    """Measured in a process of its own, above what the program itself takes."""
+    program = Path(__file__).parents[2] / "support" / "importing_memory.py"
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
+    readings, megabytes = map(float, done.stdout.split())
+    assert readings == 57_600
+    assert megabytes < 256
 
 
 def test_expanding_entities():

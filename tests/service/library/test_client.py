@@ -11,8 +11,9 @@ import uuid
 import httpx
 import pytest
 
+from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.library import RefusedError, ServiceClient
+from jointstiff.service.library import Client, RefusedError
 from jointstiff.service.library import client as module
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -44,20 +45,21 @@ class LossyTransport(httpx.HTTPTransport):
 
 def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, campaign):
     warnings = []
-    with ServiceClient(service.url, warnings.append, LossyTransport()) as client:
+    with Client(service.url, warn=warnings.append, transport=LossyTransport()) as client:
         client.ping()
         robot, stored = client.post_campaign(campaign)
-        run = client.ended(client.run(stored["id"], {}))
-        comparison = client.ended(client.compare(stored["id"], {"constraints": ["positive"]}))
+        run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
+        request = {"measurement_set_id": stored.id, "constraints": ["positive"]}
+        comparison = client.comparisons.wait(client.comparisons.create(request))
     assert run.state == comparison.state == "succeeded"
     assert len(warnings) == 4
     assert all("the connection was lost; trying again" in warning for warning in warnings)
     with httpx.Client(base_url=service.url) as plain:
         for collection, query, identifier in [
-            ("robots", {"name": campaign["robot"]["name"]}, robot["id"]),
-            ("measurement-sets", {"robot_id": robot["id"]}, stored["id"]),
-            ("runs", {"robot_id": robot["id"]}, run.id),
-            ("comparisons", {"robot_id": robot["id"]}, comparison.id),
+            ("robots", {"name": campaign["robot"]["name"]}, robot.id),
+            ("measurement-sets", {"robot_id": robot.id}, stored.id),
+            ("runs", {"robot_id": robot.id}, run.id),
+            ("comparisons", {"robot_id": robot.id}, comparison.id),
         ]:
             items = plain.get(f"/v1/{collection}", params=query).json()["items"]
             assert [item["id"] for item in items] == [identifier]
@@ -80,13 +82,13 @@ class AwayTransport(httpx.BaseTransport):
 def test_patience_ends(monkeypatch):
     """With what the service said last; a clock of our own goes as fast as the client sleeps."""
     now = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(module.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
     warnings, transport = [], AwayTransport()
-    with ServiceClient("http://nowhere", warnings.append, transport) as client:
+    with Client("http://nowhere", warn=warnings.append, transport=transport) as client:
         client.ping()
         with pytest.raises(RefusedError, match="the database does not answer"):
-            client.run("x", {})
+            client.runs.create({})
     assert module.PATIENCE_SECONDS - 5 < now[0] <= module.PATIENCE_SECONDS
     assert warnings == ["the database does not answer; trying again for 60 s"]
     assert transport.requests > 20
@@ -110,9 +112,9 @@ ALIEN = {
 @pytest.mark.parametrize("answer", ALIEN.values(), ids=ALIEN.keys())
 def test_an_answer_that_is_not_the_services_is_refused(answer):
     transport = httpx.MockTransport(lambda _: answer)
-    with ServiceClient("http://nowhere", transport=transport) as client:
+    with Client("http://nowhere", transport=transport) as client:
         with pytest.raises(RefusedError, match="an answer that is not Jointstiff's") as refused:
-            client.run("x", {})
+            client.runs.create({})
         assert refused.value.problem.remedy
 
 
@@ -122,7 +124,7 @@ def test_an_answer_that_cannot_be_decoded_is_refused():
         return httpx.Response(200, headers={"content-encoding": "gzip"}, stream=stream)
 
     with (
-        ServiceClient("http://nowhere", transport=httpx.MockTransport(garbled)) as client,
+        Client("http://nowhere", transport=httpx.MockTransport(garbled)) as client,
         pytest.raises(RefusedError, match="cannot be decoded"),
     ):
         client.ping()
@@ -132,23 +134,23 @@ def test_what_a_service_says_does_not_steer_the_terminal():
     problem = Problem(type="urn:x", title=ESCAPE, status=422, detail=ESCAPE, remedy=ESCAPE)
     transport = httpx.MockTransport(lambda _: httpx.Response(422, content=problem.model_dump_json()))
     with (
-        ServiceClient("http://nowhere", transport=transport) as client,
+        Client("http://nowhere", transport=transport) as client,
         pytest.raises(RefusedError, match="owned") as refused,
     ):
-        client.run("x", {})
+        client.runs.create({})
     said = refused.value.problem
     assert all(text.isprintable() for text in (said.title, said.detail, said.remedy))
 
 
 def test_what_is_no_address_is_refused():
     with pytest.raises(RefusedError, match="no answer from"):
-        ServiceClient("http://[::1")
+        Client("http://[::1")
 
 
 def test_nobody_at_the_address_is_told_at_once():
     began = time.monotonic()
-    with ServiceClient("http://127.0.0.1:9") as client, pytest.raises(RefusedError, match="no answer"):
-        client.run("x", {})
+    with Client("http://127.0.0.1:9") as client, pytest.raises(RefusedError, match="no answer"):
+        client.runs.create({})
     assert time.monotonic() - began < module.PATIENCE_SECONDS / 2
 
 
@@ -159,14 +161,14 @@ def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, camp
     try:
         address = process.stdout.readline().split()[3].rstrip(",")
         port = int(address.rpartition(":")[2])
-        with ServiceClient(address, warnings.append) as client:
+        with Client(address, warn=warnings.append) as client:
             client.ping()
             _, stored = client.post_campaign(campaign)
             process.kill()
             process.wait()
             starting = threading.Timer(0.3, lambda: started.append(serve(database, port)))
             starting.start()
-            run = client.ended(client.run(stored["id"], {}))
+            run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
             starting.join()
             listed = httpx.get(f"{address}/v1/runs").json()["items"]
         assert run.state == "succeeded"
@@ -184,3 +186,40 @@ def serve(database, port):
     return subprocess.Popen(
         [*command, "--port", str(port), "--database", database], stdout=subprocess.PIPE, text=True
     )
+
+
+def test_collections_are_read_page_by_page_and_deleted(service, campaign):
+    with Client(service.url) as client:
+        run = client.identify(campaign)
+        assert run.state == "succeeded"
+        stored = client.measurement_sets.get(run.request.measurement_set_id)
+        robot = client.robots.get(stored.robot_id)
+        assert robot.name == campaign["robot"]["name"]
+        assert [each.id for each in client.robots.list(name=robot.name)] == [robot.id]
+        other = client.runs.create({"measurement_set_id": stored.id, "method": "partial_pose"})
+        listed = client.runs.list(robot_id=robot.id, limit="1")
+        assert [each.id for each in listed] == [other.id, run.id]
+        client.runs.delete(other.id)
+        assert [each.id for each in client.runs.list(robot_id=robot.id)] == [run.id]
+        with pytest.raises(RefusedError) as refused:
+            client.robots.get("../runs")
+        assert refused.value.problem.status == 404
+
+
+def test_campaigns_may_be_messages(service, campaign):
+    with Client(service.url) as client:
+        robot, stored = client.post_campaign(Campaign.model_validate(campaign))
+    assert (robot.name, stored.robot_id) == (campaign["robot"]["name"], robot.id)
+
+
+@pytest.mark.parametrize(("key", "sent"), [("k-1", "Bearer k-1"), (None, None)])
+def test_a_key_is_sent_as_a_bearer_token(key, sent):
+    seen = []
+
+    def answer(request):
+        seen.append(request.headers.get("authorization"))
+        return httpx.Response(200, json={})
+
+    with Client("http://nowhere", key, transport=httpx.MockTransport(answer)) as client:
+        client.ping()
+    assert seen == [sent]

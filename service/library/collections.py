@@ -1,0 +1,88 @@
+"""Collections of resources as a client sees them: create, get, list, delete; and wait for jobs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar, Final, Generic, TypeVar
+from urllib.parse import quote
+
+import httpx
+
+from jointstiff.schemas.comparison import Comparison
+from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.geometry import Geometry
+from jointstiff.schemas.job import Progress
+from jointstiff.schemas.pair import Pair
+from jointstiff.schemas.run import Run
+from jointstiff.service.library.answers import resource_in
+
+__all__ = ["Collection", "Document", "Jobs", "plain"]
+
+_LOOK_SECONDS: Final = 0.2
+
+Document = Message | Mapping[str, Any]
+Resource = TypeVar("Resource", bound=Message)
+Summary = TypeVar("Summary", bound=Message)
+Send = Callable[..., httpx.Response]
+Job = TypeVar("Job", Run, Comparison, Pair, Geometry)
+
+
+def plain(document: Document) -> dict[str, Any]:
+    """Return a document as JSON objects, with the fields that were set."""
+    if isinstance(document, Message):
+        return document.model_dump(mode="json", exclude_unset=True)
+    return dict(document)
+
+
+class Collection(Generic[Resource, Summary]):
+    """Resources of one kind."""
+
+    _posted_with: ClassVar[Mapping[str, str] | None] = None
+
+    def __init__(self, send: Send, name: str, kind: type[Resource], summary: type[Summary]) -> None:
+        self._send, self._path, self._kind, self._summary = send, f"/v1/{name}", kind, summary
+
+    def create(self, document: Document) -> Resource:
+        """Post a document; return the resource that it became."""
+        return resource_in(self._send("POST", self._path, self._posted_with, document), self._kind)
+
+    def get(self, identifier: str) -> Resource:
+        """Return a resource."""
+        return resource_in(self._send("GET", self._address(identifier)), self._kind)
+
+    def list(self, **filters: str) -> Iterator[Summary]:
+        """Yield summaries of the resources, newest first; filters are those of the API."""
+        query: dict[str, str] | None = filters
+        while query is not None:
+            page = resource_in(self._send("GET", self._path, query), Page[self._summary])  # type: ignore[name-defined]
+            yield from page.items
+            query = None if page.next is None else filters | {"cursor": page.next}
+
+    def delete(self, identifier: str) -> None:
+        """Delete a resource."""
+        self._send("DELETE", self._address(identifier))
+
+    def _address(self, identifier: str) -> str:
+        return f"{self._path}/{quote(identifier, safe='')}"
+
+
+class Jobs(Collection[Job, Summary]):
+    """Jobs of one kind: resources that may take long; `create` returns after a second at most."""
+
+    _posted_with = MappingProxyType({"wait": "1"})
+
+    def wait(self, job: Job, on_progress: Callable[[Progress], object] | None = None) -> Job:
+        """Wait for the end of a job; return it as it is then.
+
+        Args:
+            job: that was created.
+            on_progress: called with its progress.
+        """
+        while job.state in {"queued", "running"}:
+            if on_progress is not None and job.progress is not None:
+                on_progress(job.progress)
+            time.sleep(_LOOK_SECONDS)
+            job = self.get(job.id)
+        return job
