@@ -10,20 +10,20 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting import (
     CompletePose,
     DecoupledPartialPose,
+    Iteration,
     LengthOfLeastCondition,
     Method,
     MethodAccumulator,
     PartialPose,
-    Pass,
     Settings,
     Weighting,
-    fit_pass,
+    fit_once,
+    iterate_to_convergence,
     neglected_shift,
-    until_still,
-    visible,
+    require_observable,
 )
 from jointstiff.solver.inference import Estimate, assemble
-from jointstiff.solver.observability import Exposure
+from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import ComplementaryStiffness, refuse_unless_posed, regressor_blocks
 from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist, find_wrist
@@ -51,10 +51,10 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     refuse_unsupported(robot, measurements, settings)
     length = _characteristic_length(robot, measurements, settings)
     new_method = partial(_accumulator, robot, settings, length)
-    first = last = fit_pass(robot, measurements, settings, new_method)
+    first = last = fit_once(robot, measurements, settings, new_method)
     iterations = 0
     if settings.complementary_stiffness:
-        last, iterations = until_still(robot, measurements, settings, new_method, first)
+        last, iterations = iterate_to_convergence(robot, measurements, settings, new_method, first)
     estimate = _assembled(robot, measurements, settings, last, length)
     if settings.complementary_stiffness:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
@@ -71,13 +71,13 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
 
 
 def _assembled(
-    robot: Robot, measurements: Measurements, settings: Settings, last: Pass, length: float | None
+    robot: Robot, measurements: Measurements, settings: Settings, last: Iteration, length: float | None
 ) -> Estimate:
     """The estimate of the last fit; a robust scale takes the place of a sigma that is not known."""
     robust, targets = last.robust, last.targets
     estimate = assemble(
         last.fit,
-        last.visibility,
+        last.observability,
         last.method.judged.rows,
         names=robot.joint_names,
         sigma=measurements.sigma if robust is None else robust.sigma,
@@ -182,8 +182,8 @@ def _accumulator(robot: Robot, settings: Settings, length: float | None) -> Meth
 def _characteristic_length(robot: Robot, measurements: Measurements, settings: Settings) -> float | None:
     if settings.weighting != "characteristic_length" or settings.characteristic_length is not None:
         return settings.characteristic_length
-    exposure, search = Exposure(robot.joint_names), LengthOfLeastCondition(robot)
+    excitation, search = Excitation(robot.joint_names), LengthOfLeastCondition(robot)
     for block in regressor_blocks(robot, measurements):
-        exposure.add(block)
+        excitation.add(block)
         search.add(block)
-    return search.length(visible(exposure).null)
+    return search.length(require_observable(excitation).null)

@@ -121,7 +121,7 @@ class ElasticWork:
     @cached_property
     def _folds(self) -> Folds:
         prepared = self._prepared
-        visible = ~self._joints.visibility.null
+        visible = ~self._joints.observability.null
         return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._plan)
 
     def _by_fold(self, spans: Sequence[Span], fits: Sequence[FoldFit]) -> list[FoldFit]:

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from jointstiff.solver.fitting.decoupled import DecoupledPartialPose
 from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.fitting.informed import prior_to_data
+from jointstiff.solver.fitting.iteration import (
+    Iteration,
+    fit_once,
+    iterate_to_convergence,
+    neglected_shift,
+    require_observable,
+)
 from jointstiff.solver.fitting.likelihood import Likelihood
 from jointstiff.solver.fitting.methods import (
     CompletePose,
@@ -12,34 +18,34 @@ from jointstiff.solver.fitting.methods import (
     MethodAccumulator,
     PartialPose,
 )
-from jointstiff.solver.fitting.passes import Pass, fit_pass, neglected_shift, until_still, visible
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD, RobustFit
 from jointstiff.solver.fitting.scale import Scale, SigmaTest, scale_of, sigma_test
 from jointstiff.solver.fitting.settings import Method, Settings, Weighting
+from jointstiff.solver.fitting.with_prior import prior_to_data
 
 __all__ = [
     "DEFAULT_THRESHOLD",
     "CompletePose",
     "DecoupledPartialPose",
     "Fit",
+    "Iteration",
     "LengthOfLeastCondition",
     "Likelihood",
     "Method",
     "MethodAccumulator",
     "PartialPose",
-    "Pass",
     "Prior",
     "RobustFit",
     "Scale",
     "Settings",
     "SigmaTest",
     "Weighting",
-    "fit_pass",
+    "fit_once",
+    "iterate_to_convergence",
     "neglected_shift",
     "prior_to_data",
+    "require_observable",
     "scale_of",
     "sigma_test",
-    "until_still",
-    "visible",
 ]

@@ -10,7 +10,7 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.stage import StageFit, combined, encoder_moment, fit_stage, solved
-from jointstiff.solver.observability import Exposure
+from jointstiff.solver.observability import Excitation
 from jointstiff.solver.regression import (
     RegressorBlock,
     Stage,
@@ -32,7 +32,7 @@ class DecoupledPartialPose:
         self._order = np.roll(np.arange(robot.n), WRIST_JOINTS)  # the wrist first, then the arm
         self._centre = wrist.centre
         self._names = robot.joint_names
-        self._seen_from_centre = Exposure(robot.joint_names)
+        self._seen_from_centre = Excitation(robot.joint_names)
         weight = np.ones(3) if uniform else None
         self.judged = Stage(robot.n, None)
         self._arm = Stage(self._arm_joints, weight)
@@ -109,7 +109,7 @@ class DecoupledPartialPose:
         n = len(null)
         visible = np.flatnonzero(~null)
         arm, wrist = visible[visible < self._arm_joints], visible[visible >= self._arm_joints]
-        _refuse_unseen_arm(arm[self._seen_from_centre.visibility().null[arm]], self._names)
+        _refuse_unseen_arm(arm[self._seen_from_centre.observability().null[arm]], self._names)
         R, z = self._arm.rows.matrix[:, arm], self._arm.rows.rhs
         first = fit_stage(R, z, arm, constraints.select(arm), prior, n)
         _refuse_undetermined_arm(first, self._names)

@@ -126,7 +126,7 @@ class _Search:
     """Compares candidates for one set of readings."""
 
     def __init__(self, estimate: Estimate, tools: Equipment) -> None:
-        self._regressor = np.where(estimate.visibility.null, 0.0, estimate.regressor)
+        self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._information = self._regressor.T @ self._regressor
         self._sigma = estimate.sigma
         self._tools = tools
@@ -196,7 +196,7 @@ def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
     """Whether the estimate's uncertainties are those of least squares weighted by covariance."""
     if estimate.covariance is None or estimate.sigma is None:
         return False
-    visible = ~estimate.visibility.null
+    visible = ~estimate.observability.null
     inverse = Spectrum(regressor[:, visible]).inverse
     least = estimate.sigma * np.linalg.norm(inverse, axis=1)
     return np.allclose(np.sqrt(np.diagonal(estimate.covariance)[visible]), least, rtol=0.01, atol=0.0)

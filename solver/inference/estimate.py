@@ -25,8 +25,8 @@ from jointstiff.solver.inference.stages import StagesCertificate
 from jointstiff.solver.inference.verdict import Evidence, verdicts
 from jointstiff.solver.observability import (
     Identifiability,
+    Observability,
     ObservabilityIndices,
-    Visibility,
     observability_indices,
 )
 from jointstiff.solver.regression import ComplementaryStiffness, Compression
@@ -53,7 +53,7 @@ class Estimate:
         certificates: of each stage of the method.
         regressor: (m, n) of all readings, compressed and weighted by their covariance in units of sigma,
             whatever the method made of them.
-        visibility: of the joints in the same readings.
+        observability: of the joints in the same readings.
         complementary_stiffness: how much it matters.
         robust: what the Huber loss made of the readings; None for the squared loss.
     """
@@ -69,7 +69,7 @@ class Estimate:
     identifiability: tuple[Identifiability, ...]
     certificates: tuple[Certificate, ...]
     regressor: FloatArray
-    visibility: Visibility
+    observability: Observability
     complementary_stiffness: ComplementaryStiffness | None = None
     robust: RobustFit | None = None
 
@@ -108,7 +108,7 @@ class Estimate:
     @property
     def observability(self) -> ObservabilityIndices | None:
         """Indices over the joints that the readings see; None where the rank is not full."""
-        return observability_indices(self.regressor, self.visibility)
+        return observability_indices(self.regressor, self.observability)
 
     @property
     def certificate(self) -> StagesCertificate:
@@ -128,7 +128,7 @@ class Estimate:
 
 def assemble(
     fit: Fit,
-    visibility: Visibility,
+    observability: Observability,
     whitened: Compression,
     *,
     names: tuple[str, ...],
@@ -142,7 +142,7 @@ def assemble(
 
     Args:
         fit: outcome of the method.
-        visibility: of the same observations.
+        observability: of the same observations.
         whitened: compressed rows of all targets, whitened in units of sigma.
         names: of the n joints.
         sigma: as stated with the readings [m], or None.
@@ -164,7 +164,7 @@ def assemble(
     ratios = np.full(len(names), np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
         ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
-    evidence = Evidence(names, fit, visibility, scale, settings.constraints, settings.confidence, ratios)
+    evidence = Evidence(names, fit, observability, scale, settings.constraints, settings.confidence, ratios)
     joints = verdicts(evidence)
     return Estimate(
         joints=joints,
@@ -178,7 +178,7 @@ def assemble(
         identifiability=fit.identifiability,
         certificates=fit.certificates,
         regressor=whitened.matrix,
-        visibility=visibility,
+        observability=observability,
     )
 
 

@@ -12,7 +12,7 @@ from jointstiff.solver.convex import Constraints
 from jointstiff.solver.fitting import Fit, Scale
 from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
 from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.observability import Visibility, noise_reason
+from jointstiff.solver.observability import Observability, noise_reason
 
 __all__ = ["Evidence", "verdicts"]
 
@@ -30,7 +30,7 @@ class Evidence:
     Attributes:
         names: of the n joints.
         fit: outcome of the method.
-        visibility: of the same observations.
+        observability: of the same observations.
         scale: sigma.
         constraints: on the compliances.
         confidence: level of the intervals.
@@ -39,7 +39,7 @@ class Evidence:
 
     names: tuple[str, ...]
     fit: Fit
-    visibility: Visibility
+    observability: Observability
     scale: Scale
     constraints: Constraints
     confidence: float
@@ -143,7 +143,7 @@ def _tied(evidence: Evidence, j: int) -> list[int]:
     """
     if not (evidence.fit.tied[j] or evidence.fit.active[j]):
         return []
-    compliance, seen = evidence.fit.compliance, np.flatnonzero(~evidence.visibility.null)
+    compliance, seen = evidence.fit.compliance, np.flatnonzero(~evidence.observability.null)
     pairs = [seen[[i, k]].tolist() for i, k in evidence.constraints.select(seen).order]
     return [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
 
@@ -165,15 +165,17 @@ def _prior_alone(evidence: Evidence, j: int) -> str | None:
 
 def _hidden(evidence: Evidence, j: int) -> str | None:
     """Why joint j has no number, or None if it has one."""
-    visibility, name = evidence.visibility, evidence.names[j]
-    if visibility.null[j]:
+    observability, name = evidence.observability, evidence.names[j]
+    if observability.null[j]:
         if np.isnan(evidence.prior_to_data[j]):
-            return visibility.reasons[j]
-        return f"{visibility.reasons[j]}; its prior is not reported back, as nothing was measured of {name}"
+            return observability.reasons[j]
+        return (
+            f"{observability.reasons[j]}; its prior is not reported back, as nothing was measured of {name}"
+        )
     for group in evidence.fit.undetermined:
         if j in group.joints:
             return group.reason(evidence.names)
     uncertainty = evidence.uncertainty(j)
-    if uncertainty is not None and uncertainty > float(visibility.reference_compliance[j]):
-        return noise_reason(j, evidence.names, visibility, uncertainty)
+    if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
+        return noise_reason(j, evidence.names, observability, uncertainty)
     return None

@@ -5,10 +5,10 @@ from __future__ import annotations
 from jointstiff.solver.observability.combination import Combination
 from jointstiff.solver.observability.identifiability import (
     NULL_COLUMN,
-    Exposure,
+    Excitation,
     Identifiability,
+    Observability,
     Spectrum,
-    Visibility,
     analyse,
     noise_reason,
 )
@@ -17,11 +17,11 @@ from jointstiff.solver.observability.indices import ObservabilityIndices, observ
 __all__ = [
     "NULL_COLUMN",
     "Combination",
-    "Exposure",
+    "Excitation",
     "Identifiability",
+    "Observability",
     "ObservabilityIndices",
     "Spectrum",
-    "Visibility",
     "analyse",
     "noise_reason",
     "observability_indices",

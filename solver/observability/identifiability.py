@@ -16,10 +16,10 @@ from jointstiff.solver.observability.combination import (
 from jointstiff.solver.regression import RegressorBlock
 
 __all__ = [
-    "Exposure",
+    "Excitation",
     "Identifiability",
+    "Observability",
     "Spectrum",
-    "Visibility",
     "analyse",
     "noise_reason",
 ]
@@ -39,7 +39,7 @@ Nahvi & Hollerbach 1996)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Visibility:
+class Observability:
     """Which joints leave a trace in the readings at all.
 
     Attributes:
@@ -47,7 +47,7 @@ class Visibility:
         reference_compliance: (n,) compliance with which the joint alone, at its full lever, would
             explain all deflection [rad/(N·m)].
         reasons: (n,) for null joints why, with a remedy; None for the others.
-        exposure: (n,) norm of the joint's column over what it would be had the force pulled across the
+        excitation: (n,) norm of the joint's column over what it would be had the force pulled across the
             joint's lever and the moment turned about its axis in every observation; 0 to 1.
         greatest_torque: (n,) of the load about the joint, over the set [N·m].
     """
@@ -55,11 +55,11 @@ class Visibility:
     null: BoolArray
     reference_compliance: FloatArray
     reasons: tuple[str | None, ...]
-    exposure: FloatArray
+    excitation: FloatArray
     greatest_torque: FloatArray
 
 
-class Exposure:
+class Excitation:
     """How far the load reaches each joint and the targets see it, over a whole set.
 
     For each joint it compares what the load and targets did with what they could have done at the same
@@ -109,16 +109,16 @@ class Exposure:
         """Whether any target moved."""
         return self._deflection > 0
 
-    def visibility(self) -> Visibility:
+    def observability(self) -> Observability:
         """Judge what has come in so far."""
         blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
         null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
         potential = np.where(self._potential > 0, self._potential, np.inf)
-        return Visibility(
+        return Observability(
             null=null,
             reference_compliance=np.sqrt(self._deflection / potential),
             reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
-            exposure=np.sqrt(self._column / potential),
+            excitation=np.sqrt(self._column / potential),
             greatest_torque=self._greatest_torque,
         )
 
@@ -222,20 +222,20 @@ def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identif
     )
 
 
-def noise_reason(joint: int, names: tuple[str, ...], visibility: Visibility, uncertainty: float) -> str:
+def noise_reason(joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float) -> str:
     """Why a joint that the readings see has no number: the noise hides it.
 
     Args:
         joint: its index.
         names: of the n joints.
-        visibility: of the same observations.
+        observability: of the same observations.
         uncertainty: standard uncertainty of its compliance [rad/(N·m)].
     """
-    torque, most = visibility.greatest_torque, int(np.argmax(visibility.greatest_torque))
+    torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} N.m"
     return (
         f"the noise hides {names[joint]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) "
-        f"exceeds {visibility.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
+        f"exceeds {observability.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
         f"all that moved; the load twists it with at most {torque[joint]:.2g} N.m{beside}: "
         "add loads that twist it more"
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.observability.identifiability import Spectrum, Visibility
+from jointstiff.solver.observability.identifiability import Observability, Spectrum
 
 __all__ = ["ObservabilityIndices", "observability_indices"]
 
@@ -47,7 +47,7 @@ class ObservabilityIndices:
         )
 
 
-def observability_indices(regressor: FloatArray, visibility: Visibility) -> ObservabilityIndices | None:
+def observability_indices(regressor: FloatArray, observability: Observability) -> ObservabilityIndices | None:
     """IndexArray over the joints that the readings see.
 
     Borm & Menq divide by the root of the number of readings; here the norms that divide the columns grow
@@ -55,15 +55,15 @@ def observability_indices(regressor: FloatArray, visibility: Visibility) -> Obse
 
     Args:
         regressor: (m, n) of all readings, weighted by their covariance, in any unit.
-        visibility: of the same readings.
+        observability: of the same readings.
 
     Returns:
         The indices; None where the rank is not full.
     """
-    visible = ~visibility.null
+    visible = ~observability.null
     spectrum = Spectrum(regressor[:, visible])
     if spectrum.rank < np.count_nonzero(visible):
         return None
-    columns = regressor[:, visible] / spectrum.scale * visibility.exposure[visible]
+    columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
     singular_values: FloatArray = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
     return ObservabilityIndices.of(singular_values)

@@ -255,7 +255,7 @@ def _avoided(
     measured = None
     if len(matches.first):
         measured = measured_share(first, second, matches, (free[0].sigma, free[1].sigma))
-    unknown = free[0].visibility.null | free[1].visibility.null
+    unknown = free[0].observability.null | free[1].observability.null
     of_first, of_second = (predicted_deflection(side, compliances, unknown) for side in (first, second))
     alone = np.setdiff1d(np.arange(len(second.labels)), matches.second)
     rest = PredictedDeflection(of_second.first[alone], of_second.second[alone])

@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.identification import Settings, identify, spherical_wrist
-from jointstiff.solver.observability import Exposure
+from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import (
     DerivedReadings,
@@ -139,16 +139,16 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
     refuse_nonlinear(settings)
     unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
     length = identify(robot, measurements, unbounded).characteristic_length
-    exposure = Exposure(robot.joint_names)
+    excitation = Excitation(robot.joint_names)
     weighted: list[tuple[FloatArray, ...]] = []
     regressors, deflections = [], []
     for block in regressor_blocks(robot, measurements):
-        exposure.add(block)
+        excitation.add(block)
         weighted.append(_weighted_rows(robot, settings, length, block))
         present = block.measurements.present
         regressors.append(block.A[present])
         deflections.append(block.measurements.deflection[present])
-    visible = np.flatnonzero(~exposure.visibility().null)
+    visible = np.flatnonzero(~excitation.observability().null)
     rows = [np.concatenate([of_block[s] for of_block in weighted]) for s in range(len(weighted[0]))]
     return GramBlocks(
         parameters=robot.n,

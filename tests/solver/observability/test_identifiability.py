@@ -13,7 +13,7 @@ from support.campaigns import estimate, prepare, straight_wrist
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
 from jointstiff.simulator.equilibrium import linear_deflections
-from jointstiff.solver.observability import Spectrum, Visibility, analyse, observability_indices
+from jointstiff.solver.observability import Observability, Spectrum, analyse, observability_indices
 from jointstiff.solver.observability.indices import ObservabilityIndices
 from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
 
@@ -27,7 +27,7 @@ def pulls():
 
 def indices_of(robot, measurements, **options) -> np.ndarray:
     found = estimate(robot, measurements, **options)
-    indices = observability_indices(found.regressor, found.visibility)
+    indices = observability_indices(found.regressor, found.observability)
     return np.array([indices.o1, indices.o2, indices.o3, indices.o4, indices.o5])
 
 
@@ -131,10 +131,10 @@ class TestScale:
     def test_order_of_joints_and_bound(self, seed, joints):
         rng = np.random.default_rng(seed)
         R = rng.standard_normal((12, joints)) * 10.0 ** rng.uniform(-6, 6, joints)
-        exposure = rng.uniform(0.01, 1.0, joints)
+        excitation = rng.uniform(0.01, 1.0, joints)
         order = rng.permutation(joints)
         first, second = (
-            observability_indices(R[:, columns], visibility_of(exposure[columns]))
+            observability_indices(R[:, columns], visibility_of(excitation[columns]))
             for columns in (np.arange(joints), order)
         )
         for name in ("o1", "o2", "o3", "o4", "o5"):
@@ -147,9 +147,9 @@ class TestVisibleJoints:
         robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=4))
         found = estimate(robot, measurements)
         assert found.joints[0].status == "not_observable"
-        R, visibility = found.regressor[:, 1:], visibility_of(found.visibility.exposure[1:])
-        assert observability_indices(found.regressor, found.visibility) == observability_indices(
-            R, visibility
+        R, observability = found.regressor[:, 1:], visibility_of(found.observability.excitation[1:])
+        assert observability_indices(found.regressor, found.observability) == observability_indices(
+            R, observability
         )
 
     def test_no_index_where_joints_show_only_together(self):
@@ -242,6 +242,6 @@ def test_noise_that_hides_a_joint_is_told_with_the_torques():
     assert told in found.joints[0].reason
 
 
-def visibility_of(exposure: np.ndarray) -> Visibility:
-    n = len(exposure)
-    return Visibility(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, exposure, np.ones(n))
+def visibility_of(excitation: np.ndarray) -> Observability:
+    n = len(excitation)
+    return Observability(np.zeros(n, dtype=bool), np.ones(n), (None,) * n, excitation, np.ones(n))

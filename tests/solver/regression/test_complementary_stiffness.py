@@ -194,7 +194,7 @@ class TestIncluded:
         assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
 
     def test_compliances_that_never_settle_are_refused(self, monkeypatch):
-        monkeypatch.setattr(passes, "MAX_ROUNDS", 1)
+        monkeypatch.setattr(passes, "MAX_ITERATIONS", 1)
         with pytest.raises(SolverError, match="still change"):
             estimate(*exact(), complementary_stiffness="included")
 

@@ -13,13 +13,13 @@ from jointstiff.solver.fitting.methods import MethodAccumulator
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.fitting.scale import scale_of
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.observability import Visibility
+from jointstiff.solver.observability import Observability
 
-__all__ = ["fit_informed", "prior_to_data"]
+__all__ = ["fit_with_prior", "prior_to_data"]
 
 
-def fit_informed(
-    method: MethodAccumulator, visibility: Visibility, settings: Settings, sigma: float | None
+def fit_with_prior(
+    method: MethodAccumulator, observability: Observability, settings: Settings, sigma: float | None
 ) -> Fit:
     """Fit under the constraints, with the prior if there is one.
 
@@ -28,7 +28,7 @@ def fit_informed(
 
     Args:
         method: the rows of all observations.
-        visibility: of the same.
+        observability: of the same.
         settings: constraints and prior.
         sigma: standard uncertainty of one coordinate of one reading [m], or None.
 
@@ -38,7 +38,7 @@ def fit_informed(
     Raises:
         UnsupportedMethodError: sigma is not given and cannot be estimated.
     """
-    alone = method.fit(visibility.null, settings.constraints)
+    alone = method.fit(observability.null, settings.constraints)
     if settings.prior is None:
         return alone
     sigma = scale_of(alone, method.judged.rows, sigma).sigma
@@ -48,7 +48,7 @@ def fit_informed(
             where="priors",
             remedy="state noise, or measure more",
         )
-    fit = method.fit(visibility.null, settings.constraints, settings.prior.rows(sigma))
+    fit = method.fit(observability.null, settings.constraints, settings.prior.rows(sigma))
     return replace(fit, alone=alone)
 
 

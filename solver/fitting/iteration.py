@@ -11,12 +11,12 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import NotObservableError, SolverError
 from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.fitting.informed import fit_informed
 from jointstiff.solver.fitting.methods import MethodAccumulator
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.robust import RobustFit, fit_huber
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.observability import Exposure, Visibility
+from jointstiff.solver.fitting.with_prior import fit_with_prior
+from jointstiff.solver.observability import Excitation, Observability
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import (
     BLOCK_LENGTH,
@@ -28,10 +28,18 @@ from jointstiff.solver.regression import (
 )
 from jointstiff.solver.robot import Robot
 
-__all__ = ["MAX_ROUNDS", "NewMethod", "Pass", "fit_pass", "neglected_shift", "until_still", "visible"]
+__all__ = [
+    "MAX_ITERATIONS",
+    "Iteration",
+    "NewMethod",
+    "fit_once",
+    "iterate_to_convergence",
+    "neglected_shift",
+    "require_observable",
+]
 
 
-MAX_ROUNDS = 20
+MAX_ITERATIONS = 20
 """Fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness, mostly a thousandth."""
 _STILL = 1e-10
 """Relative change of the compliances between two fits that ends them."""
@@ -47,11 +55,11 @@ class NewMethod(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Pass:
+class Iteration:
     """One fit of a whole set.
 
     Attributes:
-        visibility: of the joints, in the unloaded configurations; the first pass settles it for all.
+        observability: of the joints, in the unloaded configurations; the first pass settles it for all.
         method: the rows that were fitted.
         fit: the outcome.
         largest_stiffness: K_c over the set.
@@ -60,7 +68,7 @@ class Pass:
         first_block: the first observations, with their regressors.
     """
 
-    visibility: Visibility
+    observability: Observability
     method: MethodAccumulator
     fit: Fit
     largest_stiffness: LargestStiffness
@@ -69,13 +77,13 @@ class Pass:
     first_block: RegressorBlock
 
 
-def fit_pass(
+def fit_once(
     robot: Robot,
     measurements: Measurements,
     settings: Settings,
     new_method: NewMethod,
-    before: Pass | None = None,
-) -> Pass:
+    before: Iteration | None = None,
+) -> Iteration:
     """Fit once.
 
     Args:
@@ -92,37 +100,39 @@ def fit_pass(
         JointstiffError: as `jointstiff.solver.identification.identify`.
     """
     compliance = None if before is None else before.fit.compliance
-    exposure, method = Exposure(robot.joint_names), new_method()
+    excitation, method = Excitation(robot.joint_names), new_method()
     largest, robust, targets = LargestStiffness(robot.n), None, None
     if settings.loss == "huber":
         targets, robust = _weights(robot, measurements, settings, before)
         measurements = robust.weigh(measurements)
     first_block = None
     for block in regressor_blocks(robot, measurements, compliance):
-        exposure.add(block)
+        excitation.add(block)
         method.add(block)
         largest.add(block)
         first_block = first_block or block
     if first_block is None:  # measurements hold at least one observation
         raise SolverError("there is no observation", remedy="report this with the data")
-    visibility = visible(exposure) if before is None else before.visibility
-    fit = fit_informed(method, visibility, settings, measurements.sigma if robust is None else robust.sigma)
-    return Pass(visibility, method, fit, largest, robust, targets, first_block)
+    observability = require_observable(excitation) if before is None else before.observability
+    fit = fit_with_prior(
+        method, observability, settings, measurements.sigma if robust is None else robust.sigma
+    )
+    return Iteration(observability, method, fit, largest, robust, targets, first_block)
 
 
 def _weights(
-    robot: Robot, measurements: Measurements, settings: Settings, before: Pass | None
+    robot: Robot, measurements: Measurements, settings: Settings, before: Iteration | None
 ) -> tuple[TargetRows, RobustFit]:
     """Solve the Huber problem of this pass; a scale that is not known is settled by the first one."""
     compliance = None if before is None else before.fit.compliance
     sigma = measurements.sigma
     if before is not None and before.robust is not None:
         sigma = before.robust.sigma
-    exposure, targets = Exposure(robot.joint_names), TargetRows(robot.n)
+    excitation, targets = Excitation(robot.joint_names), TargetRows(robot.n)
     for block in regressor_blocks(robot, measurements, compliance):
-        exposure.add(block)
+        excitation.add(block)
         targets.add(block)
-    null = (visible(exposure) if before is None else before.visibility).null
+    null = (require_observable(excitation) if before is None else before.observability).null
     return targets, fit_huber(
         targets,
         null,
@@ -133,9 +143,9 @@ def _weights(
     )
 
 
-def until_still(
-    robot: Robot, measurements: Measurements, settings: Settings, new_method: NewMethod, first: Pass
-) -> tuple[Pass, int]:
+def iterate_to_convergence(
+    robot: Robot, measurements: Measurements, settings: Settings, new_method: NewMethod, first: Iteration
+) -> tuple[Iteration, int]:
     """Fit with K_c, again and again, until the compliances that bend the robot are those that are found.
 
     Args:
@@ -149,17 +159,17 @@ def until_still(
         The last fit, and how many it took after the first.
 
     Raises:
-        SolverError: the compliances do not settle within `MAX_ROUNDS`.
+        SolverError: the compliances do not settle within `MAX_ITERATIONS`.
     """
     last = first
-    for rounds in range(1, MAX_ROUNDS + 1):
-        before, last = last, fit_pass(robot, measurements, settings, new_method, last)
+    for rounds in range(1, MAX_ITERATIONS + 1):
+        before, last = last, fit_once(robot, measurements, settings, new_method, last)
         change = np.abs(last.fit.compliance - before.fit.compliance)
-        size = np.maximum(np.abs(last.fit.compliance), first.visibility.reference_compliance)
+        size = np.maximum(np.abs(last.fit.compliance), first.observability.reference_compliance)
         if (change <= _STILL * size).all():
             return last, rounds
     raise SolverError(
-        f"the compliances still change by {(change / size).max():.1e} after {MAX_ROUNDS} fits with the "
+        f"the compliances still change by {(change / size).max():.1e} after {MAX_ITERATIONS} fits with the "
         "complementary stiffness",
         where="complementary_stiffness",
         remedy="neglect it, or add postures and loads that show every joint",
@@ -167,7 +177,7 @@ def until_still(
 
 
 def neglected_shift(
-    robot: Robot, measurements: Measurements, neglected: Pass, prior: PriorRows | None
+    robot: Robot, measurements: Measurements, neglected: Iteration, prior: PriorRows | None
 ) -> FloatArray:
     """How much including K_c would change the compliances, to first order.
 
@@ -185,7 +195,7 @@ def neglected_shift(
         (n,) change [rad/(N·m)], zero for joints at a bound.
     """
     fit = neglected.fit
-    estimated = np.flatnonzero(~neglected.visibility.null & (fit.active == 0))
+    estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     shift, share = np.zeros(robot.n), min(1.0, SHIFT_OBSERVATIONS / len(measurements))
     for block in _even_part(robot, measurements, neglected):
         left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
@@ -193,7 +203,7 @@ def neglected_shift(
     return shift / share
 
 
-def _even_part(robot: Robot, measurements: Measurements, neglected: Pass) -> Iterator[RegressorBlock]:
+def _even_part(robot: Robot, measurements: Measurements, neglected: Iteration) -> Iterator[RegressorBlock]:
     """At most `SHIFT_OBSERVATIONS` of the observations, as they were weighted in the fit."""
     if len(measurements) <= BLOCK_LENGTH:
         yield neglected.first_block
@@ -204,24 +214,24 @@ def _even_part(robot: Robot, measurements: Measurements, neglected: Pass) -> Ite
     yield from regressor_blocks(robot, weighed)
 
 
-def visible(exposure: Exposure) -> Visibility:
+def require_observable(excitation: Excitation) -> Observability:
     """What the readings see.
 
     Raises:
         NotObservableError: nothing at all.
     """
-    visibility = exposure.visibility()
-    if not exposure.anything_moved:
+    observability = excitation.observability()
+    if not excitation.anything_moved:
         raise NotObservableError(
             "no target moved at all, so nothing can be said of any joint",
             where="observations",
             remedy="check that the loaded readings were taken under load",
         )
-    if visibility.null.all():
-        reasons = "; ".join(str(reason).split(":")[0] for reason in visibility.reasons)
+    if observability.null.all():
+        reasons = "; ".join(str(reason).split(":")[0] for reason in observability.reasons)
         raise NotObservableError(
             f"the readings determine no joint: {reasons}",
             where="observations",
             remedy="add loads that twist the joints, and targets away from their axes",
         )
-    return visibility
+    return observability
