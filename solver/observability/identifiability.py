@@ -234,8 +234,8 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} N.m"
     return (
-        f"the noise hides {names[joint]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) "
-        f"exceeds {observability.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
+        f"the noise hides {names[joint]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) exceeds "
+        f"{observability.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
         f"all that moved; the load twists it with at most {torque[joint]:.2g} N.m{beside}: "
         "add loads that twist it more"
     )
