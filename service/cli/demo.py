@@ -64,7 +64,7 @@ def _tour(client: Client) -> int:
         return 1
     out.print(run_report(run))
     out.print()
-    out.print(comparison_table(comparison, out.width))
+    out.print(comparison_table(comparison))
     return 0
 
 

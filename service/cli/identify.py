@@ -193,8 +193,7 @@ def _print_comparison(comparison: Comparison, *, as_json: bool, as_csv: bool) ->
     elif as_csv and comparison.result is not None:
         typer.echo(comparison_csv(comparison.result), nl=False)
     else:
-        out = console()
-        out.print(comparison_table(comparison, out.width))
+        console().print(comparison_table(comparison))
 
 
 def _changed(options: Options, changes: Mapping[str, object]) -> Options:

@@ -1,17 +1,12 @@
-"""A comparison for people, in the layout of the paper's Table II: a row a method, a column a joint."""
+"""A comparison for people, with the numbers of the paper's Table II: joints as rows, methods as columns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import product, zip_longest
 from math import floor, log10
-from textwrap import wrap
-from typing import Protocol
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group, RenderableType
-from rich.measure import Measurement
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -23,24 +18,17 @@ __all__ = ["comparison_table"]
 
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
-_LONGEST_NAME = 14
+_CONSTRAINTS = {False: "free", True: "≥ 0"}
+_METHODS_ABREAST = 4
+_LONGEST_NAME = 24
 _MEGA = 1e-6
 
 
-class Cells(Protocol):
-    """Makes the cells of a table."""
-
-    def __call__(self, entry: ComparedFit, j: int, *, broken: bool) -> Text:
-        """The cell of an entry and a joint, on two lines if it must be narrow."""
+Cell = Callable[[ComparedFit, int], Text]
 
 
-def comparison_table(comparison: Comparison, width: int) -> RenderableType:
-    """The methods side by side, free and constrained.
-
-    Args:
-        comparison: which may have failed.
-        width: of the terminal, in characters; the joints are spread over as many tables as it takes.
-    """
+def comparison_table(comparison: Comparison) -> RenderableType:
+    """Show the methods side by side, free and constrained; or why there is no result."""
     if comparison.result is None:
         state = Text(f"the comparison is {comparison.state}")
         return problem_text(comparison.error) if comparison.error else state
@@ -51,9 +39,9 @@ def comparison_table(comparison: Comparison, width: int) -> RenderableType:
     numbers = [entry for entry in entries if entry.joints]
     if numbers:
         drawn = comparison.request.resampling is not None
-        parts += _joint_tables(numbers, _title(comparison), _drawn_cell if drawn else _cell, width)
+        parts += _joint_tables(numbers, _title(comparison), _drawn_cell if drawn else _cell)
         if drawn:
-            parts += _shares_tables(numbers, width)
+            parts += _shares_tables(numbers)
         parts.append(_fits_table(numbers))
         parts.append(_legend(comparison))
     return Group(*parts, *_refusals(entries))
@@ -69,25 +57,20 @@ def _title(comparison: Comparison) -> str:
     )
 
 
-def _joint_tables(entries: Sequence[ComparedFit], title: str, cells: Cells, width: int) -> list[Table]:
-    """One table, or several with as many joints as there is room for: a number is never cut."""
-    count = len(entries[0].joints)
-    for size, broken in product(range(count, 0, -1), (False, True)):
-        tables = [
-            _joint_table(
-                entries,
-                title if start == 0 else "",
-                partial(cells, broken=broken),
-                range(start, min(start + size, count)),
-            )
-            for start in range(0, count, size)
-        ]
-        if all(_width(table, width) <= width for table in tables):
-            break
-    return tables
+def _joint_tables(entries: Sequence[ComparedFit], title: str, cell: Cell) -> list[Table]:
+    """Return tables of rows by joint and constraint, with as many methods as 80 columns hold."""
+    methods = list(dict.fromkeys(_short(entry) for entry in entries))
+    return [
+        _joint_table(
+            [entry for entry in entries if _short(entry) in methods[start : start + _METHODS_ABREAST]],
+            "" if start else title,
+            cell,
+        )
+        for start in range(0, len(methods), _METHODS_ABREAST)
+    ]
 
 
-def _shares_tables(entries: Sequence[ComparedFit], width: int) -> list[RenderableType]:
+def _shares_tables(entries: Sequence[ComparedFit]) -> list[RenderableType]:
     drawn = [
         joint
         for entry in entries
@@ -96,46 +79,46 @@ def _shares_tables(entries: Sequence[ComparedFit], width: int) -> list[Renderabl
     ]
     if not any(joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in drawn):
         return [Text("No fit was negative, rigid or undetermined for any joint.")]
-    return [*_joint_tables(entries, "Fits negative / rigid / undetermined, in %", _shares, width)]
+    return [*_joint_tables(entries, "Fits negative / rigid / undetermined, in %", _shares)]
 
 
-def _width(table: Table, width: int) -> int:
-    measuring = Console(width=10 * width)
-    return Measurement.get(measuring, measuring.options, table).maximum
-
-
-def _joint_table(
-    entries: Sequence[ComparedFit], title: str, cells: Callable[[ComparedFit, int], Text], joints: range
-) -> Table:
-    table = _table(title)
-    for j in joints:
-        name = Text("\n".join(wrap(entries[0].joints[j].name, _LONGEST_NAME)))  # a name is no markup
-        table.add_column(name, justify="right", no_wrap=True)
-    for entry, following in zip_longest(entries, entries[1:]):
-        another = following is not None and following.method != entry.method
-        table.add_row(_label(entry), *(cells(entry, j) for j in joints), end_section=another)
+def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell) -> Table:
+    by_row: dict[bool, dict[str, ComparedFit]] = {}
+    for entry in entries:
+        by_row.setdefault(entry.positive, {})[_short(entry)] = entry
+    table = _table(title, "joint")
+    table.add_column("", no_wrap=True)
+    methods = list(dict.fromkeys(map(_short, entries)))
+    for method in methods:
+        table.add_column(method, justify="right", no_wrap=True)
+    for j, joint in enumerate(entries[0].joints):
+        name = joint.name
+        for positive, row in by_row.items():
+            cells = (cell(row[method], j) if method in row else "" for method in methods)
+            table.add_row(Text(name), _CONSTRAINTS[positive], *cells)  # a name is no markup
+            name = ""
     return table
 
 
-def _table(title: str) -> Table:
-    table = Table(title=title or None, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("", no_wrap=True)
+def _table(title: str, heading: str) -> Table:
+    table = Table(title=title or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column(heading, overflow="fold", max_width=_LONGEST_NAME)
     return table
 
 
 def _label(entry: ComparedFit) -> str:
-    return f"{_short(entry)} {'≥ 0' if entry.positive else 'free'}"
+    return f"{_short(entry)} {_CONSTRAINTS[entry.positive]}"
 
 
 def _short(entry: ComparedFit) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
-def _cell(entry: ComparedFit, j: int, *, broken: bool) -> Text:  # noqa: ARG001 - it has one number
+def _cell(entry: ComparedFit, j: int) -> Text:
     return concise_stiffness(entry.joints[j])
 
 
-def _drawn_cell(entry: ComparedFit, j: int, *, broken: bool) -> Text:
+def _drawn_cell(entry: ComparedFit, j: int) -> Text:
     """Mean & standard deviation."""
     drawn = _joint(entry, j)
     if drawn is None or drawn.stiffness_mean is None:
@@ -144,19 +127,15 @@ def _drawn_cell(entry: ComparedFit, j: int, *, broken: bool) -> Text:
     if drawn.stiffness_deviation is None:
         return Text(_two_digits(drawn.stiffness_mean), style=style)
     deviation = drawn.stiffness_deviation
-    blank = "\n" if broken else " "
-    return Text(
-        f"{_two_digits(drawn.stiffness_mean, deviation)}{blank}& {_two_digits(deviation)}", style=style
-    )
+    return Text(f"{_two_digits(drawn.stiffness_mean, deviation)} & {_two_digits(deviation)}", style=style)
 
 
-def _shares(entry: ComparedFit, j: int, *, broken: bool) -> Text:
+def _shares(entry: ComparedFit, j: int) -> Text:
     drawn = _joint(entry, j)
     if drawn is None or entry.joints[j].status == "not_observable":
         return Text("—", style="dim")
     shares = (drawn.share_negative, drawn.share_infinite, drawn.share_undetermined)
-    slash = "/\n" if broken else "/"
-    return Text(slash.join(f"{100 * share:.2g}" for share in shares), style="red" if shares[0] else "")
+    return Text("/".join(f"{100 * share:.2g}" for share in shares), style="red" if shares[0] else "")
 
 
 def _joint(entry: ComparedFit, j: int) -> ResampledJoint | None:
@@ -172,7 +151,7 @@ def _two_digits(value: float, deviation: float | None = None) -> str:
 
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
     """What each fit as a whole is worth."""
-    table = _table("")
+    table = _table("", "fit")
     drawn = any(entry.resampling for entry in entries)
     names = ["explained", "rms [µm]", "condition"]
     for name in [*names, "explained, drawn", "any negative"] if drawn else names:
