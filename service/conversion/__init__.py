@@ -1,4 +1,4 @@
-"""The one place that sees messages (schemas) and the numerical core (solver) at once."""
+"""Translation between messages (schemas) and the numerical core (solver)."""
 
 from jointstiff.service.conversion.comparison_csv import comparison_csv
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved

@@ -5,116 +5,82 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 from jointstiff.schemas.comparison import ComparedFit, ComparisonResult
-from jointstiff.schemas.run import JointResult, ResampledJoint
 
 __all__ = ["comparison_csv"]
 
-Cell = str | float | None
-
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
-"""What makes a spreadsheet take a text for a formula."""
+"""First characters of a text that a spreadsheet takes for a formula."""
 
-_OF_FIT: Final = (
-    "method",
-    "weighting",
-    "constraint",
-    "characteristic_length [m]",
-    "error",
-    "compensation [1]",
-    "rms_residual [m]",
-    "condition_number [1]",
-)
-_OF_JOINT: Final = (
-    "joint",
-    "status",
-    "stiffness [N.m/rad]",
-    "stiffness_low [N.m/rad]",
-    "stiffness_high [N.m/rad]",
-    "compliance [rad/(N.m)]",
-    "compliance_standard_uncertainty [rad/(N.m)]",
-    "compliance_low [rad/(N.m)]",
-    "compliance_high [rad/(N.m)]",
-)
-_OF_DRAWS: Final = (
-    "resamples",
-    "resampled_stiffness_mean [N.m/rad]",
-    "resampled_stiffness_deviation [N.m/rad]",
-    "resampled_compliance_mean [rad/(N.m)]",
-    "resampled_compliance_deviation [rad/(N.m)]",
-    "share_negative [1]",
-    "share_infinite [1]",
-    "share_undetermined [1]",
-    "share_any_negative [1]",
-    "resampled_compensation_mean [1]",
-    "resampled_compensation_deviation [1]",
-)
+_COLUMNS: Final = {
+    "method": "fit.method",
+    "weighting": "fit.weighting",
+    "constraint": "fit.positive",
+    "characteristic_length [m]": "fit.characteristic_length",
+    "error": "fit.error.detail",
+    "compensation [1]": "fit.compensation",
+    "rms_residual [m]": "fit.rms_residual",
+    "condition_number [1]": "fit.condition_number",
+    "joint": "joint.name",
+    "status": "joint.status",
+    "stiffness [N.m/rad]": "joint.stiffness",
+    "stiffness_low [N.m/rad]": "joint.stiffness_interval.0",
+    "stiffness_high [N.m/rad]": "joint.stiffness_interval.1",
+    "compliance [rad/(N.m)]": "joint.compliance",
+    "compliance_standard_uncertainty [rad/(N.m)]": "joint.standard_uncertainty",
+    "compliance_low [rad/(N.m)]": "joint.compliance_interval.0",
+    "compliance_high [rad/(N.m)]": "joint.compliance_interval.1",
+    "resamples": "draws.repetitions",
+    "resampled_stiffness_mean [N.m/rad]": "drawn.stiffness_mean",
+    "resampled_stiffness_deviation [N.m/rad]": "drawn.stiffness_deviation",
+    "resampled_compliance_mean [rad/(N.m)]": "drawn.compliance_mean",
+    "resampled_compliance_deviation [rad/(N.m)]": "drawn.compliance_deviation",
+    "share_negative [1]": "drawn.share_negative",
+    "share_infinite [1]": "drawn.share_infinite",
+    "share_undetermined [1]": "drawn.share_undetermined",
+    "share_any_negative [1]": "draws.share_any_negative",
+    "resampled_compensation_mean [1]": "draws.compensation.mean",
+    "resampled_compensation_deviation [1]": "draws.compensation.deviation",
+}
+"""Headers, and where each column's numbers stand."""
 
 
 def comparison_csv(result: ComparisonResult) -> str:
-    """The table. An entry that has no numbers has one row, with no joint, that says why.
+    """Return the table. An entry that has no numbers has one row, with no joint, that says why.
 
     Numbers are written so that they read back the same; what there is no number for is an empty cell, and
     so is the upper end of a stiffness without upper limit.
     """
     text = io.StringIO()
     writer = csv.writer(text)
-    writer.writerow(_OF_FIT + _OF_JOINT + _OF_DRAWS)
+    writer.writerow(_COLUMNS)
     for entry in result.entries:
-        writer.writerows([_shown(cell) for cell in row] for row in _rows(entry))
+        for row in _rows(entry):
+            writer.writerow([_cell(row, path) for path in _COLUMNS.values()])
     return text.getvalue()
 
 
-def _rows(entry: ComparedFit) -> Iterator[list[Cell]]:
-    of_fit: list[Cell] = [
-        entry.method,
-        entry.weighting,
-        "positive" if entry.positive else "unconstrained",
-        entry.characteristic_length,
-        entry.error.detail if entry.error else None,
-        entry.compensation,
-        entry.rms_residual,
-        entry.condition_number,
-    ]
+def _rows(entry: ComparedFit) -> Iterator[dict[str, Any]]:
+    draws = entry.resampling
+    drawn = [None] * len(entry.joints) if draws is None else draws.joints
+    for joint, of_draws in zip(entry.joints, drawn, strict=True):
+        yield {"fit": entry, "joint": joint, "draws": draws, "drawn": of_draws}
     if not entry.joints:
-        yield of_fit + [None] * (len(_OF_JOINT) + len(_OF_DRAWS))
-    for number, joint in enumerate(entry.joints):
-        draws = entry.resampling.joints[number] if entry.resampling else None
-        yield of_fit + _joint_cells(joint) + _draw_cells(entry, draws)
+        yield {"fit": entry, "joint": None, "draws": None, "drawn": None}
 
 
-def _joint_cells(joint: JointResult) -> list[Cell]:
-    return [
-        joint.name,
-        joint.status,
-        joint.stiffness,
-        *(joint.stiffness_interval or (None, None)),
-        joint.compliance,
-        joint.standard_uncertainty,
-        *(joint.compliance_interval or (None, None)),
-    ]
-
-
-def _draw_cells(entry: ComparedFit, joint: ResampledJoint | None) -> list[Cell]:
-    if entry.resampling is None or joint is None:
-        return [None] * len(_OF_DRAWS)
-    return [
-        entry.resampling.repetitions,
-        joint.stiffness_mean,
-        joint.stiffness_deviation,
-        joint.compliance_mean,
-        joint.compliance_deviation,
-        joint.share_negative,
-        joint.share_infinite,
-        joint.share_undetermined,
-        entry.resampling.share_any_negative,
-        entry.resampling.compensation.mean,
-        entry.resampling.compensation.deviation,
-    ]
-
-
-def _shown(cell: Cell) -> Cell:
-    """A text that a spreadsheet would carry out is led by an apostrophe, which it does not show."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+def _cell(row: dict[str, Any], path: str) -> str | float | None:
+    """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
+    first, *steps = path.split(".")
+    value = row[first]
+    for step in steps:
+        if value is not None:
+            value = value[int(step)] if step.isdigit() else getattr(value, step)
+    if isinstance(value, bool):
+        return "positive" if value else "unconstrained"
+    if isinstance(value, str) and value.startswith(_FORMULA):
+        return f"'{value}"
+    cell: str | float | None = value
+    return cell

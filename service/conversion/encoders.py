@@ -60,7 +60,7 @@ class EncoderArrays:
         return cls(np.array(list(names)), present, unloaded, loaded)
 
     def readings(self, i: int) -> list[EncoderReading] | None:
-        """Those of one observation as they were posted, in the order of `joints`; None if there are none."""
+        """Return those of one observation as they were posted, by `joints`; None if there are none."""
         readings = [
             EncoderReading.model_construct(
                 joint=str(self.joints[e]),
@@ -72,7 +72,7 @@ class EncoderArrays:
         return readings or None
 
     def columns(self, joint_names: tuple[str, ...]) -> IndexArray:
-        """(E,) the robot's joint of each encoder.
+        """Return (E,) the robot's joint of each encoder.
 
         Raises:
             MeasurementError: the robot has no such joint.
@@ -88,7 +88,7 @@ class EncoderArrays:
         return np.array([joint_names.index(name) for name in self.joints.tolist()])
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """The arrays by the names under which they are stored."""
+        """Return the arrays by the names under which they are stored."""
         return {
             f"{_PREFIX}joints": self.joints,
             f"{_PREFIX}present": self.present,

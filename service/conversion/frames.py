@@ -45,7 +45,7 @@ def to_resolved(transform: RigidTransform, flange_targets: dict[str, Vector3] | 
 def in_base(
     header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
 ) -> tuple[Header, ReadingArrays]:
-    """A set with all that stands in the tracker's frame brought to R0, in the set's units.
+    """Bring all that stands in the tracker's frame to R0, in the set's units.
 
     Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
     transform's own uncertainty is left out: of 100 µrad it changes a deflection of 1 mm by 0.1 µm, and a
@@ -78,14 +78,14 @@ def in_base(
 
 
 def _turned(noise: PointNoise, R: FloatArray) -> PointNoise:
-    """Covariances symmetric to the last digit, as they came."""
+    """Turn covariances, and keep them symmetric to the last digit."""
     parts = [R @ part @ R.T for part in (noise.unloaded, noise.loaded)]
     even = [0.5 * (part + np.swapaxes(part, -1, -2)) for part in parts]
     return replace(noise, unloaded=even[0], loaded=even[1])
 
 
 def _moved(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
-    """With the station in R0."""
+    """Return the noise with the station in R0."""
     if noise is None or noise.instrument is None:
         return noise
     station = _scaled(R @ np.array(noise.instrument.station) + t, 1.0)

@@ -55,7 +55,7 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
 def _encoder_readings(
     header: sets.MeasurementSetHeader, encoders: EncoderArrays | None, robot: Robot
 ) -> EncoderReadings | None:
-    """Deflections of the model's joints, where their encoders were read and say something."""
+    """Return deflections of the model's joints, where their encoders were read and say something."""
     if encoders is None:
         return None
     if header.encoders == "secondary":
@@ -80,7 +80,7 @@ def _encoder_readings(
 
 
 def _moment_factor(units: sets.Units, readings: ReadingArrays) -> float:
-    """N·m in the unit of moments, which must be stated where the others do not imply it."""
+    """Return N·m in the unit of moments, to be stated where the others do not imply it."""
     if units.moment is not None:
         return MOMENT[units.moment]
     if units.length == "m" or not readings.moment.any():
@@ -107,7 +107,7 @@ def _load_points(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> 
 
 
 def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
-    """Places of the targets: measured in R0, or from the flange frame for deflections."""
+    """Return places of the targets: measured in R0, or in the flange frame for deflections."""
     names = [str(name) for name in readings.targets]
     needed = readings.as_deflection.any(axis=0)
     for t in np.flatnonzero(needed):

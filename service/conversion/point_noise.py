@@ -61,7 +61,7 @@ class PointNoise:
         return cls(sigma, unloaded, loaded)
 
     def fields(self, i: int, t: int) -> dict[str, Any]:
-        """What a reading stated, by the names of its fields."""
+        """Return what a reading stated, by the names of its fields."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         return {
@@ -70,12 +70,12 @@ class PointNoise:
         }
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """(N, T, 3, 3) of the unloaded and the loaded positions, in the set's unit of length squared."""
+        """Return covariances (N, T, 3, 3) of unloaded and loaded positions, unit of length squared."""
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """The arrays by the names under which they are stored."""
+        """Return the arrays by the names under which they are stored."""
         return {f"{_PREFIX}{name}": getattr(self, name) for name in _NAMES}
 
     @classmethod

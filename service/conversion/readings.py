@@ -100,7 +100,7 @@ class ReadingArrays:
         )
 
     def observations(self) -> list[Observation]:
-        """The observations as they were posted, readings in the order of `targets`."""
+        """Return the observations as they were posted, readings in the order of `targets`."""
         # The numbers were validated when they came in; validating 10,000 again is the cost of a run.
         return [
             Observation.model_construct(
@@ -139,17 +139,17 @@ class ReadingArrays:
 
     @classmethod
     def _always(cls) -> list[str]:
-        """Names of the arrays that every set has."""
+        """Return names of the arrays that every set has."""
         return [field.name for field in fields(cls) if field.name not in {"encoders", "noise"}]
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """By name; without encoders and noise the same as earlier versions stored, and so is their hash."""
+        """Return the arrays by name; only those of encoders and noise that there are."""
         arrays = {name: getattr(self, name) for name in self._always()}
         arrays |= self.encoders.arrays() if self.encoders else {}
         return arrays | (self.noise.arrays() if self.noise else {})
 
     def digest(self) -> bytes:
-        """SHA-256 of names, types, shapes and contents."""
+        """Return SHA-256 of names, types, shapes and contents."""
         digest = hashlib.sha256()
         for name, array in self._arrays().items():
             digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
@@ -160,7 +160,7 @@ class ReadingArrays:
 def content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
-    """SHA-256 of a set: its header, its readings and what its frame stands for, not its name."""
+    """Return SHA-256 of a set's header, its readings and what its frame stands for, not its name."""
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
         # Sets without it keep the hash that earlier versions gave them.
@@ -205,7 +205,7 @@ def _scatter(
 
 
 def _refuse_crowd(names: Collection[str]) -> None:
-    """Arrays are dense: a name of its own for every reading would take their square in memory."""
+    """Refuse a name of its own for every reading: arrays are dense, and would take its square in memory."""
     if len(names) > MAX_TARGETS:
         raise MeasurementError(
             f"{len(names)} different targets, more than {MAX_TARGETS}",

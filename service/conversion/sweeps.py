@@ -51,7 +51,7 @@ class _Readings:
     def arrange(
         self, positions: Sequence[TrackedPosition], where: str
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Angles (K, n) [rad], points (K, T, 3) [m], zero where absent, and which are there (K, T)."""
+        """Return angles (K, n) [rad], points (K, T, 3) [m], zero where absent, and presence (K, T)."""
         for index, position in enumerate(positions):
             if len(position.joints) != self.n:
                 raise MeasurementError(
@@ -66,14 +66,14 @@ class _Readings:
         return angles, self._length * points, present
 
     def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
-        """Of readings (..., 3) in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
+        """Return covariances of readings in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
         if self._instrument is None or self.sigma is None:
             return np.eye(3)
         return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
 
 
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
-    """The sweeps of a request.
+    """Return the sweeps of a request.
 
     Args:
         request: with sweeps.
@@ -101,7 +101,7 @@ def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
 
 
 def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
-    """The poses of a request.
+    """Return the poses of a request.
 
     Raises:
         MeasurementError: with the place and the remedy.
@@ -120,7 +120,7 @@ def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
 
 
 def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventions:
-    """Where R0 and the flange frame are to be.
+    """Return the conventions that place R0 and the flange frame.
 
     Raises:
         MeasurementError: a target that places the flange was not read.
@@ -147,7 +147,7 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
 def to_base_targets(
     request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
 ) -> BaseTargets | None:
-    """The base targets that were read both times; None if none were read a second time.
+    """Return the base targets that were read both times; None if none were read a second time.
 
     Args:
         request: with the first readings.
