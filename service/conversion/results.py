@@ -81,6 +81,7 @@ def to_identifiability(
         identifiabilities.Identifiability,
         estimate,
         stages=estimate.identifiability,
+        observability=estimate.observability_indices,
         advice=[
             message(
                 identifiabilities.Advice,

@@ -106,7 +106,7 @@ class Estimate:
         return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
 
     @property
-    def observability(self) -> ObservabilityIndices | None:
+    def observability_indices(self) -> ObservabilityIndices | None:
         """Indices over the joints that the readings see; None where the rank is not full."""
         return observability_indices(self.regressor, self.observability)
 
