@@ -8,7 +8,7 @@ import socket
 
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, POINTS
-from test_importing_excel import SHEET, bomb, repacked, workbook
+from support.workbooks import SHEET, bomb, repacked, table_of, workbook
 
 from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.problem import Problem
@@ -40,21 +40,6 @@ def refused(answer, *statuses):
     problem = Problem.model_validate_json(answer.content)
     assert problem.status == answer.status_code
     return problem
-
-
-def table_of(campaign):
-    """The readings of a campaign document as a table, in its units: m, rad, N."""
-    readings = campaign["measurement_set"]
-    targets = [reading["target"] for reading in readings["observations"][0]["readings"]]
-    header = ["label", *(f"J{i} [rad]" for i in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")]
-    header += [f"{t} {s} {axis} [m]" for t in targets for s in ("unloaded", "loaded") for axis in "xyz"]
-    rows = [header]
-    for one in readings["observations"]:
-        numbers = [*one["joints"], *one["force"]]
-        for reading in one["readings"]:
-            numbers += [*reading["unloaded"], *reading["loaded"]]
-        rows.append([one["label"], *map(repr, numbers)])
-    return "\n".join(";".join(row) for row in rows).encode()
 
 
 class TestAnswers:

@@ -6,7 +6,7 @@ import json
 
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, POINTS
-from test_imports_api import table_of
+from support.workbooks import table_of
 from typer.testing import CliRunner
 
 from jointstiff.schemas.imports import ImportAnswer

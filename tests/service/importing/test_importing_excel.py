@@ -12,44 +12,13 @@ import time
 import zipfile
 from pathlib import Path
 
-import openpyxl
 import pytest
 from support.importing_samples import CAMPAIGN, points_of, read, values_of
+from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing import ImportFileError
 from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
 
-ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
-
-
-def rows_of_values():
-    return [ROWS[0], *([row[0], *map(float, row[1:])] for row in ROWS[1:])]
-
-
-def workbook(rows=None, change=lambda _book, _sheet: None):
-    book = openpyxl.Workbook()
-    for row in rows_of_values() if rows is None else rows:
-        book.active.append(row)
-    change(book, book.active)
-    output = io.BytesIO()
-    book.save(output)
-    return output.getvalue()
-
-
-def repacked(content, name, change):
-    """The same workbook with one part changed, and its checksums right."""
-    output = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(content)) as old,
-        zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as new,
-    ):
-        for part in old.namelist():
-            data = old.read(part)
-            new.writestr(part, change(data) if part == name else data)
-    return output.getvalue()
-
-
-SHEET = "xl/worksheets/sheet1.xml"
 TEXTS = "xl/sharedStrings.xml"
 
 
@@ -275,14 +244,6 @@ def test_texts_by_number():
     pieces = b"<r><t>c</t></r><r><t>01</t></r><rPh><t>x</t></rPh>"
     phonetic = repacked(content, TEXTS, lambda data: data.replace(b"<t>c01</t>", pieces))
     assert points_of(read(("a.xlsx", phonetic))) == points_of(read(("a.csv", CAMPAIGN)))
-
-
-def bomb(size, name=SHEET, parts=1):
-    output = io.BytesIO()
-    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
-        for number in range(parts):
-            archive.writestr(name if parts == 1 else f"{number}/{name}", b" " * size)
-    return output.getvalue()
 
 
 @pytest.mark.parametrize(

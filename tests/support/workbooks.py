@@ -1,0 +1,62 @@
+"""Workbooks and tables to import: ordinary ones, and archives that mean harm."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import openpyxl
+from support.importing_samples import CAMPAIGN
+
+SHEET = "xl/worksheets/sheet1.xml"
+ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
+
+
+def rows_of_values():
+    return [ROWS[0], *([row[0], *map(float, row[1:])] for row in ROWS[1:])]
+
+
+def workbook(rows=None, change=lambda _book, _sheet: None):
+    book = openpyxl.Workbook()
+    for row in rows_of_values() if rows is None else rows:
+        book.active.append(row)
+    change(book, book.active)
+    output = io.BytesIO()
+    book.save(output)
+    return output.getvalue()
+
+
+def repacked(content, name, change):
+    """The same workbook with one part changed, and its checksums right."""
+    output = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as old,
+        zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
+        for part in old.namelist():
+            data = old.read(part)
+            new.writestr(part, change(data) if part == name else data)
+    return output.getvalue()
+
+
+def bomb(size, name=SHEET, parts=1):
+    output = io.BytesIO()
+    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(parts):
+            archive.writestr(name if parts == 1 else f"{number}/{name}", b" " * size)
+    return output.getvalue()
+
+
+def table_of(campaign):
+    """The readings of a campaign document as a table, in its units: m, rad, N."""
+    readings = campaign["measurement_set"]
+    targets = [reading["target"] for reading in readings["observations"][0]["readings"]]
+    header = ["label", *(f"J{i} [rad]" for i in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")]
+    header += [f"{t} {s} {axis} [m]" for t in targets for s in ("unloaded", "loaded") for axis in "xyz"]
+    rows = [header]
+    for one in readings["observations"]:
+        numbers = [*one["joints"], *one["force"]]
+        for reading in one["readings"]:
+            numbers += [*reading["unloaded"], *reading["loaded"]]
+        rows.append([one["label"], *map(repr, numbers)])
+    return "\n".join(";".join(row) for row in rows).encode()
