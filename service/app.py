@@ -9,33 +9,29 @@ from typing import Any, Final
 
 import anyio.to_thread
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
+from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.kinematics import KinematicsRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
-from jointstiff.schemas.run import RunRequest
 from jointstiff.service.api import (
     LARGE_BODIES,
     Watches,
     comparisons,
-    geometries,
     health,
     imports,
     install_error_handlers,
     install_page,
     kinematics,
     measurement_sets,
-    pairs,
     robots,
-    runs,
 )
-from jointstiff.service.jobs import Announce, Parts
+from jointstiff.service.api.jobs import job_routes
+from jointstiff.service.jobs import KINDS, Enqueue, Parts
 from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -55,12 +51,12 @@ how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 
-def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
+def create_app(store: Store, enqueue: Enqueue | None = None) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        announce: announces long runs to workers; without it they are carried out at once.
+        enqueue: leaves long jobs to workers; without it they are carried out at once.
 
     Returns:
         The ASGI application.
@@ -74,18 +70,26 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
+        generate_unique_id_function=_operation_id,
     )
-    app.state.parts = Parts.of(store, announce)
+    app.state.parts = Parts.of(store, enqueue)
     app.state.watches = Watches()
     app.state.is_closing = lambda: False
     app.state.large_bodies = asyncio.Semaphore(LARGE_BODIES)
-    resources = (robots, kinematics, geometries, measurement_sets, runs, comparisons, pairs, imports)
-    for module in (*resources, health):
+    for module in (robots, kinematics, measurement_sets, imports, comparisons, health):
         app.include_router(module.router)
+    for kind in KINDS:
+        app.include_router(job_routes(kind))
     install_page(app)
     install_error_handlers(app)
     _describe_bodies(app)
     return app
+
+
+def _operation_id(route: APIRoute) -> str:
+    """Return the name of an operation for generated clients, such as `createRun`."""
+    first, *others = route.name.split("_")
+    return first + "".join(word.capitalize() for word in others)
 
 
 @asynccontextmanager
@@ -96,22 +100,10 @@ async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
 
 def _describe_bodies(app: FastAPI) -> None:
     """Add the schemas of the bodies, which FastAPI does not see as it does not parse them."""
+    bodies: list[type[BaseModel]] = [RobotDocument, KinematicsRequest, ImportRequest, MeasurementSetRequest]
+    bodies += [RobotRequest, Problem, *(kind.request for kind in KINDS)]
     _, definitions = models_json_schema(
-        [
-            (message, "validation")
-            for message in (
-                RobotDocument,
-                KinematicsRequest,
-                ImportRequest,
-                MeasurementSetRequest,
-                RunRequest,
-                ComparisonRequest,
-                PairRequest,
-                RobotRequest,
-                GeometryRequest,
-                Problem,
-            )
-        ],
+        [(message, "validation") for message in bodies],
         ref_template="#/components/schemas/{model}",
     )
     generate = app.openapi

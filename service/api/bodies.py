@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from starlette.requests import ClientDisconnect
 
 from jointstiff.service.conversion import MalformedError, parse
+from jointstiff.service.limits import MAX_SET_BYTES
 from jointstiff.service.store import IdempotencyKey
 
 __all__ = [
@@ -29,7 +30,6 @@ __all__ = [
 ]
 
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
-MAX_SET_BYTES: Final = 8 * 1024 * 1024
 MAX_RUN_BYTES: Final = 64 * 1024
 MAX_KEY_LENGTH: Final = 255
 SMALL_BYTES: Final = 64 * 1024

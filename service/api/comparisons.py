@@ -1,29 +1,15 @@
-"""Comparisons: several methods on one measurement set, free and constrained."""
+"""The table of a comparison, for spreadsheets."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Any, Final, cast
 
-from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, HTTPException, Response
 
-from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
-from jointstiff.schemas.fields import Page
-from jointstiff.schemas.query import ComparisonQuery
-from jointstiff.service.api.bodies import MAX_RUN_BYTES, Body, describe_body, read_body
-from jointstiff.service.api.examples import COMPARISONS
-from jointstiff.service.api.jobs import Closing, JobId, Wait, answer, delete, follow, restore
-from jointstiff.service.api.parts import (
-    DELETED,
-    EVENT_STREAM,
-    LOCATION,
-    PartsOf,
-    accepted,
-    json_response,
-    problems,
-)
+from jointstiff.schemas.comparison import Comparison
+from jointstiff.service.api.jobs import JobId
+from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import comparison_csv
-from jointstiff.service.store import ComparisonEntry
 
 __all__ = ["router"]
 
@@ -34,50 +20,14 @@ _TABLE: Final[dict[int | str, dict[str, Any]]] = {
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 
-@router.post(
-    "",
-    status_code=201,
-    response_model=Comparison,
-    responses=LOCATION | accepted(Comparison) | problems(400, 413, 415, 422, 429),
-    openapi_extra=describe_body(ComparisonRequest, COMPARISONS),
-)
-async def post_comparison(
-    parts: PartsOf,
-    body: Annotated[Body[ComparisonRequest], Depends(read_body(ComparisonRequest, MAX_RUN_BYTES))],
-    query: Wait,
-    is_closing: Closing,
-) -> Response:
-    """Identify by several methods, free and constrained, and store the results side by side.
-
-    The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
-    than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
-    have their numbers.
-    """
-    return await answer(parts.comparisons, "comparisons", body, query.wait, is_closing)
-
-
-@router.get("", response_model=Page[ComparisonSummary], responses=problems(422))
-def list_comparisons(parts: PartsOf, query: Annotated[ComparisonQuery, Query()]) -> Page[ComparisonSummary]:
-    """List comparisons without their results, newest first."""
-    page = parts.store.page(ComparisonEntry, limit=query.limit, cursor=query.cursor, filters=query.filters())
-    items = [ComparisonSummary.model_validate(entry, from_attributes=True) for entry in page.records]
-    return Page(items=items, next=page.next)
-
-
-@router.get("/{comparison_id}", response_model=Comparison, responses=problems(404, 422))
-def get_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
-    """One comparison with its request, progress, result and provenance. Once ended it never changes."""
-    return json_response(parts.comparisons.document(comparison_id))
-
-
 @router.get(
     "/{comparison_id}/table.csv",
     response_class=Response,
     responses=_TABLE | problems(404, 409, 422),
 )
 def get_comparison_table(parts: PartsOf, comparison_id: JobId) -> Response:
-    """The result as a table for spreadsheets: one row an entry and joint, units in the headers."""
-    comparison = parts.comparisons.current(comparison_id)
+    """Get the result as a table for spreadsheets: one row an entry and joint, units in the headers."""
+    comparison = cast("Comparison", parts.jobs[Comparison.kind].current(comparison_id))
     if comparison.result is None:
         raise HTTPException(409, f"the comparison has no table, as it is {comparison.state}")
     return Response(
@@ -85,33 +35,3 @@ def get_comparison_table(parts: PartsOf, comparison_id: JobId) -> Response:
         media_type="text/csv",
         headers={"Content-Disposition": f'attachment; filename="comparison-{comparison.id}.csv"'},
     )
-
-
-@router.get(
-    "/{comparison_id}/events",
-    response_class=StreamingResponse,
-    responses=EVENT_STREAM | problems(404, 422),
-)
-async def get_comparison_events(request: Request, parts: PartsOf, comparison_id: JobId) -> StreamingResponse:
-    """Follow a comparison: `progress` events with its state and progress, then one `end` event."""
-    return await follow(request, parts.comparisons, comparison_id)
-
-
-@router.post("/{comparison_id}/cancel", response_model=Comparison, responses=problems(404, 422))
-def cancel_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
-    """End a comparison where it stands, as a run; one that has ended stays as it is."""
-    return json_response(parts.comparisons.cancel(comparison_id).model_dump_json())
-
-
-@router.delete(
-    "/{comparison_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
-)
-def delete_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
-    """Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored."""
-    return delete(parts.comparisons, comparison_id)
-
-
-@router.post("/{comparison_id}/restore", response_model=Comparison, responses=problems(404, 422))
-def restore_comparison(parts: PartsOf, comparison_id: JobId) -> Response:
-    """Bring a deleted comparison back; one that is not deleted stays as it is."""
-    return restore(parts.comparisons, comparison_id)

@@ -1,44 +1,181 @@
-"""What the routes of all kinds of jobs do: answer a post, follow a job."""
+"""The routes of every kind of job, made of its declaration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, TypeVar
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
-from jointstiff.schemas.query import WaitQuery
-from jointstiff.service.api.bodies import Body
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.query import PageQuery, WaitQuery
+from jointstiff.service.api.bodies import Body, describe_body, read_body
 from jointstiff.service.api.events import wait_for_end
-from jointstiff.service.api.parts import created, json_response
-from jointstiff.service.jobs import AnyJobs
+from jointstiff.service.api.examples import JOBS
+from jointstiff.service.api.parts import (
+    DELETED,
+    EVENT_STREAM,
+    LOCATION,
+    PartsOf,
+    accepted,
+    created,
+    json_response,
+    problems,
+)
+from jointstiff.service.jobs import AnyKind, Jobs, Stepped
 from jointstiff.service.store import OPEN_STATES, NotFoundError, StoreUnavailableError
 
-__all__ = ["Closing", "JobId", "Wait", "answer", "delete", "follow", "restore"]
+__all__ = ["JobId", "answer", "job_routes"]
 
 JobId = Annotated[str, Path(max_length=64)]
-
 Wait = Annotated[WaitQuery, Query()]
+Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def _closing(request: Request) -> Callable[[], bool]:
-    tells: Callable[[], bool] = request.app.state.is_closing
-    return tells
+    is_closing: Callable[[], bool] = request.app.state.is_closing
+    return is_closing
 
 
 Closing = Annotated[Callable[[], bool], Depends(_closing)]
 
 
-async def answer(
-    jobs: AnyJobs, collection: str, body: Body[Any], wait: float, is_closing: Callable[[], bool]
-) -> Response:
+def job_routes(kind: AnyKind) -> APIRouter:
+    """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped."""
+    router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection])
+    identifier = Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
+
+    def jobs_of(parts: PartsOf) -> Jobs:
+        return parts.jobs[kind.name]
+
+    jobs = Annotated[Jobs, Depends(jobs_of)]
+    for add in (_add_create, _add_list, _add_get, _add_deletion):
+        add(router, kind, {"jobs": jobs, "job_id": identifier})
+    if isinstance(kind, Stepped):
+        _add_stepped(router, kind, {"jobs": jobs, "job_id": identifier})
+    return router
+
+
+def _typed(types: Mapping[str, Any]) -> Callable[[Route], Route]:
+    """Give a route's parameters the types of its kind, which FastAPI reads."""
+
+    def typed(route: Route) -> Route:
+        own = inspect.get_annotations(route)
+        route.__annotations__ = {name: types.get(name, found) for name, found in own.items()}
+        return route
+
+    return typed
+
+
+def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    body = Annotated[Body[Any], Depends(read_body(kind.request, kind.max_bytes))]
+
+    async def create_stepped(jobs: Jobs, body: Body[Any], query: Wait, is_closing: Closing) -> Response:
+        return await answer(jobs, body, query.wait, is_closing)
+
+    def create_quick(jobs: Jobs, body: Body[Any]) -> Response:
+        record = jobs.create(body.message, body.key)
+        return created(kind.collection, record.id, record.document)
+
+    stepped = isinstance(kind, Stepped)
+    later = accepted(kind.message) | problems(429) if stepped else {}
+    router.post(
+        "",
+        name=f"create_{kind.name}",
+        description=kind.description,
+        status_code=201,
+        response_model=kind.message,
+        responses=LOCATION | later | problems(400, 413, 415, 422),
+        openapi_extra=describe_body(kind.request, JOBS[kind.name]),
+    )(_typed({**types, "body": body})(create_stepped if stepped else create_quick))
+
+
+def _add_list(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.get(
+        "",
+        name=f"list_{kind.collection}",
+        description=f"List {kind.collection} without their results, newest first.",
+        response_model=Page[kind.summary],  # type: ignore[name-defined]
+        responses=problems(422),
+    )
+    @_typed({**types, "query": Annotated[kind.query, Query()]})
+    def page(jobs: Jobs, query: PageQuery) -> Page[Any]:
+        return jobs.page(query)
+
+
+def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.get(
+        f"/{{{kind.name}_id}}",
+        name=f"get_{kind.name}",
+        description=f"Get a {kind.name}: request, state, result and provenance. Once ended it never changes.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def get(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.document(job_id))
+
+
+def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.delete(
+        f"/{{{kind.name}_id}}",
+        name=f"delete_{kind.name}",
+        description=f"Delete a {kind.name}; what was made of it stays. For 30 days it can be restored. One "
+        "that has not ended must be cancelled first.",
+        status_code=204,
+        response_class=Response,
+        responses=DELETED | problems(404, 409, 422),
+    )
+    @_typed(types)
+    def delete(jobs: Jobs, job_id: str) -> Response:
+        jobs.delete(job_id)
+        return Response(status_code=204)
+
+    @router.post(
+        f"/{{{kind.name}_id}}/restore",
+        name=f"restore_{kind.name}",
+        description=f"Bring a deleted {kind.name} back; one that is not deleted stays as it is.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def restore(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.restore(job_id))
+
+
+def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.get(
+        f"/{{{kind.name}_id}}/events",
+        name=f"follow_{kind.name}",
+        description=f"Follow a {kind.name}: `progress` events with state and progress, then one `end` event.",
+        response_class=StreamingResponse,
+        responses=EVENT_STREAM | problems(404, 422),
+    )
+    @_typed(types)
+    async def follow_job(request: Request, jobs: Jobs, job_id: str) -> StreamingResponse:
+        return await follow(request, jobs, job_id)
+
+    @router.post(
+        f"/{{{kind.name}_id}}/cancel",
+        name=f"cancel_{kind.name}",
+        description=f"End a {kind.name} where it stands. Its workers stop at their next step; one that has "
+        "ended stays as it is.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def cancel(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.cancel(job_id).model_dump_json())
+
+
+async def answer(jobs: Jobs, body: Body[Any], wait: float, is_closing: Callable[[], bool]) -> Response:
     """Create a job; 201 with the job if it ends within `wait` seconds, else 202 with the job as it is.
 
     Args:
-        jobs: of its kind.
-        collection: their name in addresses.
+        jobs: those of its kind.
         body: what is asked for.
         wait: in seconds.
         is_closing: tells whether the service is about to end, which ends the wait.
@@ -46,6 +183,7 @@ async def answer(
     Raises:
         RequestError: it cannot be done, and nothing is stored.
     """
+    collection = jobs.kind.collection
     record = await run_in_threadpool(jobs.create, body.message, body.key)
     if record.state not in OPEN_STATES:
         return created(collection, record.id, record.document)
@@ -57,8 +195,8 @@ async def answer(
     return created(collection, job.id, job.model_dump_json(), 202 if job.state in OPEN_STATES else 201)
 
 
-async def follow(request: Request, jobs: AnyJobs, job_id: str) -> StreamingResponse:
-    """The events of a job.
+async def follow(request: Request, jobs: Jobs, job_id: str) -> StreamingResponse:
+    """Return the events of a job.
 
     Raises:
         NotFoundError: there is no such job.
@@ -70,23 +208,3 @@ async def follow(request: Request, jobs: AnyJobs, job_id: str) -> StreamingRespo
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store"},
     )
-
-
-def delete(jobs: AnyJobs, job_id: str) -> Response:
-    """Hide a job; 204, also if it is hidden already.
-
-    Raises:
-        NotFoundError: there is no such job.
-        NotEndedError: it goes on (409).
-    """
-    jobs.delete(job_id)
-    return Response(status_code=204)
-
-
-def restore(jobs: AnyJobs, job_id: str) -> Response:
-    """Bring a job back; 200 with the job, also if it was not hidden.
-
-    Raises:
-        NotFoundError: there is no such job, or it has been removed for good.
-    """
-    return json_response(jobs.restore(job_id))

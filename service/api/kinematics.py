@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1/kinematics", tags=["robots"])
     responses=problems(400, 404, 413, 415, 422),
     openapi_extra=describe_body(KinematicsRequest, {}),
 )
-def post_kinematics(
+def compute_kinematics(
     parts: PartsOf,
     body: Annotated[Body[KinematicsRequest], Depends(read_body(KinematicsRequest, MAX_ROBOT_BYTES))],
 ) -> Kinematics:

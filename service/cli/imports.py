@@ -14,12 +14,12 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.api import MAX_SET_BYTES
 from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.options import AsJson, EncoderChoice
 from jointstiff.service.conversion import MalformedError, parse
 from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
 from jointstiff.service.library import CampaignError
+from jointstiff.service.limits import MAX_SET_BYTES
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
 from jointstiff.service.render import console, import_report
 from jointstiff.service.resources import FilesError, import_files

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import Any, Final, TypeVar
 from uuid import uuid4
 
@@ -14,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.fields import Identifier
-from jointstiff.schemas.job import Progress
+from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import Run
 from jointstiff.service.problems import http_problem
@@ -27,10 +26,9 @@ _LOOK_SECONDS: Final = 0.2
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
 _UNAVAILABLE: Final = 503
-_COLLECTIONS: Final[Mapping[type, str]] = MappingProxyType({Run: "/v1/runs", Comparison: "/v1/comparisons"})
 _IDENTIFIER: Final[TypeAdapter[str]] = TypeAdapter(Identifier)
 
-Job = TypeVar("Job", Run, Comparison)
+AnyJob = TypeVar("AnyJob", bound=Job)
 
 
 class RefusedError(Exception):
@@ -128,26 +126,26 @@ class ServiceClient:
         """
         return self._job(Comparison, options | {"measurement_set_id": set_id})
 
-    def ended(self, job: Job, tell: Callable[[Progress], object] | None = None) -> Job:
+    def ended(self, job: AnyJob, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
         """Wait for the end of a job.
 
         Args:
             job: that was posted.
-            tell: told of its progress.
+            on_progress: called with its progress.
 
         Raises:
             RefusedError: the service does not answer.
         """
         kind = type(job)
         while job.state in {"queued", "running"}:
-            if tell is not None and job.progress is not None:
-                tell(job.progress)
+            if on_progress is not None and job.progress is not None:
+                on_progress(job.progress)
             time.sleep(_LOOK_SECONDS)
-            job = _as(kind, self._answer("GET", f"{_COLLECTIONS[kind]}/{job.id}"))
+            job = _as(kind, self._answer("GET", f"/v1/{job.collection}/{job.id}"))
         return job
 
-    def _job(self, kind: type[Job], body: dict[str, Any]) -> Job:
-        return _as(kind, self._post(f"{_COLLECTIONS[kind]}?wait=1", body))
+    def _job(self, kind: type[AnyJob], body: dict[str, Any]) -> AnyJob:
+        return _as(kind, self._post(f"/v1/{kind.collection}?wait=1", body))
 
     def _post(self, path: str, body: object) -> dict[str, Any]:
         content = json.dumps(body).encode()
@@ -204,7 +202,7 @@ class ServiceClient:
         return _read(response)
 
 
-def _as(kind: type[Job], answer: dict[str, Any]) -> Job:
+def _as(kind: type[AnyJob], answer: dict[str, Any]) -> AnyJob:
     try:
         return kind.model_validate(answer)
     except ValidationError as error:

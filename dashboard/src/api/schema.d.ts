@@ -15,10 +15,10 @@ export interface paths {
          * List Robots
          * @description List robots, newest first.
          */
-        get: operations["list_robots_v1_robots_get"];
+        get: operations["listRobots"];
         put?: never;
         /**
-         * Post Robot
+         * Create Robot
          * @description Store a robot.
          *
          *     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
@@ -26,7 +26,7 @@ export interface paths {
          *     revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
          *     the identified model, and the geometry's id.
          */
-        post: operations["post_robot_v1_robots_post"];
+        post: operations["createRobot"];
         delete?: never;
         options?: never;
         head?: never;
@@ -42,9 +42,9 @@ export interface paths {
         };
         /**
          * Get Robot
-         * @description One robot, with its kinematics as they were understood.
+         * @description Get a robot, with its kinematics as they were understood.
          */
-        get: operations["get_robot_v1_robots__robot_id__get"];
+        get: operations["getRobot"];
         put?: never;
         post?: never;
         delete?: never;
@@ -63,85 +63,12 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Post Kinematics
+         * Compute Kinematics
          * @description Where joints and flange are in some configurations. Nothing is stored.
          *
          *     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
          */
-        post: operations["post_kinematics_v1_kinematics_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Geometries
-         * @description List geometries without their results, newest first.
-         */
-        get: operations["list_geometries_v1_geometries_get"];
-        put?: never;
-        /**
-         * Post Geometry
-         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
-         *
-         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
-         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. What
-         *     looks wrong (a bumped tracker, a short arc, a joint map that does not fit, …) is a finding with its
-         *     figure; what cannot be used is refused, and nothing is stored.
-         */
-        post: operations["post_geometry_v1_geometries_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries/{geometry_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Geometry
-         * @description One geometry with its readings, result and provenance. It never changes.
-         */
-        get: operations["get_geometry_v1_geometries__geometry_id__get"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Geometry
-         * @description Delete a geometry; what was made of it stays as it is. For 30 days it can be restored.
-         */
-        delete: operations["delete_geometry_v1_geometries__geometry_id__delete"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries/{geometry_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Geometry
-         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
-         */
-        post: operations["restore_geometry_v1_geometries__geometry_id__restore_post"];
+        post: operations["computeKinematics"];
         delete?: never;
         options?: never;
         head?: never;
@@ -159,17 +86,17 @@ export interface paths {
          * List Measurement Sets
          * @description List measurement sets without their observations, newest first.
          */
-        get: operations["list_measurement_sets_v1_measurement_sets_get"];
+        get: operations["listMeasurementSets"];
         put?: never;
         /**
-         * Post Measurement Set
+         * Create Measurement Set
          * @description Store a measurement set.
          *
          *     What cannot be right is refused with its place and the remedy, and nothing is stored. What is
          *     suspicious (targets that did not move as one body, deflection against the force, angles that look
          *     like the other unit, …) is stored with a warning, which every run of the set shows.
          */
-        post: operations["post_measurement_set_v1_measurement_sets_post"];
+        post: operations["createMeasurementSet"];
         delete?: never;
         options?: never;
         head?: never;
@@ -185,328 +112,11 @@ export interface paths {
         };
         /**
          * Get Measurement Set
-         * @description One measurement set as it was posted, with what was noticed.
+         * @description Get a measurement set as it was posted, with what was noticed.
          */
-        get: operations["get_measurement_set_v1_measurement_sets__set_id__get"];
+        get: operations["getMeasurementSet"];
         put?: never;
         post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Runs
-         * @description List runs without their results, newest first.
-         */
-        get: operations["list_runs_v1_runs_get"];
-        put?: never;
-        /**
-         * Post Run
-         * @description Identify the joint stiffnesses, and store the result with its provenance.
-         *
-         *     Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
-         *     run as it is and its address. A method that the readings cannot support is refused, and nothing is
-         *     stored. Any other failure is a stored run in state `failed` that says why.
-         */
-        post: operations["post_run_v1_runs_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Run
-         * @description One run with its request, progress, result and provenance. Once ended it never changes.
-         */
-        get: operations["get_run_v1_runs__run_id__get"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Run
-         * @description Delete a run; one that goes on must be cancelled first. For 30 days it can be restored.
-         */
-        delete: operations["delete_run_v1_runs__run_id__delete"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/events": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Run Events
-         * @description Follow a run: `progress` events with its state and progress, then one `end` event.
-         */
-        get: operations["get_run_events_v1_runs__run_id__events_get"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/cancel": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Cancel Run
-         * @description End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is.
-         */
-        post: operations["cancel_run_v1_runs__run_id__cancel_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Run
-         * @description Bring a deleted run back; one that is not deleted stays as it is.
-         */
-        post: operations["restore_run_v1_runs__run_id__restore_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Comparisons
-         * @description List comparisons without their results, newest first.
-         */
-        get: operations["list_comparisons_v1_comparisons_get"];
-        put?: never;
-        /**
-         * Post Comparison
-         * @description Identify by several methods, free and constrained, and store the results side by side.
-         *
-         *     The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
-         *     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
-         *     have their numbers.
-         */
-        post: operations["post_comparison_v1_comparisons_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Comparison
-         * @description One comparison with its request, progress, result and provenance. Once ended it never changes.
-         */
-        get: operations["get_comparison_v1_comparisons__comparison_id__get"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Comparison
-         * @description Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored.
-         */
-        delete: operations["delete_comparison_v1_comparisons__comparison_id__delete"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/table.csv": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Comparison Table
-         * @description The result as a table for spreadsheets: one row an entry and joint, units in the headers.
-         */
-        get: operations["get_comparison_table_v1_comparisons__comparison_id__table_csv_get"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/events": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Comparison Events
-         * @description Follow a comparison: `progress` events with its state and progress, then one `end` event.
-         */
-        get: operations["get_comparison_events_v1_comparisons__comparison_id__events_get"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/cancel": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Cancel Comparison
-         * @description End a comparison where it stands, as a run; one that has ended stays as it is.
-         */
-        post: operations["cancel_comparison_v1_comparisons__comparison_id__cancel_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Comparison
-         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
-         */
-        post: operations["restore_comparison_v1_comparisons__comparison_id__restore_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Pairs
-         * @description List pairs without their results, newest first.
-         */
-        get: operations["list_pairs_v1_pairs_get"];
-        put?: never;
-        /**
-         * Post Pair
-         * @description Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
-         *
-         *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
-         *     observation, and overall: the share of the deflection that the second side avoids, measured where both
-         *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
-         *     joint is softer on the second.
-         */
-        post: operations["post_pair_v1_pairs_post"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs/{pair_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Pair
-         * @description One pair with its request, result and provenance. It never changes.
-         */
-        get: operations["get_pair_v1_pairs__pair_id__get"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Pair
-         * @description Delete a pair. For 30 days it can be restored.
-         */
-        delete: operations["delete_pair_v1_pairs__pair_id__delete"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs/{pair_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Pair
-         * @description Bring a deleted pair back; one that is not deleted stays as it is.
-         */
-        post: operations["restore_pair_v1_pairs__pair_id__restore_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -531,7 +141,27 @@ export interface paths {
          *     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
          *     be understood in two ways is refused, with its place as file:line:column and the remedy.
          */
-        post: operations["post_import_v1_imports_post"];
+        post: operations["postImport"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/table.csv": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison Table
+         * @description Get the result as a table for spreadsheets: one row an entry and joint, units in the headers.
+         */
+        get: operations["getComparisonTable"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -549,9 +179,379 @@ export interface paths {
          * Get Health
          * @description Ask the database, and say which version answers, and how many workers there are.
          */
-        get: operations["get_health_health_get"];
+        get: operations["getHealth"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Runs
+         * @description List runs without their results, newest first.
+         */
+        get: operations["listRuns"];
+        put?: never;
+        /**
+         * Create Run
+         * @description Identify the joint stiffnesses, and store the result with its provenance.
+         *
+         *     Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
+         *     run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
+         *     Any other failure is a stored run in state `failed` that says why.
+         */
+        post: operations["createRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Run
+         * @description Get a run: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getRun"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Run
+         * @description Delete a run; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteRun"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Run
+         * @description Bring a deleted run back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Run
+         * @description Follow a run: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followRun"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Run
+         * @description End a run where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         */
+        post: operations["cancelRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Comparisons
+         * @description List comparisons without their results, newest first.
+         */
+        get: operations["listComparisons"];
+        put?: never;
+        /**
+         * Create Comparison
+         * @description Identify by several methods, free and constrained, and store the results side by side.
+         *
+         *     Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
+         *     with the comparison as it is and its address. A method that the readings cannot support is an entry with
+         *     its `error`; the others have their numbers.
+         */
+        post: operations["createComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison
+         * @description Get a comparison: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getComparison"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Comparison
+         * @description Delete a comparison; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteComparison"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Comparison
+         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Comparison
+         * @description Follow a comparison: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followComparison"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Comparison
+         * @description End a comparison where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         */
+        post: operations["cancelComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Pairs
+         * @description List pairs without their results, newest first.
+         */
+        get: operations["listPairs"];
+        put?: never;
+        /**
+         * Create Pair
+         * @description Compare two sides: motor and secondary encoders, before and after, or units A and B.
+         *
+         *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
+         *     observation, and overall: the share of the deflection that the second side avoids, measured where both
+         *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
+         *     joint is softer on the second.
+         */
+        post: operations["createPair"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Pair
+         * @description Get a pair: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getPair"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Pair
+         * @description Delete a pair; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deletePair"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Pair
+         * @description Bring a deleted pair back; one that is not deleted stays as it is.
+         */
+        post: operations["restorePair"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Geometries
+         * @description List geometries without their results, newest first.
+         */
+        get: operations["listGeometries"];
+        put?: never;
+        /**
+         * Create Geometry
+         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
+         *
+         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
+         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. Suspicious
+         *     readings (a bumped tracker, a short arc, a joint map that does not fit, …) are findings with their
+         *     figures; readings that cannot be used are refused, and nothing is stored.
+         */
+        post: operations["createGeometry"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Geometry
+         * @description Get a geometry: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getGeometry"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Geometry
+         * @description Delete a geometry; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteGeometry"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Geometry
+         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreGeometry"];
         delete?: never;
         options?: never;
         head?: never;
@@ -890,16 +890,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` comparisons go on; look again, or follow /v1/comparisons/{id}/events.
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Of a comparison that takes long. */
+            /** @description Null for a job that is carried out at once. */
             progress?: components["schemas"]["Progress"] | null;
             request: components["schemas"]["ComparisonRequest"];
             /** @description Present if the comparison succeeded. */
             result: components["schemas"]["ComparisonResult"] | null;
-            /** @description Present if the comparison failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
@@ -1445,21 +1445,22 @@ export interface components {
         Geometry: {
             /** Id */
             id: string;
-            /** Name */
-            name: string;
             /**
              * State
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description A geometry is quick: null. */
+            /** @description Null for a job that is carried out at once. */
             progress?: components["schemas"]["Progress"] | null;
             request: components["schemas"]["GeometryRequest"];
             /** @description Present if it succeeded. */
             result: components["schemas"]["GeometryResult"] | null;
-            /** @description Present if it failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
+            /** Name */
+            name: string;
         };
         /**
          * GeometryFinding
@@ -2630,11 +2631,18 @@ export interface components {
             id: string;
             /**
              * State
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description A pair is quick: null. */
+            /** @description Null for a job that is carried out at once. */
             progress?: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["PairRequest"];
+            /** @description Present if the comparison succeeded. */
+            result: components["schemas"]["PairResult"] | null;
+            /** @description Present if the job failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
             /**
              * First Set Id
              * @description The set of the first side.
@@ -2645,12 +2653,6 @@ export interface components {
              * @description The set of the second side.
              */
             second_set_id: string;
-            request: components["schemas"]["PairRequest"];
-            /** @description Present if the comparison succeeded. */
-            result: components["schemas"]["PairResult"] | null;
-            /** @description Present if it failed. */
-            error: components["schemas"]["Problem"] | null;
-            provenance: components["schemas"]["Provenance"];
         };
         /**
          * PairRequest
@@ -2943,7 +2945,7 @@ export interface components {
         };
         /**
          * Progress
-         * @description How far a job came.
+         * @description Units of work that are done.
          */
         Progress: {
             /** Done */
@@ -2952,7 +2954,7 @@ export interface components {
             total: number;
             /**
              * Unit
-             * @description Of both numbers.
+             * @description Unit of both numbers.
              * @example resamples
              */
             unit: string;
@@ -2970,7 +2972,7 @@ export interface components {
         Provenance: {
             /**
              * Versions
-             * @description Of this software and of what it computes with.
+             * @description Versions of this software and of what it computes with.
              */
             versions: {
                 [key: string]: string;
@@ -3435,16 +3437,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` runs go on; look again, or follow /v1/runs/{id}/events.
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Of a run that takes long. */
+            /** @description Null for a job that is carried out at once. */
             progress?: components["schemas"]["Progress"] | null;
             request: components["schemas"]["RunRequest"];
             /** @description Present if the run succeeded. */
             result: components["schemas"]["RunResult"] | null;
-            /** @description Present if the run failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
@@ -4522,7 +4524,7 @@ export interface components {
 }
 export type $defs = Record<string, never>;
 export interface operations {
-    list_robots_v1_robots_get: {
+    listRobots: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -4567,7 +4569,7 @@ export interface operations {
             };
         };
     };
-    post_robot_v1_robots_post: {
+    createRobot: {
         parameters: {
             query?: never;
             header?: {
@@ -4641,7 +4643,7 @@ export interface operations {
             };
         };
     };
-    get_robot_v1_robots__robot_id__get: {
+    getRobot: {
         parameters: {
             query?: never;
             header?: never;
@@ -4690,7 +4692,7 @@ export interface operations {
             };
         };
     };
-    post_kinematics_v1_kinematics_post: {
+    computeKinematics: {
         parameters: {
             query?: never;
             header?: {
@@ -4771,284 +4773,7 @@ export interface operations {
             };
         };
     };
-    list_geometries_v1_geometries_get: {
-        parameters: {
-            query?: {
-                /** @description Resources on a page. */
-                limit?: number;
-                /** @description `next` of the page before; none for the newest. */
-                cursor?: string | null;
-                /** @description Only those of exactly this name. */
-                name?: string | null;
-                /** @description Only those with this nominal model. */
-                robot_id?: string | null;
-                /** @description Only those in this state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Page_GeometrySummary_"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    post_geometry_v1_geometries_post: {
-        parameters: {
-            query?: never;
-            header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
-                "idempotency-key"?: string | null;
-            };
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["GeometryRequest"];
-            };
-        };
-        responses: {
-            /** @description Stored. */
-            201: {
-                headers: {
-                    /** @description Address of the resource. */
-                    Location?: string;
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description The client left before its body was complete. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The body is not declared as what the route takes. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    get_geometry_v1_geometries__geometry_id__get: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    delete_geometry_v1_geometries__geometry_id__delete: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Its state does not allow it: see `remedy`. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    restore_geometry_v1_geometries__geometry_id__restore_post: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    list_measurement_sets_v1_measurement_sets_get: {
+    listMeasurementSets: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5097,7 +4822,7 @@ export interface operations {
             };
         };
     };
-    post_measurement_set_v1_measurement_sets_post: {
+    createMeasurementSet: {
         parameters: {
             query?: never;
             header?: {
@@ -5171,7 +4896,7 @@ export interface operations {
             };
         };
     };
-    get_measurement_set_v1_measurement_sets__set_id__get: {
+    getMeasurementSet: {
         parameters: {
             query?: never;
             header?: never;
@@ -5220,7 +4945,167 @@ export interface operations {
             };
         };
     };
-    list_runs_v1_runs_get: {
+    postImport: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "multipart/form-data": {
+                    /** @description Tables and lists of points: text or Excel, each with its name. */
+                    files: string[];
+                    options?: components["schemas"]["ImportRequest"];
+                };
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportAnswer"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as what the route takes. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getComparisonTable: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The table, RFC 4180. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/csv": unknown;
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getHealth: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Health"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    listRuns: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5275,7 +5160,7 @@ export interface operations {
             };
         };
     };
-    post_run_v1_runs_post: {
+    createRun: {
         parameters: {
             query?: {
                 /** @description Seconds to wait for the end if it takes long. */
@@ -5372,7 +5257,7 @@ export interface operations {
             };
         };
     };
-    get_run_v1_runs__run_id__get: {
+    getRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5421,7 +5306,7 @@ export interface operations {
             };
         };
     };
-    delete_run_v1_runs__run_id__delete: {
+    deleteRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5477,7 +5362,56 @@ export interface operations {
             };
         };
     };
-    get_run_events_v1_runs__run_id__events_get: {
+    restoreRun: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Run"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    followRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5526,7 +5460,7 @@ export interface operations {
             };
         };
     };
-    cancel_run_v1_runs__run_id__cancel_post: {
+    cancelRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -5575,56 +5509,7 @@ export interface operations {
             };
         };
     };
-    restore_run_v1_runs__run_id__restore_post: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                run_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Run"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    list_comparisons_v1_comparisons_get: {
+    listComparisons: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -5673,7 +5558,7 @@ export interface operations {
             };
         };
     };
-    post_comparison_v1_comparisons_post: {
+    createComparison: {
         parameters: {
             query?: {
                 /** @description Seconds to wait for the end if it takes long. */
@@ -5770,7 +5655,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_v1_comparisons__comparison_id__get: {
+    getComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5819,7 +5704,7 @@ export interface operations {
             };
         };
     };
-    delete_comparison_v1_comparisons__comparison_id__delete: {
+    deleteComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5875,7 +5760,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_table_v1_comparisons__comparison_id__table_csv_get: {
+    restoreComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5886,26 +5771,17 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The table, RFC 4180. */
+            /** @description Successful Response */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/csv": unknown;
+                    "application/json": components["schemas"]["Comparison"];
                 };
             };
             /** @description There is no such resource. */
             404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Its state does not allow it: see `remedy`. */
-            409: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5933,7 +5809,7 @@ export interface operations {
             };
         };
     };
-    get_comparison_events_v1_comparisons__comparison_id__events_get: {
+    followComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -5982,7 +5858,7 @@ export interface operations {
             };
         };
     };
-    cancel_comparison_v1_comparisons__comparison_id__cancel_post: {
+    cancelComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -6031,56 +5907,7 @@ export interface operations {
             };
         };
     };
-    restore_comparison_v1_comparisons__comparison_id__restore_post: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                comparison_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Comparison"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    list_pairs_v1_pairs_get: {
+    listPairs: {
         parameters: {
             query?: {
                 /** @description Resources on a page. */
@@ -6131,7 +5958,7 @@ export interface operations {
             };
         };
     };
-    post_pair_v1_pairs_post: {
+    createPair: {
         parameters: {
             query?: never;
             header?: {
@@ -6205,7 +6032,7 @@ export interface operations {
             };
         };
     };
-    get_pair_v1_pairs__pair_id__get: {
+    getPair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6254,7 +6081,7 @@ export interface operations {
             };
         };
     };
-    delete_pair_v1_pairs__pair_id__delete: {
+    deletePair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6310,7 +6137,7 @@ export interface operations {
             };
         };
     };
-    restore_pair_v1_pairs__pair_id__restore_post: {
+    restorePair: {
         parameters: {
             query?: never;
             header?: never;
@@ -6359,22 +6186,25 @@ export interface operations {
             };
         };
     };
-    post_import_v1_imports_post: {
+    listGeometries: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Resources on a page. */
+                limit?: number;
+                /** @description `next` of the page before; none for the newest. */
+                cursor?: string | null;
+                /** @description Only those of exactly this name. */
+                name?: string | null;
+                /** @description Only those with this nominal model. */
+                robot_id?: string | null;
+                /** @description Only those in this state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+            };
             header?: never;
             path?: never;
             cookie?: never;
         };
-        requestBody: {
-            content: {
-                "multipart/form-data": {
-                    /** @description Tables and lists of points: text or Excel, each with its name. */
-                    files: string[];
-                    options?: components["schemas"]["ImportRequest"];
-                };
-            };
-        };
+        requestBody?: never;
         responses: {
             /** @description Successful Response */
             200: {
@@ -6382,7 +6212,54 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["ImportAnswer"];
+                    "application/json": components["schemas"]["Page_GeometrySummary_"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createGeometry: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GeometryRequest"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
                 };
             };
             /** @description The client left before its body was complete. */
@@ -6432,11 +6309,13 @@ export interface operations {
             };
         };
     };
-    get_health_health_get: {
+    getGeometry: {
         parameters: {
             query?: never;
             header?: never;
-            path?: never;
+            path: {
+                geometry_id: string;
+            };
             cookie?: never;
         };
         requestBody?: never;
@@ -6447,7 +6326,130 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Health"];
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteGeometry: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreGeometry: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
                 };
             };
             /** @description The database does not answer. */

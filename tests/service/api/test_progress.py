@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from datetime import UTC, datetime
 
 import pytest
+from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
@@ -15,14 +15,16 @@ from jointstiff.service.api import events as module
 from jointstiff.service.api.bodies import Body
 from jointstiff.service.api.events import wait_for_end
 from jointstiff.service.api.jobs import answer
-from jointstiff.service.store import DeletedError, RunRecord, Standing, StoreUnavailableError
+from jointstiff.service.jobs import KINDS
+from jointstiff.service.store import DeletedError, Standing, StoreUnavailableError
 
 FOLLOWERS = 100
-NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
 class ScriptedJobs:
     """Jobs of which each look finds as many units done as a script says, None for an outage; then the end."""
+
+    kind = KINDS[0]
 
     def __init__(self, script, end="succeeded"):
         self.script = list(script)
@@ -153,7 +155,7 @@ def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
 
         def current(self, job_id):
             if not self.script:
-                raise DeletedError(RunRecord, job_id)
+                raise DeletedError(RUN, job_id)
             return super().current(job_id)
 
     told = asyncio.run(followed(Watches(), Deleted([10, 20, 30])))
@@ -201,18 +203,18 @@ def test_those_who_wait_long_look_less_often(monkeypatch):
     assert jobs.looks < 3 * often
 
 
-@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RunRecord, "r1")])
+@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RUN, "r1")])
 def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
     """A job that was posted without a key would be posted again after a 503."""
 
     class Lost(ScriptedJobs):
         def create(self, _message, _key):
             job = self.current("r1")
-            return RunRecord("r1", "s", "r", "m", "w", True, "joints", job.state, NOW, job.model_dump_json())
+            return job_record(RUN, "r1", state=job.state, document=job.model_dump_json())
 
         def standing(self, _job_id):
             raise error
 
-    told = asyncio.run(answer(Lost([1]), "runs", Body(None, None), 5, never))
+    told = asyncio.run(answer(Lost([1]), Body(None, None), 5, never))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"
