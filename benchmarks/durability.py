@@ -25,9 +25,8 @@ from benchmarks.report import Figure, Section
 from benchmarks.services import Service, numbers, post_campaign, postgresql, running
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.campaigns import identify
-from jointstiff.service.store import MeasurementSetRecord, RunRecord
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.tables import TABLES, idempotency_keys, job_steps
+from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets
 
 __all__ = ["run"]
 
@@ -153,9 +152,8 @@ def _ended(client: httpx.Client, address: str, outcome: Outcome) -> dict[str, An
 
 
 def _count(database: str, outcome: Outcome) -> None:
-    runs = TABLES[RunRecord]
     with closing(Database.open(database)) as opened, opened.reading() as connection:
-        outcome.rows = connection.execute(select(func.count()).select_from(runs)).scalar_one()
+        outcome.rows = connection.execute(select(func.count()).select_from(jobs)).scalar_one()
         steps = connection.execute(select(func.count(), func.sum(job_steps.c.done))).one()
     outcome.steps, outcome.done = int(steps[0]), int(steps[1])
 
@@ -286,11 +284,11 @@ def _half_stored(database: str, posted: Posted) -> list[str]:
     """Rows without a key or keys without a row; each was posted with one, and each key made one row."""
     faults = []
     with closing(Database.open(database)) as opened, opened.reading() as connection:
-        for table in (TABLES[MeasurementSetRecord], TABLES[RunRecord]):
-            keyed = select(idempotency_keys.c.resource_id).where(idempotency_keys.c.resource == table.name)
+        for table, collection in ((measurement_sets, "measurement-sets"), (jobs, "runs")):
+            keyed = select(idempotency_keys.c.resource_id).where(idempotency_keys.c.resource == collection)
             keys = {str(row.resource_id) for row in connection.execute(keyed)}
             rows = {str(row.id) for row in connection.execute(select(table.c.id))}
-            told = {i for path, i in posted.answers if path.endswith(table.name.replace("_", "-"))}
+            told = {i for path, i in posted.answers if path.endswith(collection)}
             if not keys == rows == told:
                 counts = f"{len(keys)} keys, {len(rows)} rows, {len(told)} acknowledged"
                 faults.append(f"{table.name}: {counts}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Metres, Timestamp
-from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import JointResult, Method, Resampling, ResamplingResult, Weighting
@@ -144,16 +144,11 @@ class ComparisonSummary(Message):
     created_at: Timestamp
 
 
-class Comparison(Message):
+class Comparison(Job):
     """A stored comparison. It never changes once ended."""
 
-    id: Identifier
-    state: JobState = Field(
-        description="`queued` and `running` comparisons go on; look again, or follow "
-        "/v1/comparisons/{id}/events."
-    )
-    progress: Progress | None = Field(default=None, description="Of a comparison that takes long.")
+    kind: ClassVar[str] = "comparison"
+    collection: ClassVar[str] = "comparisons"
+
     request: ComparisonRequest
     result: ComparisonResult | None = Field(description="Present if the comparison succeeded.")
-    error: Problem | None = Field(description="Present if the comparison failed.")
-    provenance: Provenance

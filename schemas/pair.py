@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from jointstiff.schemas.fields import Compliance, Identifier, Message, Name, Stiffness, Timestamp
-from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import QualityWarning
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import Certificate, JointResult, RunOptions
 
 __all__ = [
@@ -61,6 +60,15 @@ class PairOptions(Message):
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] | None = Field(
         default=None, description="Level of the intervals; that of the options if absent."
     )
+
+    @property
+    def options_of_sides(self) -> RunOptions:
+        """The options for sides that are sets."""
+        return self.options_at(self.options)
+
+    def options_at(self, options: RunOptions) -> RunOptions:
+        """Return the options of a side at the level of this pair's intervals."""
+        return options.model_copy(update={"confidence": self.confidence or self.options.confidence})
 
     @field_validator("options", mode="after")
     @classmethod
@@ -185,15 +193,13 @@ class PairSummary(Message):
     created_at: Timestamp
 
 
-class Pair(Message):
+class Pair(Job):
     """A stored pair. It never changes."""
 
-    id: Identifier
-    state: JobState
-    progress: Progress | None = Field(default=None, description="A pair is quick: null.")
+    kind: ClassVar[str] = "pair"
+    collection: ClassVar[str] = "pairs"
+
     first_set_id: Identifier = Field(description="The set of the first side.")
     second_set_id: Identifier = Field(description="The set of the second side.")
     request: PairRequest
     result: PairResult | None = Field(description="Present if the comparison succeeded.")
-    error: Problem | None = Field(description="Present if it failed.")
-    provenance: Provenance

@@ -16,18 +16,16 @@ from jointstiff.service.api import (
     BodyLimits,
     Followers,
     comparisons,
-    geometries,
     health,
     imports,
     install_error_handlers,
     install_page,
     kinematics,
     measurement_sets,
-    pairs,
     robots,
-    runs,
 )
-from jointstiff.service.jobs import Announce, Parts
+from jointstiff.service.api.jobs import job_routes
+from jointstiff.service.jobs import KINDS, Enqueue, Parts
 from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -47,12 +45,12 @@ how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 
-def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
+def create_app(store: Store, enqueue: Enqueue | None = None) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        announce: announces long runs to workers; without it they are carried out at once.
+        enqueue: leaves long jobs to workers; without it they are carried out at once.
 
     Returns:
         The ASGI application.
@@ -69,26 +67,27 @@ def create_app(store: Store, announce: Announce | None = None) -> FastAPI:
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    app.state.parts = Parts.of(store, announce)
+    app.state.parts = Parts.of(store, enqueue)
     app.state.is_closing = lambda: False
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.add_middleware(BodyLimits)
-    resources = (robots, kinematics, geometries, measurement_sets, runs, comparisons, pairs, imports)
-    for module in (*resources, health):
+    for module in (robots, kinematics, measurement_sets, imports, comparisons, health):
         app.include_router(module.router)
+    for kind in KINDS:
+        app.include_router(job_routes(kind))
     install_page(app)
     install_error_handlers(app)
     return app
+
+
+def _operation_id(route: APIRoute) -> str:
+    """Return the name of an operation for generated clients, such as `createRun`."""
+    first, *others = route.name.split("_")
+    return first + "".join(word.capitalize() for word in others)
 
 
 @asynccontextmanager
 async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
     current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
     yield
-
-
-def _operation_id(route: APIRoute) -> str:
-    """Return the name of a route's function in camel case: createRun."""
-    first, *others = route.name.split("_")
-    return first + "".join(word.capitalize() for word in others)

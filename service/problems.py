@@ -8,10 +8,10 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.problem import Problem, ProblemItem
-from jointstiff.service.resources import FilesError
-from jointstiff.service.store import (
+from jointstiff.service.errors import (
     CursorError,
     DeletedError,
+    FilesError,
     IdempotencyConflictError,
     NotEndedError,
     NotFoundError,

@@ -65,7 +65,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             markup=False,
             soft_wrap=True,
         )
-        app = create_app(store, ledger.announce)
+        app = create_app(store, ledger.enqueue)
         config = uvicorn.Config(
             app,
             log_level="warning",

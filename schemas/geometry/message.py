@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import FailFast, Field, model_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from jointstiff.schemas.geometry.result import GeometryResult
-from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncertainty
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
 __all__ = [
@@ -228,14 +227,12 @@ class GeometrySummary(Message):
     created_at: Timestamp
 
 
-class Geometry(Message):
+class Geometry(Job):
     """A stored geometry. It never changes."""
 
-    id: Identifier
+    kind: ClassVar[str] = "geometry"
+    collection: ClassVar[str] = "geometries"
+
     name: Name
-    state: JobState
-    progress: Progress | None = Field(default=None, description="A geometry is quick: null.")
     request: GeometryRequest
     result: GeometryResult | None = Field(description="Present if it succeeded.")
-    error: Problem | None = Field(description="Present if it failed.")
-    provenance: Provenance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -16,9 +16,8 @@ from jointstiff.schemas.fields import (
     Radians,
     Timestamp,
 )
-from jointstiff.schemas.job import JobState, Progress, Provenance
+from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import QualityWarning
-from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
@@ -214,15 +213,11 @@ class RunSummary(Message):
     created_at: Timestamp
 
 
-class Run(Message):
+class Run(Job):
     """A stored run. It never changes once ended."""
 
-    id: Identifier
-    state: JobState = Field(
-        description="`queued` and `running` runs go on; look again, or follow /v1/runs/{id}/events."
-    )
-    progress: Progress | None = Field(default=None, description="Of a run that takes long.")
+    kind: ClassVar[str] = "run"
+    collection: ClassVar[str] = "runs"
+
     request: RunRequest
     result: RunResult | None = Field(description="Present if the run succeeded.")
-    error: Problem | None = Field(description="Present if the run failed.")
-    provenance: Provenance

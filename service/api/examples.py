@@ -7,7 +7,7 @@ from typing import Any, Final
 from fastapi import Body
 from fastapi.openapi.models import Example
 
-__all__ = ["COMPARISONS", "GEOMETRIES", "IMPORTS", "MEASUREMENT_SETS", "PAIRS", "ROBOTS", "RUNS", "shown"]
+__all__ = ["IMPORTS", "JOBS", "MEASUREMENT_SETS", "ROBOTS", "shown"]
 
 
 def shown(examples: dict[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
@@ -50,7 +50,7 @@ ROBOTS: Final[dict[str, Any]] = {
     },
 }
 
-GEOMETRIES: Final[dict[str, Any]] = {
+_GEOMETRIES: Final[dict[str, Any]] = {
     "two joints": {
         "name": "pan and tilt",
         "units": {"length": "mm", "angle": "deg"},
@@ -174,7 +174,7 @@ MEASUREMENT_SETS: Final[dict[str, Any]] = {
     },
 }
 
-RUNS: Final[dict[str, Any]] = {
+_RUNS: Final[dict[str, Any]] = {
     "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
     "decoupled, bounded": {
         "measurement_set_id": "ID_OF_A_STORED_SET",
@@ -184,7 +184,7 @@ RUNS: Final[dict[str, Any]] = {
     },
 }
 
-COMPARISONS: Final[dict[str, Any]] = {
+_COMPARISONS: Final[dict[str, Any]] = {
     "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
     "two methods, 10 configurations drawn 1000 times": {
         "measurement_set_id": "ID_OF_A_STORED_SET",
@@ -197,7 +197,7 @@ COMPARISONS: Final[dict[str, Any]] = {
     },
 }
 
-PAIRS: Final[dict[str, Any]] = {
+_PAIRS: Final[dict[str, Any]] = {
     "two encoders": {
         "first": {"measurement_set_id": "ID_OF_THE_SET_WITH_MOTOR_ENCODERS"},
         "second": {"measurement_set_id": "ID_OF_THE_SET_WITH_SECONDARY_ENCODERS"},
@@ -216,3 +216,6 @@ IMPORTS: Final[dict[str, Any]] = {
         "options": {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]},
     }
 }
+
+JOBS: Final = {"run": _RUNS, "comparison": _COMPARISONS, "pair": _PAIRS, "geometry": _GEOMETRIES}
+"""Examples of requests, by the name of the kind of job."""

@@ -10,7 +10,8 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.service.api.limits import MAX_SET_BYTES, SMALL_BYTES
+from jointstiff.service.api.limits import SMALL_BYTES
+from jointstiff.service.conversion import MAX_SET_BYTES
 from jointstiff.solver.errors import RequestError
 
 __all__ = ["MAX_FILES", "read_form"]

@@ -8,6 +8,7 @@ from fastapi import APIRouter
 
 from jointstiff.schemas.health import Health
 from jointstiff.service.api.parts import PartsOf, problems
+from jointstiff.service.jobs import KINDS
 from jointstiff.service.store import SILENT_SECONDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -33,8 +34,6 @@ def get_index() -> dict[str, str]:
         "health": "/health",
         "robots": "/v1/robots",
         "measurement_sets": "/v1/measurement-sets",
-        "runs": "/v1/runs",
-        "comparisons": "/v1/comparisons",
-        "pairs": "/v1/pairs",
+        **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
         "imports": "/v1/imports",
     }

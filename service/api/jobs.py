@@ -1,26 +1,37 @@
-"""What the routes of all kinds of jobs do: answer a post, follow a job."""
+"""The routes of every kind of job, made of its declaration."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from typing import Annotated
+import inspect
+from collections.abc import AsyncIterator, Callable, Mapping
+from typing import Annotated, Any, TypeVar
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.sse import ServerSentEvent
-from pydantic import BaseModel
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from jointstiff.schemas.query import WaitQuery
+from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.query import PageQuery, WaitQuery
+from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.events import Followers
-from jointstiff.service.api.parts import created, json_response
-from jointstiff.service.jobs import AnyJobs
+from jointstiff.service.api.examples import JOBS, shown
+from jointstiff.service.api.parts import (
+    DELETED,
+    LOCATION,
+    PartsOf,
+    accepted,
+    created,
+    json_response,
+    problems,
+)
+from jointstiff.service.jobs import AnyKind, Jobs, Stepped
 from jointstiff.service.store import OPEN_STATES, IdempotencyKey, NotFoundError, StoreUnavailableError
 
-__all__ = ["FollowersOf", "JobId", "Wait", "answer", "delete", "follow", "restore"]
+__all__ = ["JobId", "answer", "job_routes"]
 
 JobId = Annotated[str, Path(max_length=64)]
-
 Wait = Annotated[WaitQuery, Query()]
+Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def _followers(request: Request) -> Followers:
@@ -31,19 +42,149 @@ def _followers(request: Request) -> Followers:
 FollowersOf = Annotated[Followers, Depends(_followers)]
 
 
+def job_routes(kind: AnyKind) -> APIRouter:
+    """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped."""
+    router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=BodyRoute)
+    identifier = Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
+
+    def jobs_of(parts: PartsOf) -> Jobs:
+        return parts.jobs[kind.name]
+
+    jobs = Annotated[Jobs, Depends(jobs_of)]
+    for add in (_add_create, _add_list, _add_get, _add_deletion):
+        add(router, kind, {"jobs": jobs, "job_id": identifier})
+    if isinstance(kind, Stepped):
+        _add_stepped(router, kind, {"jobs": jobs, "job_id": identifier})
+    return router
+
+
+def _typed(types: Mapping[str, Any]) -> Callable[[Route], Route]:
+    """Give a route's parameters the types of its kind, which FastAPI reads."""
+
+    def typed(route: Route) -> Route:
+        own = inspect.get_annotations(route)
+        route.__annotations__ = {name: types.get(name, found) for name, found in own.items()}
+        return route
+
+    return typed
+
+
+def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    body = Annotated[kind.request, shown(JOBS[kind.name])]  # type: ignore[name-defined]
+
+    async def create_stepped(
+        jobs: Jobs, body: Message, key: Key, query: Wait, followers: FollowersOf
+    ) -> Response:
+        return await answer(jobs, body, key, query.wait, followers)
+
+    def create_quick(jobs: Jobs, body: Message, key: Key) -> Response:
+        record = jobs.create(body, key)
+        return created(kind.collection, record.id, record.document)
+
+    stepped = isinstance(kind, Stepped)
+    later = accepted(kind.message) | problems(429) if stepped else {}
+    router.post(
+        "",
+        name=f"create_{kind.name}",
+        description=kind.description,
+        status_code=201,
+        response_model=kind.message,
+        responses=LOCATION | later | problems(400, 413, 415, 422),
+    )(_typed({**types, "body": body})(create_stepped if stepped else create_quick))
+
+
+def _add_list(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.get(
+        "",
+        name=f"list_{kind.collection}",
+        description=f"List {kind.collection} without their results, newest first.",
+        response_model=Page[kind.summary],  # type: ignore[name-defined]
+        responses=problems(422),
+    )
+    @_typed({**types, "query": Annotated[kind.query, Query()]})
+    def page(jobs: Jobs, query: PageQuery) -> Page[Any]:
+        return jobs.page(query)
+
+
+def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.get(
+        f"/{{{kind.name}_id}}",
+        name=f"get_{kind.name}",
+        description=f"Get a {kind.name}: request, state, result and provenance. Once ended it never changes.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def get(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.document(job_id))
+
+
+def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    @router.delete(
+        f"/{{{kind.name}_id}}",
+        name=f"delete_{kind.name}",
+        description=f"Delete a {kind.name}; what was made of it stays. For 30 days it can be restored. One "
+        "that has not ended must be cancelled first.",
+        status_code=204,
+        response_class=Response,
+        responses=DELETED | problems(404, 409, 422),
+    )
+    @_typed(types)
+    def delete(jobs: Jobs, job_id: str) -> Response:
+        jobs.delete(job_id)
+        return Response(status_code=204)
+
+    @router.post(
+        f"/{{{kind.name}_id}}/restore",
+        name=f"restore_{kind.name}",
+        description=f"Bring a deleted {kind.name} back; one that is not deleted stays as it is.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def restore(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.restore(job_id))
+
+
+def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
+    async def events_of(followers: FollowersOf, jobs: Jobs, job_id: str) -> AsyncIterator[ServerSentEvent]:
+        # Before the stream begins: a job that is not there is a 404, not an event.
+        await run_in_threadpool(jobs.standing, job_id)
+        await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
+        return followers.events(jobs, job_id)
+
+    @router.get(
+        f"/{{{kind.name}_id}}/events",
+        name=f"follow_{kind.name}",
+        description=f"Follow a {kind.name}: `progress` events with state and progress, then one `end` event.",
+        response_class=EventSourceResponse,
+        responses=problems(404, 422),
+    )
+    @_typed({"events": Annotated[AsyncIterator[ServerSentEvent], Depends(_typed(types)(events_of))]})
+    async def follow(events: AsyncIterator[ServerSentEvent]) -> AsyncIterator[ServerSentEvent]:
+        async for event in events:
+            yield event
+
+    @router.post(
+        f"/{{{kind.name}_id}}/cancel",
+        name=f"cancel_{kind.name}",
+        description=f"End a {kind.name} where it stands. Its workers stop at their next step; one that has "
+        "ended stays as it is.",
+        response_model=kind.message,
+        responses=problems(404, 422),
+    )
+    @_typed(types)
+    def cancel(jobs: Jobs, job_id: str) -> Response:
+        return json_response(jobs.cancel(job_id).model_dump_json())
+
+
 async def answer(
-    jobs: AnyJobs,
-    collection: str,
-    body: BaseModel,
-    key: IdempotencyKey | None,
-    wait: float,
-    followers: Followers,
+    jobs: Jobs, body: Message, key: IdempotencyKey | None, wait: float, followers: Followers
 ) -> Response:
     """Create a job; 201 with the job if it ends within `wait` seconds, else 202 with the job as it is.
 
     Args:
-        jobs: of its kind.
-        collection: their name in addresses.
+        jobs: those of its kind.
         body: what is asked for.
         key: the idempotency key that came with it.
         wait: in seconds.
@@ -52,6 +193,7 @@ async def answer(
     Raises:
         RequestError: it cannot be done, and nothing is stored.
     """
+    collection = jobs.kind.collection
     record = await run_in_threadpool(jobs.create, body, key)
     if record.state not in OPEN_STATES:
         return created(collection, record.id, record.document)
@@ -62,34 +204,3 @@ async def answer(
     except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
         return created(collection, record.id, record.document, 202)
     return created(collection, job.id, job.model_dump_json(), 202 if job.state in OPEN_STATES else 201)
-
-
-async def follow(followers: Followers, jobs: AnyJobs, job_id: str) -> AsyncIterator[ServerSentEvent]:
-    """Return the events of a job.
-
-    Raises:
-        NotFoundError: there is no such job.
-    """
-    await run_in_threadpool(jobs.standing, job_id)  # a job that is not there is a 404, not an event
-    await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
-    return followers.events(jobs, job_id)
-
-
-def delete(jobs: AnyJobs, job_id: str) -> Response:
-    """Hide a job; 204, also if it is hidden already.
-
-    Raises:
-        NotFoundError: there is no such job.
-        NotEndedError: it goes on (409).
-    """
-    jobs.delete(job_id)
-    return Response(status_code=204)
-
-
-def restore(jobs: AnyJobs, job_id: str) -> Response:
-    """Bring a job back; 200 with the job, also if it was not hidden.
-
-    Raises:
-        NotFoundError: there is no such job, or it has been removed for good.
-    """
-    return json_response(jobs.restore(job_id))

@@ -11,20 +11,22 @@ from fastapi import HTTPException
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["LARGE_BODIES", "MAX_SET_BYTES", "SMALL_BYTES", "BodyLimits", "refuse_structure"]
+from jointstiff.service.conversion import MAX_SET_BYTES
+from jointstiff.service.jobs import KINDS
+
+__all__ = ["LARGE_BODIES", "SMALL_BYTES", "BodyLimits", "refuse_structure"]
 
 SMALL_BYTES: Final = 64 * 1024
 """Largest body of an address without a limit of its own; parsed at once, as that takes a millisecond."""
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
-MAX_SET_BYTES: Final = 8 * 1024 * 1024
 MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
     {
         "/v1/robots": MAX_ROBOT_BYTES,
         "/v1/kinematics": MAX_ROBOT_BYTES,
-        "/v1/geometries": MAX_ROBOT_BYTES,
         "/v1/measurement-sets": MAX_SET_BYTES,
         "/v1/imports": MAX_SET_BYTES,
     }
+    | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
 )
 """Largest body of each address that takes more than `SMALL_BYTES`."""
 LARGE_BODIES: Final = 2

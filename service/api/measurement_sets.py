@@ -13,7 +13,6 @@ from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.resources import assembled
-from jointstiff.service.store import MeasurementSetEntry
 
 __all__ = ["router"]
 
@@ -44,14 +43,12 @@ def create_measurement_set(
 @router.get("", response_model=Page[MeasurementSetSummary], responses=problems(422))
 def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
-    page = parts.store.page(
-        MeasurementSetEntry, limit=query.limit, cursor=query.cursor, filters=query.filters()
-    )
+    page = parts.store.sets.page(limit=query.limit, cursor=query.cursor, filters=query.filters())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 
 
 @router.get("/{set_id}", response_model=MeasurementSet, responses=problems(404, 422))
 def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """One measurement set as it was posted, with what was noticed."""
+    """Get a measurement set as it was posted, with what was noticed."""
     return json_response(parts.sets.document(set_id).model_dump_json())

@@ -12,7 +12,6 @@ from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOTS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
-from jointstiff.service.store import RobotRecord
 
 __all__ = ["router"]
 
@@ -40,7 +39,7 @@ def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], k
 @router.get("", response_model=Page[RobotSummary], responses=problems(422))
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
-    page = parts.store.page(RobotRecord, limit=query.limit, cursor=query.cursor, filters=query.filters())
+    page = parts.store.robots.page(limit=query.limit, cursor=query.cursor, filters=query.filters())
     stored = [Robot.model_validate_json(record.document) for record in page.records]
     items = [RobotSummary(id=r.id, name=r.name, joints=r.joints, created_at=r.created_at) for r in stored]
     return Page(items=items, next=page.next)
@@ -48,5 +47,5 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
 
 @router.get("/{robot_id}", response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """One robot, with its kinematics as they were understood."""
-    return json_response(parts.store.get(RobotRecord, robot_id).document)
+    """Get a robot, with its kinematics as they were understood."""
+    return json_response(parts.store.robots.get(robot_id).document)

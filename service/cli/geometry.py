@@ -10,16 +10,13 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from jointstiff.schemas.geometry import Geometry, GeometryRequest
+from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
 from jointstiff.service.cli.options import AsJson
-from jointstiff.service.jobs import Parts
-from jointstiff.service.library import CampaignError, read_document
-from jointstiff.service.problems import invalid_request, problem_of
+from jointstiff.service.library import CampaignError, campaigns, read_document
+from jointstiff.service.problems import invalid_request
 from jointstiff.service.render import console, geometry_report
-from jointstiff.service.store import Store
-from jointstiff.solver.errors import JointstiffError
 
 __all__ = ["geometry"]
 
@@ -70,7 +67,7 @@ def geometry(
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
     try:
-        found = _identified(_request(file, robot, {"fit": fit, "angles": angles}))
+        found = campaigns.find_geometry(_request(file, robot, {"fit": fit, "angles": angles}))
     except CampaignError as error:
         raise refused(error.problem) from error
     if output is not None and found.result is not None:
@@ -98,13 +95,3 @@ def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> Geometry
         return GeometryRequest.model_validate(request.model_dump() | changes)
     except ValidationError as error:
         raise CampaignError(invalid_request(error.errors())) from None
-
-
-def _identified(request: GeometryRequest) -> Geometry:
-    """The same path as over HTTP, on a store in memory."""
-    with Store.open("sqlite://") as store:
-        parts = Parts.of(store)
-        try:
-            return parts.geometries.current(parts.geometries.create(request, None).id)
-        except JointstiffError as error:
-            raise CampaignError(problem_of(error)) from error

@@ -14,10 +14,9 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.api import MAX_SET_BYTES
 from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.options import AsJson, EncoderChoice
-from jointstiff.service.conversion import MalformedError, parse
+from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
 from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
 from jointstiff.service.library import CampaignError
 from jointstiff.service.problems import http_problem, invalid_request, problem_of

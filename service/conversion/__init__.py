@@ -11,7 +11,7 @@ from jointstiff.service.conversion.links import (
 )
 from jointstiff.service.conversion.measurements import to_measurements, to_warnings
 from jointstiff.service.conversion.pairs import to_pair_result
-from jointstiff.service.conversion.parsing import NOT_JSON, MalformedError, parse
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.service.conversion.requests import to_settings
 from jointstiff.service.conversion.results import to_encoder_residuals, to_resampling_result, to_result
@@ -32,6 +32,7 @@ from jointstiff.service.conversion.units import LENGTH
 
 __all__ = [
     "LENGTH",
+    "MAX_SET_BYTES",
     "NOT_JSON",
     "MalformedError",
     "ReadingArrays",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from jointstiff.service.jobs.kinds import Job
-from jointstiff.service.jobs.life import Announce, AnyJobs
-from jointstiff.service.jobs.registry import Parts
-from jointstiff.service.jobs.work import Span
+from jointstiff.schemas.job import Job
+from jointstiff.service.computation.work import Span
+from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
+from jointstiff.service.jobs.life import Enqueue, Jobs
+from jointstiff.service.jobs.registry import KINDS, Parts
 
-__all__ = ["Announce", "AnyJobs", "Job", "Parts", "Span"]
+AnyJobs = Jobs
+
+__all__ = ["KINDS", "AnyJobs", "AnyKind", "Enqueue", "Job", "Jobs", "Parts", "Quick", "Span", "Stepped"]

@@ -1,133 +1,96 @@
-"""What a kind of job is: its messages, its records, its work. `service.jobs.life` leads jobs to their end."""
+"""Kinds of jobs, quick and stepped: their messages, and the work that a request takes."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, TypeVar
 
-from pydantic import BaseModel
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.query import PageQuery
+from jointstiff.service.computation import QuickWork, SteppedWork
+from jointstiff.service.errors import Resource
+from jointstiff.service.resources import Resources
+from jointstiff.service.store import JobRecord
 
-from jointstiff.schemas.job import JobState, Progress, Provenance
-from jointstiff.service.jobs.work import Work
-from jointstiff.service.resources import MeasurementSets, PreparedSet
-from jointstiff.service.store import JobRecord, NotFoundError
-from jointstiff.solver.errors import RequestError
+__all__ = ["AnyKind", "Kind", "Quick", "Stepped"]
 
-__all__ = ["Job", "Kind", "Message", "Opening", "Request", "prepared_for"]
+AnyWork = TypeVar("AnyWork", QuickWork, SteppedWork[Any])
 
-
-class Job(Protocol):
-    """The message of a job of any kind. It never changes once it ended."""
-
-    @property
-    def id(self) -> str:
-        """Of the resource."""
-
-    @property
-    def state(self) -> JobState:
-        """Where it stands."""
-
-    @property
-    def progress(self) -> Progress | None:
-        """How far it came; None if it is carried out at once."""
-
-    @property
-    def request(self) -> Any:  # noqa: ANN401 - each kind has its own
-        """What is asked for."""
-
-    @property
-    def provenance(self) -> Provenance:
-        """What it takes to repeat it."""
-
-    @classmethod
-    def model_validate(cls, obj: dict[str, object]) -> Self:
-        """The message of these fields."""
-
-    @classmethod
-    def model_validate_json(cls, json_data: str) -> Self:
-        """The message that a document holds."""
-
-    def model_copy(self, *, update: dict[str, Any]) -> Self:
-        """The same with changes."""
-
-    def model_dump_json(self, *, include: set[str] | None = None) -> str:
-        """As it is stored and answered, or some of its fields."""
-
-
-Request = TypeVar("Request", bound=BaseModel)
-Message = TypeVar("Message", bound=Job)
+_COLUMNS = ("measurement_set_id", "first_set_id", "second_set_id", "name")
+"""Columns of the store that have the values of the summary's fields."""
 
 
 @dataclass(frozen=True)
-class Opening:
-    """What a job of any kind begins with."""
-
-    id: str
-    progress: Progress | None
-    provenance: Provenance
-
-
-class Kind(ABC, Generic[Request, Message, JobRecord]):
-    """One kind of job.
+class Kind(Generic[AnyWork]):
+    """One kind of job. Use `Quick` or `Stepped`.
 
     Attributes:
-        name: by which an engine knows it; never changes.
-        unit: of its progress.
-        activity: what it is doing while it makes progress.
-        message: what is answered of it.
-        record: what the store keeps of it.
+        message: a stored job, which has the names of the kind.
+        request: a job as it is posted.
+        summary: a job in a listing: each field is one of the job, of its request, or of its provenance.
+        query: the page and the filters of a listing: each filter is a field of the summary.
+        work: return the work that a request takes; raises a RequestError for what does not exist or cannot
+            be done.
+        max_bytes: size of a request.
+        description: of the post, for the API's users.
     """
 
-    name: ClassVar[str]
-    unit: ClassVar[str]
-    activity: ClassVar[str]
-    message: type[Message]
-    record: type[JobRecord]
+    message: type[Job]
+    request: type[Message]
+    summary: type[Message]
+    query: type[PageQuery]
+    work: Callable[[Resources, Any], AnyWork]
+    max_bytes: int
+    description: str
 
-    @abstractmethod
-    def work(self, request: Request) -> Work[Any]:
-        """What a request takes.
+    @property
+    def name(self) -> str:
+        """Name of one, by which an engine knows it; never changes."""
+        return self.message.kind
 
-        Raises:
-            RequestError: what is asked for does not exist, or cannot be done.
-        """
+    @property
+    def collection(self) -> str:
+        """Name of all, in addresses."""
+        return self.message.collection
 
-    def queued(self, opening: Opening, request: Request) -> Message:
-        """A new job."""
-        return self.message.model_validate(
-            {
-                "id": opening.id,
-                "state": "queued",
-                "progress": opening.progress,
-                "request": request,
-                "result": None,
-                "error": None,
-                "provenance": opening.provenance,
-                **self.details(request),
-            }
+    @property
+    def resource(self) -> Resource:
+        """Both names, for the store."""
+        return Resource(self.name, self.collection)
+
+    def record(self, job: Job, robot_id: str | None) -> JobRecord:
+        """Return a job as the store keeps it."""
+        summary = self.summarise(job, robot_id)
+        return JobRecord(
+            id=job.id,
+            kind=self.name,
+            state=job.state,
+            created_at=job.provenance.created_at,
+            summary=summary,
+            robot_id=robot_id,
+            document=job.model_dump_json(),
+            **{name: summary.get(name) for name in _COLUMNS},
         )
 
-    def details(self, request: Request) -> dict[str, object]:  # noqa: ARG002 - most kinds have none
-        """What the message of this kind says besides."""
-        return {}
-
-    @abstractmethod
-    def row(self, job: Message, robot_id: str) -> JobRecord:
-        """A job as the store keeps it."""
-
-    def read(self, document: str) -> Message:
-        """A stored job."""
-        return self.message.model_validate_json(document)
+    def summarise(self, job: Job, robot_id: str | None) -> dict[str, Any]:
+        """Return a job as it is listed, as JSON."""
+        sources = (job, job.request, job.provenance)
+        found = {
+            name: next(getattr(source, name) for source in sources if hasattr(source, name))
+            for name in self.summary.model_fields
+            if name != "robot_id"
+        }
+        return self.summary.model_validate({"robot_id": robot_id, **found}).model_dump(mode="json")
 
 
-def prepared_for(sets: MeasurementSets, set_id: str) -> PreparedSet:
-    """The measurement set that a request names.
+class Quick(Kind[QuickWork]):
+    """A kind whose jobs are carried out at once."""
 
-    Raises:
-        RequestError: there is none.
-    """
-    try:
-        return sets.prepared(set_id)
-    except NotFoundError as error:
-        raise RequestError(error.reason, remedy=error.remedy, where="measurement_set_id") from error
+
+class Stepped(Kind[SteppedWork[Any]]):
+    """A kind whose jobs may take steps, which are left to workers."""
+
+
+AnyKind = Quick | Stepped

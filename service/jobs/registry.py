@@ -1,64 +1,105 @@
-"""The application's parts, composed once, for the service, its workers and the command line alike."""
+"""The kinds of jobs, declared once; and the application's parts, composed on a store."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
-from jointstiff.schemas.comparison import Comparison, ComparisonRequest
-from jointstiff.schemas.geometry import Geometry, GeometryRequest
-from jointstiff.schemas.job import Progress
-from jointstiff.schemas.pair import Pair, PairRequest
-from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.jobs.comparisons import ComparisonKind
-from jointstiff.service.jobs.geometries import GeometryKind
-from jointstiff.service.jobs.life import Announce, AnyJobs, Jobs
-from jointstiff.service.jobs.pairs import PairKind
-from jointstiff.service.jobs.runs import RunKind
-from jointstiff.service.resources import MeasurementSets, Robots
-from jointstiff.service.store import ComparisonRecord, GeometryRecord, PairRecord, RunRecord, Store
+from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
+from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
+from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
+from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, PairQuery, RunQuery
+from jointstiff.schemas.run import Run, RunRequest, RunSummary
+from jointstiff.service.jobs import works
+from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
+from jointstiff.service.jobs.life import Enqueue, Jobs
+from jointstiff.service.resources import MeasurementSets, Resources, Robots
+from jointstiff.service.store import Store
 
-__all__ = ["Comparisons", "Geometries", "Pairs", "Parts", "Runs"]
+__all__ = ["KINDS", "Parts"]
 
-Runs = Jobs[RunRequest, Run, RunRecord]
-Comparisons = Jobs[ComparisonRequest, Comparison, ComparisonRecord]
-Pairs = Jobs[PairRequest, Pair, PairRecord]
-Geometries = Jobs[GeometryRequest, Geometry, GeometryRecord]
+_OPTIONS_BYTES: Final = 64 * 1024
+_READINGS_BYTES: Final = 4 * 1024 * 1024
+
+KINDS: Final[tuple[AnyKind, ...]] = (
+    Stepped(
+        message=Run,
+        request=RunRequest,
+        summary=RunSummary,
+        query=RunQuery,
+        work=works.run,
+        max_bytes=_OPTIONS_BYTES,
+        description="""Identify the joint stiffnesses, and store the result with its provenance.
+
+Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
+run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
+Any other failure is a stored run in state `failed` that says why.""",
+    ),
+    Stepped(
+        message=Comparison,
+        request=ComparisonRequest,
+        summary=ComparisonSummary,
+        query=ComparisonQuery,
+        work=works.comparison,
+        max_bytes=_OPTIONS_BYTES,
+        description="""Identify by several methods, free and constrained, and store the results side by side.
+
+Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
+with the comparison as it is and its address. A method that the readings cannot support is an entry with
+its `error`; the others have their numbers.""",
+    ),
+    Quick(
+        message=Pair,
+        request=PairRequest,
+        summary=PairSummary,
+        query=PairQuery,
+        work=works.pair,
+        max_bytes=_OPTIONS_BYTES,
+        description="""Compare two sides: motor and secondary encoders, before and after, or units A and B.
+
+For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
+observation, and overall: the share of the deflection that the second side avoids, measured where both
+sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
+joint is softer on the second.""",
+    ),
+    Quick(
+        message=Geometry,
+        request=GeometryRequest,
+        summary=GeometrySummary,
+        query=GeometryQuery,
+        work=works.geometry,
+        max_bytes=_READINGS_BYTES,
+        description="""Find a robot's geometry, from each joint turned alone or from unloaded poses.
+
+Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
+and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. Suspicious
+readings (a bumped tracker, a short arc, a joint map that does not fit, …) are findings with their
+figures; readings that cannot be used are refused, and nothing is stored.""",
+    ),
+)
+"""All kinds of jobs: routes, listings, the index, deletion, addresses and tests iterate over them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parts:
-    """The application's parts."""
+    """The application's parts.
+
+    Attributes:
+        store: the store.
+        robots: its robots.
+        sets: its measurement sets.
+        jobs: its jobs, by the name of their kind.
+    """
 
     store: Store
     robots: Robots
     sets: MeasurementSets
-    runs: Runs
-    comparisons: Comparisons
-    pairs: Pairs
-    geometries: Geometries
+    jobs: Mapping[str, Jobs]
 
     @classmethod
-    def of(
-        cls,
-        store: Store,
-        announce: Announce | None = None,
-        tell: Callable[[Progress], object] | None = None,
-    ) -> Parts:
-        """Compose the parts on a store; for the others see `Jobs`."""
-        robots = Robots(store)
-        sets = MeasurementSets(store, robots)
-        return cls(
-            store=store,
-            robots=robots,
-            sets=sets,
-            runs=Jobs(RunKind(sets), store, announce, tell),
-            comparisons=Jobs(ComparisonKind(sets), store, announce, tell),
-            pairs=Jobs(PairKind(store, sets), store, announce, tell),
-            geometries=Jobs(GeometryKind(robots), store, announce, tell),
-        )
-
-    @property
-    def jobs(self) -> Mapping[str, AnyJobs]:
-        """All jobs, by the name of their kind."""
-        return {jobs.kind.name: jobs for jobs in (self.runs, self.comparisons, self.pairs, self.geometries)}
+    def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:
+        """Compose the parts on a store; without `enqueue` every job is carried out at once."""
+        resources = Resources.of(store)
+        jobs = {kind.name: Jobs(kind, resources, enqueue) for kind in KINDS}
+        return cls(store, resources.robots, resources.sets, jobs)

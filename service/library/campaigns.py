@@ -5,28 +5,46 @@ from __future__ import annotations
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, TypeVar
+from uuid import uuid4
 
 from pydantic import BaseModel
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
-from jointstiff.schemas.job import Progress
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.geometry import Geometry, GeometryRequest
+from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.pair import Pair, PairOptions, PairRequest, PairSide
 from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
-from jointstiff.service.api import MAX_SET_BYTES
-from jointstiff.service.conversion import NOT_JSON, MalformedError, parse
-from jointstiff.service.jobs import Parts
+from jointstiff.service.computation import (
+    ComparisonWork,
+    PreparedRobot,
+    PreparedSet,
+    Side,
+    Work,
+    as_request_errors,
+    carry_out,
+    geometry_work,
+    new_job,
+    pair_work,
+    prepare_robot,
+    prepare_set,
+    run_work,
+)
+from jointstiff.service.conversion import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
-from jointstiff.service.store import Store
-from jointstiff.solver.errors import InputError, RequestError
+from jointstiff.solver.errors import InputError, JointstiffError, RequestError
 
-__all__ = ["CampaignError", "compare", "identify", "pair", "read_campaign", "read_document"]
+__all__ = ["CampaignError", "compare", "find_geometry", "identify", "pair", "read_campaign", "read_document"]
 
 Document = TypeVar("Document", bound=BaseModel)
+AnyJob = TypeVar("AnyJob", bound=Job)
+OnProgress = Callable[[Progress], object]
 
 
 class CampaignError(Exception):
@@ -90,44 +108,38 @@ _KINDS: Final = (
 )
 
 
-def identify(
-    campaign: Campaign, options: RunOptions, tell: Callable[[Progress], object] | None = None
-) -> Run:
+def identify(campaign: Campaign, options: RunOptions, on_progress: OnProgress | None = None) -> Run:
     """Carry out one run.
 
     Args:
         campaign: robot and readings.
         options: how to identify.
-        tell: told of the progress, if the run resamples.
+        on_progress: called with the progress of a run that takes steps.
 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    with _stored(campaign, tell) as (parts, set_id):
-        request = RunRequest(measurement_set_id=set_id, **options.model_dump())
-        with _as_campaign_error("run"):
-            record = parts.runs.create(request, None)
-        return parts.runs.current(record.id)
+    prepared = _prepared(campaign)
+    request = RunRequest(measurement_set_id=uuid4().hex, **options.model_dump())
+    return _carried_out(Run, request, lambda: run_work(prepared, request), on_progress)
 
 
 def compare(
-    campaign: Campaign, options: ComparisonOptions, tell: Callable[[Progress], object] | None = None
+    campaign: Campaign, options: ComparisonOptions, on_progress: OnProgress | None = None
 ) -> Comparison:
     """Carry out one comparison.
 
     Args:
         campaign: robot and readings; its run is not asked.
         options: what to compare.
-        tell: told of the progress, if the comparison resamples.
+        on_progress: called with the progress of a comparison that resamples.
 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    with _stored(campaign, tell) as (parts, set_id):
-        request = ComparisonRequest(measurement_set_id=set_id, **options.model_dump())
-        with _as_campaign_error("comparison"):
-            record = parts.comparisons.create(request, None)
-        return parts.comparisons.current(record.id)
+    prepared = _prepared(campaign)
+    request = ComparisonRequest(measurement_set_id=uuid4().hex, **options.model_dump())
+    return _carried_out(Comparison, request, lambda: ComparisonWork(prepared, request), on_progress)
 
 
 def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
@@ -141,35 +153,73 @@ def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
     Raises:
         CampaignError: a robot, readings or the request cannot be used.
     """
-    with Store.open("sqlite://") as store:
-        parts = Parts.of(store)
-        sides = [
-            PairSide(measurement_set_id=_stored_set(parts, campaign, f"{name}."))
-            for name, campaign in (("first", first), ("second", second))
-        ]
-        request = PairRequest(first=sides[0], second=sides[1], **dict(options))
-        with _as_campaign_error("pair"):
-            record = parts.pairs.create(request, None)
-        return parts.pairs.current(record.id)
+    how = options.options_of_sides
+    one, other = (
+        Side(name, uuid4().hex, _prepared(campaign, f"{name}."), how)
+        for name, campaign in (("first", first), ("second", second))
+    )
+    request = PairRequest(
+        first=PairSide(measurement_set_id=one.set_id),
+        second=PairSide(measurement_set_id=other.set_id),
+        **dict(options),
+    )
+    return _carried_out(Pair, request, lambda: pair_work(one, other, request))
 
 
-@contextmanager
-def _stored(campaign: Campaign, tell: Callable[[Progress], object] | None) -> Iterator[tuple[Parts, str]]:
-    """The same path as over HTTP, on a store in memory: its parts, and the id of the measurement set."""
-    with Store.open("sqlite://") as store:
-        parts = Parts.of(store, tell=tell)
-        yield parts, _stored_set(parts, campaign)
+def find_geometry(request: GeometryRequest) -> Geometry:
+    """Find a robot's geometry.
+
+    Args:
+        request: the readings, with the nominal model if it is known.
+
+    Raises:
+        CampaignError: the robot, the readings or the request cannot be used.
+    """
+    try:
+        if request.robot_id is not None:
+            raise RequestError(
+                f"there is no robot '{request.robot_id}' in a file",
+                remedy="give the robot itself, as `robot` or by --robot",
+                where="robot_id",
+            )
+        nominal = None
+        if request.robot is not None:
+            with as_request_errors("robot"):
+                nominal = prepare_robot(request.robot).robot
+        work = geometry_work(request, nominal)
+        return carry_out(new_job(Geometry, request, work), work)
+    except JointstiffError as error:
+        raise CampaignError(problem_of(error)) from error
 
 
-def _stored_set(parts: Parts, campaign: Campaign, file: str = "") -> str:
-    """Store robot and readings; the id of the measurement set. `file` says which one, if there are two."""
+def _carried_out(
+    message: type[AnyJob], request: Message, work: Callable[[], Work], on_progress: OnProgress | None = None
+) -> AnyJob:
+    with _as_campaign_error(message.kind):
+        made = work()
+        return carry_out(new_job(message, request, made), made, on_progress)
+
+
+def _prepared(campaign: Campaign, file: str = "") -> PreparedSet:
+    """Return robot and readings ready for computation.
+
+    Args:
+        campaign: robot and readings.
+        file: which one of two, for messages.
+
+    Raises:
+        CampaignError: robot or readings cannot be used.
+    """
     with _as_campaign_error(f"{file}robot"):
-        robot = parts.robots.create(campaign.robot, None)
-    document = campaign.measurement_set
+        robot = _robot(campaign.robot.model_dump_json())
     with _as_campaign_error(f"{file}measurement_set"):
-        fields = {name: getattr(document, name) for name in type(document).model_fields}
-        request = MeasurementSetRequest.model_construct(robot_id=robot.id, **fields)
-        return parts.sets.create(request, None).id
+        return prepare_set(campaign.measurement_set, robot, uuid4().hex)
+
+
+@lru_cache(maxsize=4)
+def _robot(document: str) -> PreparedRobot:
+    """Prepare a robot, once for the campaigns on it."""
+    return prepare_robot(RobotDocument.model_validate_json(document))
 
 
 @contextmanager

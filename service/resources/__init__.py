@@ -2,9 +2,42 @@
 
 from __future__ import annotations
 
-from jointstiff.service.resources.imports import FilesError, import_files
-from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
-from jointstiff.service.resources.prepared import PreparedSet
-from jointstiff.service.resources.robots import Robots
+from dataclasses import dataclass
 
-__all__ = ["FilesError", "MeasurementSets", "PreparedSet", "Robots", "assembled", "import_files"]
+from jointstiff.service.errors import FilesError
+from jointstiff.service.resources.imports import import_files
+from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
+from jointstiff.service.resources.robots import Robots
+from jointstiff.service.resources.stored_jobs import stored_job
+from jointstiff.service.store import Store
+
+__all__ = [
+    "FilesError",
+    "MeasurementSets",
+    "Resources",
+    "Robots",
+    "assembled",
+    "import_files",
+    "stored_job",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Resources:
+    """The resources of a store.
+
+    Attributes:
+        store: the store.
+        robots: its robots.
+        sets: its measurement sets.
+    """
+
+    store: Store
+    robots: Robots
+    sets: MeasurementSets
+
+    @classmethod
+    def of(cls, store: Store) -> Resources:
+        """Compose the resources on a store."""
+        robots = Robots(store)
+        return cls(store, robots, MeasurementSets(store, robots))

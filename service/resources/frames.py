@@ -23,8 +23,8 @@ from jointstiff.service.conversion import (
     to_base_targets,
     to_resolved,
 )
-from jointstiff.service.resources.stored_geometry import succeeded_geometry
-from jointstiff.service.store import RobotRecord, Store
+from jointstiff.service.resources.stored_jobs import succeeded_geometry
+from jointstiff.service.store import Store
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry import BaseDrift, RigidTransform
@@ -109,7 +109,7 @@ def _flange_targets(
     store: Store, frame: Frame, robot_id: str, geometry: Geometry, result: GeometryResult
 ) -> dict[str, Vector3]:
     """The geometry's targets [m], if they are in the flange frame of the set's robot; else none."""
-    robot = Robot.model_validate_json(store.get(RobotRecord, robot_id).document)
+    robot = Robot.model_validate_json(store.robots.get(robot_id).document)
     of_nominal = result.flange == "nominal" and geometry.request.robot_id == robot_id
     if robot.geometry_id != frame.geometry_id and not of_nominal:
         return {}

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.service.errors import FilesError
 from jointstiff.service.importing import (
     Imported,
     ImportFileError,
@@ -17,13 +18,8 @@ from jointstiff.service.importing import (
     missing_from,
     read_files,
 )
-from jointstiff.solver.errors import RequestError
 
 __all__ = ["FilesError", "import_files"]
-
-
-class FilesError(RequestError):
-    """Files that were not understood; `where` is file:line:column, as far as it is one place."""
 
 
 def import_files(files: Sequence[SourceFile], request: ImportRequest) -> ImportAnswer:

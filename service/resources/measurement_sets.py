@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 from datetime import UTC, datetime
 from functools import lru_cache
 from uuid import uuid4
 
 from jointstiff.schemas.measurement import measurement_set as messages
-from jointstiff.service.conversion import ReadingArrays, content_hash, in_base, to_measurements, to_warnings
+from jointstiff.service.computation import PreparedSet, check_set
+from jointstiff.service.computation.work import hash_of
+from jointstiff.service.conversion import ReadingArrays, in_base, to_measurements
 from jointstiff.service.resources.frames import resolve_frame
-from jointstiff.service.resources.prepared import PreparedSet
 from jointstiff.service.resources.robots import Robots
 from jointstiff.service.store import IdempotencyKey, MeasurementSetRecord, NotFoundError, Store
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.inference import inspect_encoders
-from jointstiff.solver.integrity import inspect
 from jointstiff.solver.robot import Robot
 
 __all__ = ["MeasurementSets"]
@@ -41,24 +39,20 @@ class MeasurementSets:
             RequestError: its frame names a geometry that is not there.
             IdempotencyConflictError: the key came before with another body.
         """
-        if key is not None and (before := self._store.find(MeasurementSetRecord, key)) is not None:
+        if key is not None and (before := self._store.sets.find(key)) is not None:
             return before
         robot = self._robot(request.robot_id)
-        readings = ReadingArrays.from_observations(request.observations)
         resolved, drift = resolve_frame(self._store, request)
-        measurements = to_measurements(*in_base(request, readings, resolved), robot)
-        targets = tuple(readings.targets.tolist())
-        findings = inspect(robot, measurements, targets, degrees=request.units.angle == "deg")
-        findings += inspect_encoders(robot, measurements)
+        checked = check_set(request, robot, resolved, drift)
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations"}),
             id=uuid4().hex,
             resolved_frame=resolved,
-            warnings=drift + to_warnings(findings, readings),
-            content_hash=content_hash(request, readings, resolved),
+            warnings=checked.warnings,
+            content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
         )
-        return self._store.add(_record(stored, readings), key)
+        return self._store.sets.add(_record(stored, checked.readings), key)
 
     def document(self, set_id: str) -> messages.MeasurementSet:
         """The set as it was posted, with what was noticed.
@@ -66,7 +60,7 @@ class MeasurementSets:
         Raises:
             NotFoundError: there is no such set.
         """
-        return assembled(self._store.get(MeasurementSetRecord, set_id))
+        return assembled(self._store.sets.get(set_id))
 
     def prepared(self, set_id: str) -> PreparedSet:
         """The set ready for computation.
@@ -77,18 +71,17 @@ class MeasurementSets:
         return self._prepared(set_id)
 
     def _prepare(self, set_id: str) -> PreparedSet:
-        record = self._store.get(MeasurementSetRecord, set_id)
+        record = self._store.sets.get(set_id)
         stored = messages.StoredMeasurementSet.model_validate_json(record.document)
         readings = ReadingArrays.unpack(record.arrays)
         robot, robot_hash = self._robots.load(stored.robot_id)
-        content = hashlib.sha256(f"{robot_hash} {stored.content_hash}".encode())
         return PreparedSet(
             robot=robot,
             measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
             readings=readings,
             warnings=stored.warnings,
             robot_id=stored.robot_id,
-            content=content.hexdigest(),
+            content=hash_of(robot_hash, stored.content_hash),
         )
 
     def _robot(self, robot_id: str) -> Robot:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 from datetime import UTC, datetime
 from functools import lru_cache
 from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
-from jointstiff.service.conversion import build_robot, describe_joints, describe_wrist, dh_kinematics
-from jointstiff.service.resources.stored_geometry import succeeded_geometry
+from jointstiff.service.computation import build_robot, prepare_robot
+from jointstiff.service.conversion import describe_joints, describe_wrist
+from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
-from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import Robot, read_urdf, write_urdf
+from jointstiff.solver.robot import Robot
 
 __all__ = ["Robots"]
 
@@ -36,10 +35,11 @@ class Robots:
             RequestError: there is no such geometry.
             IdempotencyConflictError: the key came before with another body.
         """
-        if key is not None and (before := self._store.find(RobotRecord, key)) is not None:
+        if key is not None and (before := self._store.robots.find(key)) is not None:
             return before
         document, geometry_id = self._described(request)
-        checked, robot = _checked(document)
+        prepared = prepare_robot(document)
+        checked, robot = prepared.document, prepared.robot
         created_at = datetime.now(UTC)
         stored = messages.Robot(
             **checked.model_dump(exclude={"model"}),
@@ -48,7 +48,7 @@ class Robots:
             joints=describe_joints(robot),
             wrist=describe_wrist(robot),
             geometry_id=geometry_id,
-            content_hash=_content_hash(checked),
+            content_hash=prepared.content_hash,
             created_at=created_at,
         )
         record = RobotRecord(
@@ -58,7 +58,7 @@ class Robots:
             content_hash=stored.content_hash,
             document=stored.model_dump_json(),
         )
-        return self._store.add(record, key)
+        return self._store.robots.add(record, key)
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return the robot ready for computation, and the hash of its content.
@@ -76,7 +76,7 @@ class Robots:
             RobotError: the description cannot be used.
         """
         if document is not None:
-            return _checked(document)[1]
+            return prepare_robot(document).robot
         return self.load(robot_id or "")[0]
 
     def _described(
@@ -92,26 +92,5 @@ class Robots:
         return document, None
 
     def _load(self, robot_id: str) -> tuple[Robot, str]:
-        record = self._store.get(RobotRecord, robot_id)
-        stored = messages.Robot.model_validate_json(record.document)
-        return _checked(stored)[1], record.content_hash
-
-
-def _checked(document: messages.RobotDocument) -> tuple[messages.RobotDocument, Robot]:
-    """Return the document reduced to the chain that is used, and its robot."""
-    model = document.model
-    if isinstance(model, messages.DhModel):
-        return document, build_robot(dh_kinematics(model, document.name), document.joint_map)
-    try:
-        chain = read_urdf(model.urdf, model.base, model.flange)
-    except RobotError as error:
-        named = error.where in {"base", "flange"}
-        place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
-        raise RobotError(error.reason, remedy=error.remedy, where=place) from error
-    understood = model.model_copy(update={"urdf": write_urdf(chain)})
-    return document.model_copy(update={"model": understood}), build_robot(chain, document.joint_map)
-
-
-def _content_hash(document: messages.RobotDocument) -> str:
-    """Return the SHA-256 of the kinematics and the joint map, not of the name."""
-    return hashlib.sha256(document.model_dump_json(exclude={"name"}).encode()).hexdigest()
+        record = self._store.robots.get(robot_id)
+        return build_robot(messages.Robot.model_validate_json(record.document)), record.content_hash

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.service.store.deletion import KEEP_DELETED
-from jointstiff.service.store.errors import (
+from jointstiff.service.errors import (
     CursorError,
     DeletedError,
     IdempotencyConflictError,
@@ -13,48 +12,26 @@ from jointstiff.service.store.errors import (
     StoreUnavailableError,
     TooManyJobsError,
 )
+from jointstiff.service.store.deletion import KEEP_DELETED
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
 from jointstiff.service.store.job_log import OPEN_STATES, Standing
-from jointstiff.service.store.records import (
-    ComparisonEntry,
-    ComparisonRecord,
-    GeometryEntry,
-    GeometryRecord,
-    IdempotencyKey,
-    JobRecord,
-    MeasurementSetEntry,
-    MeasurementSetRecord,
-    PairEntry,
-    PairRecord,
-    RobotRecord,
-    RunEntry,
-    RunRecord,
-)
+from jointstiff.service.store.records import IdempotencyKey, JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
 
 __all__ = [
     "KEEP_DELETED",
     "OPEN_STATES",
     "SILENT_SECONDS",
-    "ComparisonEntry",
-    "ComparisonRecord",
     "CursorError",
     "DeletedError",
-    "GeometryEntry",
-    "GeometryRecord",
     "Heartbeats",
     "IdempotencyConflictError",
     "IdempotencyKey",
     "JobRecord",
-    "MeasurementSetEntry",
     "MeasurementSetRecord",
     "NotEndedError",
     "NotFoundError",
-    "PairEntry",
-    "PairRecord",
     "RobotRecord",
-    "RunEntry",
-    "RunRecord",
     "Standing",
     "Store",
     "StoreError",

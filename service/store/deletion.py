@@ -5,56 +5,48 @@ from __future__ import annotations
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import ColumnElement, delete, select, update
+from sqlalchemy import ColumnElement, and_, delete, select, update
 
+from jointstiff.service.errors import DeletedError, NotEndedError, NotFoundError, Resource
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.errors import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.job_log import OPEN_STATES
-from jointstiff.service.store.records import AnyJobRecord
-from jointstiff.service.store.tables import TABLES, idempotency_keys, job_steps
+from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs
 
 __all__ = ["KEEP_DELETED", "Deletions"]
 
 KEEP_DELETED: Final = timedelta(days=30)
-"""What is deleted can be brought back for so long."""
+"""How long a deleted job can be brought back."""
 
 
 class Deletions:
     """The deleted jobs of one kind. Every change is safe to repeat."""
 
-    def __init__(self, database: Database, record: type[AnyJobRecord]) -> None:
-        """Delete jobs of a database.
-
-        Args:
-            database: where they are.
-            record: what the store keeps of such a job; its table has the column `deleted_at`.
-        """
+    def __init__(self, database: Database, resource: Resource) -> None:
         self._database = database
-        self._record = record
-        self._table = TABLES[record]
+        self._resource = resource
+        self._kind = jobs.c.kind == resource.name
 
     def delete(self, job_id: str, now: datetime) -> None:
         """Hide a job that has ended; of one that is hidden the time of the first deletion stays.
 
         Args:
-            job_id: of the job.
+            job_id: its id.
             now: aware; from here on it is kept for `KEEP_DELETED`.
 
         Raises:
             NotFoundError: there is no such job.
-            NotEndedError: it goes on.
+            NotEndedError: it has not ended.
         """
-        columns = self._table.c
-        ended = columns.state.not_in(OPEN_STATES)
+        ended = jobs.c.state.not_in(OPEN_STATES)
         with self._database.writing() as connection:
-            hide = update(self._table).where(self._is(job_id), ended, columns.deleted_at.is_(None))
+            hide = update(jobs).where(self._is(job_id), ended, jobs.c.deleted_at.is_(None))
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
                 return
-            state = connection.execute(select(columns.state).where(self._is(job_id))).scalar_one_or_none()
+            state = connection.execute(select(jobs.c.state).where(self._is(job_id))).scalar_one_or_none()
         if state is None:
-            raise NotFoundError(self._record, job_id)
+            raise NotFoundError(self._resource, job_id)
         if state in OPEN_STATES:
-            raise NotEndedError(self._record, job_id)
+            raise NotEndedError(self._resource, job_id)
 
     def restore(self, job_id: str) -> None:
         """Bring a job back; one that is not hidden stays as it is.
@@ -63,9 +55,9 @@ class Deletions:
             NotFoundError: there is no such job, or it has been removed.
         """
         with self._database.writing() as connection:
-            found = connection.execute(update(self._table).where(self._is(job_id)).values(deleted_at=None))
+            found = connection.execute(update(jobs).where(self._is(job_id)).values(deleted_at=None))
         if found.rowcount == 0:
-            raise NotFoundError(self._record, job_id)
+            raise NotFoundError(self._resource, job_id)
 
     def refuse_deleted(self, job_id: str) -> None:
         """Do nothing, unless a job is hidden.
@@ -73,10 +65,10 @@ class Deletions:
         Raises:
             DeletedError: it is.
         """
-        hidden = select(self._table.c.id).where(self._is(job_id), self._table.c.deleted_at.is_not(None))
+        hidden = select(jobs.c.id).where(self._is(job_id), jobs.c.deleted_at.is_not(None))
         with self._database.reading() as connection:
             if connection.execute(hidden).one_or_none() is not None:
-                raise DeletedError(self._record, job_id)
+                raise DeletedError(self._resource, job_id)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
         """Remove for good what was deleted before a time, with the keys and steps that name it.
@@ -88,21 +80,23 @@ class Deletions:
         Returns:
             Ids of the jobs that are no more.
         """
-        columns, keys = self._table.c, idempotency_keys.c
-        old = select(columns.id).where(columns.deleted_at < before).order_by(columns.deleted_at).limit(limit)
+        keys, old = idempotency_keys.c, [self._kind, jobs.c.deleted_at < before]
+        first = select(jobs.c.id).where(*old).order_by(jobs.c.deleted_at).limit(limit)
         with self._database.reading() as connection:
-            found = [str(row.id) for row in connection.execute(old).all()]
+            found = [str(row.id) for row in connection.execute(first)]
         if not found:
             return []
         with self._database.writing() as connection:
             # Asked again in the transaction: one may have been restored meanwhile.
-            remove = delete(self._table).where(columns.id.in_(found), columns.deleted_at < before)
-            gone = [str(row.id) for row in connection.execute(remove.returning(columns.id)).all()]
+            remove = delete(jobs).where(jobs.c.id.in_(found), *old).returning(jobs.c.id)
+            gone = [str(row.id) for row in connection.execute(remove).all()]
             connection.execute(
-                delete(idempotency_keys).where(keys.resource == self._table.name, keys.resource_id.in_(gone))
+                delete(idempotency_keys).where(
+                    keys.resource == self._resource.collection, keys.resource_id.in_(gone)
+                )
             )
             connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(gone)))
         return gone
 
     def _is(self, job_id: str) -> ColumnElement[bool]:
-        return self._table.c.id == job_id
+        return and_(self._kind, jobs.c.id == job_id)

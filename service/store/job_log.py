@@ -1,31 +1,45 @@
-"""What changes about a job until it ends: its state, and which of its steps are done."""
+"""Changes of a job until it ends: its state, and which of its steps are done."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
-from sqlalchemy import Select, bindparam, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, and_, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
+from jointstiff.service.errors import Resource
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.tables import TABLES, job_deaths, job_steps
+from jointstiff.service.store.records import JobRecord
+from jointstiff.service.store.tables import job_steps, jobs
 
-__all__ = ["OPEN_STATES", "JobLog", "Standing"]
+__all__ = ["OPEN_STATES", "JobChanges", "JobLog", "Standing"]
 
 OPEN_STATES: Final = ("queued", "running")
-"""States of a job that goes on; all others are final."""
+"""States of a job that has not ended; all others are final."""
+
+JobChanges = Mapping[str, Any]
+"""Columns of a job that change until it ends: `state`, `summary` and `document`."""
+
+_done: Final = (
+    select(func.coalesce(func.sum(job_steps.c.done), 0))
+    .where(job_steps.c.job_id == jobs.c.id)
+    .scalar_subquery()
+    .label("done")
+)
+_record: Final = [jobs.c[field.name] for field in fields(JobRecord)]
+_open: Final = jobs.c.state.in_(OPEN_STATES)
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where a job stands.
+    """State of a job.
 
     Attributes:
-        state: of the job.
-        done: units of its work that are done, while it goes on.
+        state: its state.
+        done: units of its work that are done, while it has not ended.
     """
 
     state: str
@@ -40,99 +54,87 @@ class Standing:
 class JobLog:
     """The changing side of the jobs of one kind. Every change is safe to repeat."""
 
-    def __init__(self, database: Database, record: type) -> None:
-        """Log the jobs of a database.
-
-        Args:
-            database: where they are.
-            record: what the store keeps of such a job.
-        """
+    def __init__(self, database: Database, resource: Resource) -> None:
         self._database = database
-        self._table = table = TABLES[record]
-        done = select(func.coalesce(func.sum(job_steps.c.done), 0)).where(job_steps.c.job_id == table.c.id)
-        self._standings = select(table.c.id, table.c.state, done.scalar_subquery().label("done")).where(
-            table.c.id.in_(bindparam("ids", expanding=True))
+        self._kind = jobs.c.kind == resource.name
+        self._standings = select(jobs.c.id, jobs.c.state, _done).where(
+            self._kind, jobs.c.id.in_(bindparam("ids", expanding=True))
         )
 
     def standing(self, job_id: str) -> Standing | None:
-        """Where a job stands; None if there is no such job."""
+        """Return state and progress of a job; None if there is no such job."""
         return self.standings([job_id]).get(job_id)
 
     def standings(self, job_ids: Collection[str]) -> dict[str, Standing]:
-        """Return where some jobs stand, by id, without those that do not exist."""
+        """Return state and progress of those of some jobs that exist, by id."""
         with self._database.reading() as connection:
             rows = connection.execute(self._standings, {"ids": list(job_ids)}).all()
         return {str(row.id): Standing(str(row.state), int(row.done)) for row in rows}
 
     def state(self, job_id: str) -> str | None:
-        """The state of a job; None if there is no such job."""
-        query = select(self._table.c.state).where(self._table.c.id == job_id)
+        """Return the state of a job; None if there is no such job."""
         with self._database.reading() as connection:
-            found = connection.execute(query).scalar_one_or_none()
+            found = connection.execute(select(jobs.c.state).where(self._is(job_id))).scalar_one_or_none()
         return None if found is None else str(found)
 
     def open_jobs(self) -> list[str]:
-        """The jobs that go on."""
-        query = select(self._table.c.id).where(self._table.c.state.in_(OPEN_STATES))
+        """Return the ids of the jobs that have not ended."""
         with self._database.reading() as connection:
-            return [str(row.id) for row in connection.execute(query).all()]
+            return [str(row.id) for row in connection.execute(select(jobs.c.id).where(self._kind, _open))]
 
-    def start(self, job_id: str, document: str) -> None:
-        """A queued job is running now."""
-        queued = self._table.c.id == job_id, self._table.c.state == "queued"
+    def start(self, job_id: str, changes: JobChanges) -> None:
+        """Write that a queued job is running."""
         with self._database.writing() as connection:
-            connection.execute(update(self._table).where(*queued).values(state="running", document=document))
+            connection.execute(
+                update(jobs).where(self._is(job_id), jobs.c.state == "queued").values(**changes)
+            )
 
-    def end(self, job_id: str, state: str, document: Callable[[str, int], str]) -> bool:
+    def end(self, job_id: str, state: str, changes: Callable[[JobRecord, int], JobChanges]) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
         Args:
-            job_id: of the job.
-            state: its final one.
-            document: makes its last document of the one before and of how many of its units are done.
+            job_id: its id.
+            state: its final state.
+            changes: return its last form, given the record before and the number of units done.
 
         Returns:
             Whether it was this call that ended it.
         """
-        goes_on = self._table.c.id == job_id, self._table.c.state.in_(OPEN_STATES)
+        mine = self._is(job_id)
         with self._database.writing() as connection:
-            ended = connection.execute(update(self._table).where(*goes_on).values(state=state)).rowcount == 1
+            ended = connection.execute(update(jobs).where(mine, _open).values(state=state)).rowcount == 1
             if ended:  # no one else can end or start it any more
-                before = connection.execute(select(self._table.c.document).where(goes_on[0])).scalar_one()
-                text = document(str(before), int(connection.execute(_done_of(job_id)).scalar_one() or 0))
-                connection.execute(update(self._table).where(goes_on[0]).values(document=text))
+                *before, done = connection.execute(select(*_record, _done).where(mine)).one()
+                final = changes(JobRecord(*before), int(done))
+                connection.execute(update(jobs).where(mine).values(**final))
         return ended
 
     def report(self, job_id: str, start: int, stop: int) -> None:
-        """The units from start to stop of a job are done; to say so again changes nothing."""
+        """Write that the units from start to stop of a job are done; to do so again changes nothing."""
         row = {"job_id": job_id, "start": start, "done": stop - start}
         with suppress(IntegrityError), self._database.writing() as connection:
             connection.execute(insert(job_steps).values(**row))
 
     def done(self, job_id: str) -> int:
-        """How many units of a job are done."""
-        with self._database.reading() as connection:
-            return int(connection.execute(_done_of(job_id)).scalar_one() or 0)
+        """Return the number of units of a job that are done."""
+        found = self.standing(job_id)
+        return 0 if found is None else found.done
 
     def died(self, job_id: str) -> int:
-        """A worker died over a job.
+        """Count a worker that died over a job.
 
         Returns:
             How many have by now.
         """
-        mine = job_deaths.c.job_id == job_id
         with self._database.writing() as connection:
-            more = update(job_deaths).where(mine).values(deaths=job_deaths.c.deaths + 1)
-            if connection.execute(more).rowcount == 0:
-                connection.execute(insert(job_deaths).values(job_id=job_id, deaths=1))
-            return int(connection.execute(select(job_deaths.c.deaths).where(mine)).scalar_one())
+            connection.execute(update(jobs).where(self._is(job_id)).values(deaths=jobs.c.deaths + 1))
+            return int(connection.execute(select(jobs.c.deaths).where(self._is(job_id))).scalar_one())
 
     def forget_steps(self, job_ids: Sequence[str]) -> None:
-        """Remove what was reported of some jobs, when no one asks for it any more."""
+        """Remove what was reported of some jobs."""
         with self._database.writing() as connection:
-            for table in (job_steps, job_deaths):
-                connection.execute(delete(table).where(table.c.job_id.in_(job_ids)))
+            connection.execute(delete(job_steps).where(job_steps.c.job_id.in_(job_ids)))
+            connection.execute(update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0))
 
-
-def _done_of(job_id: str) -> Select[Any]:
-    return select(func.sum(job_steps.c.done)).where(job_steps.c.job_id == job_id)
+    def _is(self, job_id: Any) -> ColumnElement[bool]:  # noqa: ANN401 - an id, or a parameter
+        return and_(self._kind, jobs.c.id == job_id)

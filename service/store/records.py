@@ -1,42 +1,32 @@
-"""What the store takes and returns: one frozen dataclass a table, documents as JSON text.
+"""Records of the store: one frozen dataclass a table, documents as JSON text.
 
-An *entry* is what a listing shows; a *record* is an entry with its contents. The names and the
-order of the fields are those of the columns in `jointstiff.service.store.tables`.
+An *entry* is what a listing shows; a *record* is an entry with its contents. The fields are the columns of
+the tables, which `jointstiff.service.store.tables` makes of them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 __all__ = [
-    "AnyJobRecord",
     "AnyRecord",
-    "ComparisonEntry",
-    "ComparisonRecord",
     "Entry",
-    "GeometryEntry",
-    "GeometryRecord",
     "IdempotencyKey",
+    "JobEntry",
     "JobRecord",
     "MeasurementSetEntry",
     "MeasurementSetRecord",
-    "PairEntry",
-    "PairRecord",
     "Record",
     "RecordPage",
     "RobotRecord",
-    "RunEntry",
-    "RunRecord",
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class RobotRecord:
     """A robot. Its document is small, so that a listing shows the record itself."""
-
-    title: ClassVar[str] = "robot"
 
     id: str
     name: str
@@ -50,8 +40,6 @@ class RobotRecord:
 @dataclass(frozen=True, slots=True)
 class MeasurementSetEntry:
     """A measurement set in a listing."""
-
-    title: ClassVar[str] = "measurement set"
 
     id: str
     robot_id: str
@@ -74,97 +62,33 @@ class MeasurementSetRecord(MeasurementSetEntry):
 
 
 @dataclass(frozen=True, slots=True)
-class RunEntry:
-    """A run in a listing."""
-
-    title: ClassVar[str] = "run"
+class JobEntry:
+    """A job of any kind in a listing."""
 
     id: str
-    measurement_set_id: str
-    robot_id: str
-    method: str
-    weighting: str
-    positive: bool
-    elasticity: str
+    kind: str
     state: str
     created_at: datetime
+    summary: dict[str, Any]
+    """The message of the job in a listing; fields that are columns of the table stand there, too."""
 
 
 @dataclass(frozen=True, slots=True)
-class RunRecord(RunEntry):
-    """A run with its result."""
+class JobRecord(JobEntry):
+    """A job with its result."""
 
-    document: str
-    """JSON text of `jointstiff.schemas.run.run.Run`."""
-
-
-@dataclass(frozen=True, slots=True)
-class ComparisonEntry:
-    """A comparison in a listing."""
-
-    title: ClassVar[str] = "comparison"
-
-    id: str
-    measurement_set_id: str
-    robot_id: str
-    state: str
-    created_at: datetime
-
-
-@dataclass(frozen=True, slots=True)
-class ComparisonRecord(ComparisonEntry):
-    """A comparison with its result."""
-
-    document: str
-    """JSON text of `jointstiff.schemas.comparison.Comparison`."""
-
-
-@dataclass(frozen=True, slots=True)
-class PairEntry:
-    """A pair in a listing."""
-
-    title: ClassVar[str] = "pair"
-
-    id: str
-    first_set_id: str
-    second_set_id: str
-    robot_id: str
-    state: str
-    created_at: datetime
-
-
-@dataclass(frozen=True, slots=True)
-class PairRecord(PairEntry):
-    """A pair with its result."""
-
-    document: str
-    """JSON text of `jointstiff.schemas.pair.Pair`."""
-
-
-@dataclass(frozen=True, slots=True)
-class GeometryEntry:
-    """A geometry in a listing."""
-
-    title: ClassVar[str] = "geometry"
-
-    id: str
     robot_id: str | None
-    name: str
-    state: str
-    created_at: datetime
-
-
-@dataclass(frozen=True, slots=True)
-class GeometryRecord(GeometryEntry):
-    """A geometry with its readings and its result."""
-
+    measurement_set_id: str | None
+    first_set_id: str | None
+    second_set_id: str | None
+    name: str | None
     document: str
-    """JSON text of `jointstiff.schemas.geometry.message.Geometry`."""
+    """JSON text of the kind's message."""
 
 
 @dataclass(frozen=True, slots=True)
 class IdempotencyKey:
-    """What a client sent to make a repeated post harmless."""
+    """A client's key that makes a repeated post harmless."""
 
     key: str
     """The header as it came, any text; the store keeps its hash only."""
@@ -172,16 +96,10 @@ class IdempotencyKey:
     """Hash of the body that came with it."""
 
 
-AnyRecord = RobotRecord | MeasurementSetRecord | RunRecord | ComparisonRecord | PairRecord | GeometryRecord
-AnyJobRecord = RunRecord | ComparisonRecord | PairRecord | GeometryRecord
+AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
-Record = TypeVar(
-    "Record", RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord, PairRecord, GeometryRecord
-)
-JobRecord = TypeVar("JobRecord", RunRecord, ComparisonRecord, PairRecord, GeometryRecord)
-Entry = TypeVar(
-    "Entry", RobotRecord, MeasurementSetEntry, RunEntry, ComparisonEntry, PairEntry, GeometryEntry
-)
+Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)
+Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, JobEntry)
 
 
 @dataclass(frozen=True, slots=True)

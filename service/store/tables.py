@@ -1,15 +1,16 @@
-"""The tables. `jointstiff.service.store.migrations` builds them; a test holds the two together."""
+"""The tables: columns from the fields of the records, with indexes and references."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final, get_type_hints
 
 from sqlalchemy import (
+    JSON,
     BigInteger,
-    Boolean,
     Column,
     DateTime,
     Dialect,
@@ -21,35 +22,13 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
-    Text,
     TypeDecorator,
 )
+from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.store.records import (
-    AnyRecord,
-    ComparisonEntry,
-    ComparisonRecord,
-    GeometryEntry,
-    GeometryRecord,
-    MeasurementSetEntry,
-    MeasurementSetRecord,
-    PairEntry,
-    PairRecord,
-    RobotRecord,
-    RunEntry,
-    RunRecord,
-)
+from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
 
-__all__ = [
-    "FILTERS",
-    "PARENTS",
-    "TABLES",
-    "heartbeats",
-    "idempotency_keys",
-    "job_deaths",
-    "job_steps",
-    "metadata",
-]
+__all__ = ["heartbeats", "idempotency_keys", "job_steps", "jobs", "measurement_sets", "metadata", "robots"]
 
 metadata = MetaData(
     naming_convention={
@@ -82,16 +61,45 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
 
 
-def _jobs(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table:
-    """A table of records that can be deleted: hidden from when `deleted_at` says, removed later."""
-    table = _listed(name, *columns, Column("deleted_at", UtcDateTime, nullable=True), filters=filters)
-    deleted = table.c.deleted_at.is_not(None)
-    Index(None, table.c.deleted_at, sqlite_where=deleted, postgresql_where=deleted)
-    return table
+_TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
+    {
+        str: String,
+        str | None: String,
+        int: Integer,
+        datetime: UtcDateTime,
+        bytes: LargeBinary,
+        dict[str, Any]: JSON,
+    }
+)
 
 
-def _listed(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table:
-    """A table of records: listed by `sequence`, newest first, within any one filter's value."""
+def _listed(
+    name: str,
+    record: type,
+    *further: Column[Any],
+    references: Mapping[str, str],
+    filters: Iterable[str | tuple[str, ...]],
+) -> Table:
+    """Make a table of records, listed by `sequence`, newest first.
+
+    Args:
+        name: of the table.
+        record: dataclass whose fields are its columns.
+        further: columns that are not shown.
+        references: column → column of another table.
+        filters: columns, or groups of them, by which a listing is narrowed.
+    """
+    hints = get_type_hints(record)
+    columns: list[Column[Any]] = [
+        Column(
+            field.name,
+            _TYPES[hints[field.name]],
+            *([ForeignKey(references[field.name])] if field.name in references else []),
+            nullable=hints[field.name] == str | None,
+            unique=True if field.name == "id" else None,
+        )
+        for field in fields(record)
+    ]
     return Table(
         name,
         metadata,
@@ -101,84 +109,49 @@ def _listed(name: str, *columns: Column[Any], filters: tuple[str, ...]) -> Table
             Identity(always=True),
             primary_key=True,
         ),
-        Column("id", String, nullable=False, unique=True),
         *columns,
-        *(Index(None, column, "sequence") for column in filters),
+        *further,
+        *(Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
     )
 
 
-_robots = _listed(
-    "robots",
-    Column("name", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("content_hash", String, nullable=False),
-    Column("document", Text, nullable=False),
-    filters=("name",),
-)
+robots = _listed("robots", RobotRecord, references={}, filters=["name"])
 
-_measurement_sets = _listed(
+measurement_sets = _listed(
     "measurement_sets",
-    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
-    Column("name", String, nullable=False),
-    Column("encoders", String, nullable=False),
-    Column("observation_count", Integer, nullable=False),
-    Column("warning_count", Integer, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("content_hash", String, nullable=False),
-    Column("document", Text, nullable=False),
-    Column("arrays", LargeBinary, nullable=False),
-    filters=("robot_id", "name", "encoders"),
+    MeasurementSetRecord,
+    references={"robot_id": "robots.id"},
+    filters=["robot_id", "name", "encoders"],
 )
 
-_runs = _jobs(
-    "runs",
-    Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
-    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
-    Column("method", String, nullable=False),
-    Column("weighting", String, nullable=False),
-    Column("positive", Boolean, nullable=False),
-    Column("elasticity", String, nullable=False, server_default="joints"),
-    Column("state", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("document", Text, nullable=False),
-    filters=("measurement_set_id", "robot_id", "method", "weighting", "elasticity", "state"),
+jobs = _listed(
+    "jobs",
+    JobRecord,
+    Column("deaths", Integer, nullable=False, server_default="0"),  # of workers over it
+    Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
+    references={
+        "measurement_set_id": "measurement_sets.id",
+        "first_set_id": "measurement_sets.id",
+        "second_set_id": "measurement_sets.id",
+        "robot_id": "robots.id",
+    },
+    filters=[
+        "kind",
+        ("kind", "state"),
+        ("kind", "robot_id"),
+        ("kind", "name"),
+        "measurement_set_id",
+        "first_set_id",
+        "second_set_id",
+    ],
 )
-
-_comparisons = _jobs(
-    "comparisons",
-    Column("measurement_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
-    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
-    Column("state", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("document", Text, nullable=False),
-    filters=("measurement_set_id", "robot_id", "state"),
-)
-
-_pairs = _jobs(
-    "pairs",
-    Column("first_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
-    Column("second_set_id", String, ForeignKey("measurement_sets.id"), nullable=False),
-    Column("robot_id", String, ForeignKey("robots.id"), nullable=False),
-    Column("state", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("document", Text, nullable=False),
-    filters=("first_set_id", "second_set_id", "robot_id", "state"),
-)
-
-_geometries = _jobs(
-    "geometries",
-    Column("robot_id", String, ForeignKey("robots.id"), nullable=True),
-    Column("name", String, nullable=False),
-    Column("state", String, nullable=False),
-    Column("created_at", UtcDateTime, nullable=False),
-    Column("document", Text, nullable=False),
-    filters=("robot_id", "name", "state"),
-)
+_deleted = jobs.c.deleted_at.is_not(None)
+Index(None, jobs.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
 
 idempotency_keys = Table(
     "idempotency_keys",
     metadata,
-    Column("resource", String, primary_key=True),  # name of the table of what the key created
+    Column("resource", String, primary_key=True),  # collection of what the key created
     Column("key_hash", String, primary_key=True),  # SHA-256: a key may be any text of any length
     Column("body_hash", String, nullable=False),
     Column("resource_id", String, nullable=False),
@@ -188,16 +161,9 @@ idempotency_keys = Table(
 job_steps = Table(
     "job_steps",
     metadata,
-    Column("job_id", String, primary_key=True),  # of a job of any kind
+    Column("job_id", String, primary_key=True),
     Column("start", Integer, primary_key=True, autoincrement=False),
     Column("done", Integer, nullable=False),
-)
-
-job_deaths = Table(
-    "job_deaths",
-    metadata,
-    Column("job_id", String, primary_key=True),  # of a job of any kind
-    Column("deaths", Integer, nullable=False),
 )
 
 heartbeats = Table(
@@ -206,44 +172,3 @@ heartbeats = Table(
     Column("executor", String, primary_key=True),
     Column("beat_at", UtcDateTime, nullable=False),
 )
-
-TABLES: Mapping[type, Table] = MappingProxyType(
-    {
-        RobotRecord: _robots,
-        MeasurementSetEntry: _measurement_sets,
-        MeasurementSetRecord: _measurement_sets,
-        RunEntry: _runs,
-        RunRecord: _runs,
-        ComparisonEntry: _comparisons,
-        ComparisonRecord: _comparisons,
-        PairEntry: _pairs,
-        PairRecord: _pairs,
-        GeometryEntry: _geometries,
-        GeometryRecord: _geometries,
-    }
-)
-"""Where records and entries live."""
-
-FILTERS: Mapping[type, frozenset[str]] = MappingProxyType(
-    {
-        kind: frozenset(index.columns[0].name for index in table.indexes if "sequence" in index.columns)
-        for kind, table in TABLES.items()
-    }
-)
-"""The columns by which a listing can be narrowed: those that have an index for it."""
-
-PARENTS: Mapping[type, Mapping[str, type[AnyRecord]]] = MappingProxyType(
-    {
-        RobotRecord: {},
-        MeasurementSetRecord: {"robot_id": RobotRecord},
-        RunRecord: {"measurement_set_id": MeasurementSetRecord, "robot_id": RobotRecord},
-        ComparisonRecord: {"measurement_set_id": MeasurementSetRecord, "robot_id": RobotRecord},
-        PairRecord: {
-            "first_set_id": MeasurementSetRecord,
-            "second_set_id": MeasurementSetRecord,
-            "robot_id": RobotRecord,
-        },
-        GeometryRecord: {},  # its robot need not be stored
-    }
-)
-"""What must be there before a record can be added: column → kind."""

@@ -139,7 +139,7 @@ class _Steps:
             if not jobs[kind].goes_on(job_id):
                 return ""
             work = jobs[kind].work(job_id)
-            computed = work.encode(work.compute(span))
+            computed: str = work.encode(work.compute(span))
             jobs[kind].log.report(job_id, *span)
             return computed
 

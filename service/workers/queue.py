@@ -35,8 +35,6 @@ VERSION: Final = 2
 QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
 """Queue of each kind of workflow."""
 APPLICATION: Final = "jointstiff"
-_JOBS: Final = ["job", "run"]
-"""Workflows that carry out a job, of this version and of earlier ones."""
 _ASKED: Final = 10_000
 """Jobs asked for in one query: neither database takes one with any number of parameters."""
 _ENDED: Final = ["SUCCESS", "ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"]
@@ -92,8 +90,8 @@ class Ledger:
         """Disconnect."""
         self._client.destroy()
 
-    def announce(self, connection: Connection, kind: str, job_id: str) -> None:
-        """Announce a job in the transaction that stores it: both are there, or neither is."""
+    def enqueue(self, connection: Connection, kind: str, job_id: str) -> None:
+        """Enqueue a job in the transaction that stores it: both are there, or neither is."""
         self._client.enqueue_in_transaction(connection, _announcement(job_id), kind, job_id)
 
     def pending(self) -> dict[str, tuple[str, str]]:
@@ -133,7 +131,7 @@ class Ledger:
             Ids of the jobs.
         """
         found = self._client.list_workflows(
-            name=_JOBS,
+            name="job",
             status=_ENDED,
             completed_before=(datetime.now(UTC) - age).isoformat(),
             limit=limit,

@@ -41,29 +41,29 @@ def rows_of(store, database):
 def test_a_run_of_an_earlier_version_ends_and_its_steps_are_removed_later(database_url, monkeypatch):
     document = simulate_campaign(default_arm(), load="pull", configurations=40, seed=1)
     with Store.open(database_url) as store, closing(Ledger(store, database_url)) as ledger:
-        parts = Parts.of(store, ledger.announce)
+        parts = Parts.of(store, ledger.enqueue)
         robot = parts.robots.create(RobotDocument.model_validate(document["robot"]), None)
         readings = document["measurement_set"] | {"robot_id": robot.id}
         stored = parts.sets.create(MeasurementSetRequest.model_validate(readings), None)
         body = {"measurement_set_id": stored.id, "resampling": {"size": 10, "repetitions": 40_000}}
         monkeypatch.setattr(module, "VERSION", module.VERSION - 1)
-        run = parts.runs.create(RunRequest.model_validate(body), None)
+        run = parts.jobs["run"].create(RunRequest.model_validate(body), None)
         monkeypatch.undo()
         assert ledger.outcomes([run.id])[run.id].outdated
 
         with working(database_url, "newer"):
-            until(lambda: not parts.runs.standing(run.id).goes_on, seconds=60)
+            until(lambda: not parts.jobs["run"].standing(run.id).goes_on, seconds=60)
             until(lambda: ledger.outcomes([run.id])[run.id].status == "SUCCESS")
-            assert parts.runs.current(run.id).state == "succeeded"
-            assert parts.runs.standing(run.id).done == 40_000
+            assert parts.jobs["run"].current(run.id).state == "succeeded"
+            assert parts.jobs["run"].standing(run.id).done == 40_000
             workflows, steps = rows_of(store, database_url)
             assert workflows > 1
             assert steps > workflows
 
             assert ledger.forget_ended(timedelta(hours=1), 20) == []
             time.sleep(0.01)
-            before = parts.runs.document(run.id)
+            before = parts.jobs["run"].document(run.id)
             assert ledger.forget_ended(timedelta(0), 20) == [run.id]
             assert rows_of(store, database_url) == (0, 0)
             assert ledger.forget_ended(timedelta(0), 20) == []
-            assert parts.runs.document(run.id) == before
+            assert parts.jobs["run"].document(run.id) == before

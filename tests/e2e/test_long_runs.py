@@ -26,9 +26,8 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.run import MAX_REPETITIONS
 from jointstiff.service.library import campaigns
-from jointstiff.service.store import RunRecord
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.tables import TABLES, job_steps
+from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign
 
 pytestmark = pytest.mark.skipif(
@@ -429,9 +428,8 @@ def numbers(run: dict[str, Any]) -> dict[str, Any]:
 
 def steps_of(database: str, run_id: str) -> tuple[int, int, int]:
     """How many rows a run has; how many of its draws are done; and how many make a step."""
-    runs = TABLES[RunRecord]
     done, step = func.coalesce(func.sum(job_steps.c.done), 0), func.coalesce(func.max(job_steps.c.done), 0)
     with closing(Database.open(database)) as opened, opened.reading() as connection:
-        rows = connection.execute(select(func.count()).where(runs.c.id == run_id)).scalar_one()
+        rows = connection.execute(select(func.count()).where(jobs.c.id == run_id)).scalar_one()
         found = connection.execute(select(done, step).where(job_steps.c.job_id == run_id)).one()
     return rows, *found

@@ -42,7 +42,7 @@ export interface paths {
         };
         /**
          * Get Robot
-         * @description One robot, with its kinematics as they were understood.
+         * @description Get a robot, with its kinematics as they were understood.
          */
         get: operations["getRobot"];
         put?: never;
@@ -69,79 +69,6 @@ export interface paths {
          *     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
          */
         post: operations["computeKinematics"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Geometries
-         * @description List geometries without their results, newest first.
-         */
-        get: operations["listGeometries"];
-        put?: never;
-        /**
-         * Create Geometry
-         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
-         *
-         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
-         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. What
-         *     looks wrong (a bumped tracker, a short arc, a joint map that does not fit, …) is a finding with its
-         *     figure; what cannot be used is refused, and nothing is stored.
-         */
-        post: operations["createGeometry"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries/{geometry_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Geometry
-         * @description One geometry with its readings, result and provenance. It never changes.
-         */
-        get: operations["getGeometry"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Geometry
-         * @description Delete a geometry; what was made of it stays as it is. For 30 days it can be restored.
-         */
-        delete: operations["deleteGeometry"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/geometries/{geometry_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Geometry
-         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
-         */
-        post: operations["restoreGeometry"];
         delete?: never;
         options?: never;
         head?: never;
@@ -185,328 +112,11 @@ export interface paths {
         };
         /**
          * Get Measurement Set
-         * @description One measurement set as it was posted, with what was noticed.
+         * @description Get a measurement set as it was posted, with what was noticed.
          */
         get: operations["getMeasurementSet"];
         put?: never;
         post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Runs
-         * @description List runs without their results, newest first.
-         */
-        get: operations["listRuns"];
-        put?: never;
-        /**
-         * Create Run
-         * @description Identify the joint stiffnesses, and store the result with its provenance.
-         *
-         *     Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
-         *     run as it is and its address. A method that the readings cannot support is refused, and nothing is
-         *     stored. Any other failure is a stored run in state `failed` that says why.
-         */
-        post: operations["createRun"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Run
-         * @description One run with its request, progress, result and provenance. Once ended it never changes.
-         */
-        get: operations["getRun"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Run
-         * @description Delete a run; one that goes on must be cancelled first. For 30 days it can be restored.
-         */
-        delete: operations["deleteRun"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/events": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Follow Run
-         * @description Follow a run: `progress` events with its state and progress, then one `end` event.
-         */
-        get: operations["followRun"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/cancel": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Cancel Run
-         * @description End a run where it stands. Its workers stop at their next step; a run that has ended stays as it is.
-         */
-        post: operations["cancelRun"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/runs/{run_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Run
-         * @description Bring a deleted run back; one that is not deleted stays as it is.
-         */
-        post: operations["restoreRun"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Comparisons
-         * @description List comparisons without their results, newest first.
-         */
-        get: operations["listComparisons"];
-        put?: never;
-        /**
-         * Create Comparison
-         * @description Identify by several methods, free and constrained, and store the results side by side.
-         *
-         *     The answer is as that to a run: 201 with the finished comparison, or 202 if it resamples and takes longer
-         *     than `wait` seconds. A method that the readings cannot support is an entry with its `error`; the others
-         *     have their numbers.
-         */
-        post: operations["createComparison"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Comparison
-         * @description One comparison with its request, progress, result and provenance. Once ended it never changes.
-         */
-        get: operations["getComparison"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Comparison
-         * @description Delete a comparison; one that goes on must be cancelled first. For 30 days it can be restored.
-         */
-        delete: operations["deleteComparison"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/table.csv": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Comparison Table
-         * @description The result as a table for spreadsheets: one row an entry and joint, units in the headers.
-         */
-        get: operations["getComparisonTable"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/events": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Follow Comparison
-         * @description Follow a comparison: `progress` events with its state and progress, then one `end` event.
-         */
-        get: operations["followComparison"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/cancel": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Cancel Comparison
-         * @description End a comparison where it stands, as a run; one that has ended stays as it is.
-         */
-        post: operations["cancelComparison"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/comparisons/{comparison_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Comparison
-         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
-         */
-        post: operations["restoreComparison"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * List Pairs
-         * @description List pairs without their results, newest first.
-         */
-        get: operations["listPairs"];
-        put?: never;
-        /**
-         * Create Pair
-         * @description Compare two sides, such as encoders of motors and secondary ones, before and after, unit A and B.
-         *
-         *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
-         *     observation, and overall: the share of the deflection that the second side avoids, measured where both
-         *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
-         *     joint is softer on the second.
-         */
-        post: operations["createPair"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs/{pair_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Get Pair
-         * @description One pair with its request, result and provenance. It never changes.
-         */
-        get: operations["getPair"];
-        put?: never;
-        post?: never;
-        /**
-         * Delete Pair
-         * @description Delete a pair. For 30 days it can be restored.
-         */
-        delete: operations["deletePair"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/pairs/{pair_id}/restore": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Restore Pair
-         * @description Bring a deleted pair back; one that is not deleted stays as it is.
-         */
-        post: operations["restorePair"];
         delete?: never;
         options?: never;
         head?: never;
@@ -538,6 +148,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/comparisons/{comparison_id}/table.csv": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison Table
+         * @description Get the result as a table for spreadsheets: one row an entry and joint, units in the headers.
+         */
+        get: operations["getComparisonTable"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/health": {
         parameters: {
             query?: never;
@@ -552,6 +182,376 @@ export interface paths {
         get: operations["getHealth"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Runs
+         * @description List runs without their results, newest first.
+         */
+        get: operations["listRuns"];
+        put?: never;
+        /**
+         * Create Run
+         * @description Identify the joint stiffnesses, and store the result with its provenance.
+         *
+         *     Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
+         *     run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
+         *     Any other failure is a stored run in state `failed` that says why.
+         */
+        post: operations["createRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Run
+         * @description Get a run: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getRun"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Run
+         * @description Delete a run; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteRun"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Run
+         * @description Bring a deleted run back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Run
+         * @description Follow a run: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followRun"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/runs/{run_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Run
+         * @description End a run where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         */
+        post: operations["cancelRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Comparisons
+         * @description List comparisons without their results, newest first.
+         */
+        get: operations["listComparisons"];
+        put?: never;
+        /**
+         * Create Comparison
+         * @description Identify by several methods, free and constrained, and store the results side by side.
+         *
+         *     Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
+         *     with the comparison as it is and its address. A method that the readings cannot support is an entry with
+         *     its `error`; the others have their numbers.
+         */
+        post: operations["createComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Comparison
+         * @description Get a comparison: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getComparison"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Comparison
+         * @description Delete a comparison; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteComparison"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Comparison
+         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Comparison
+         * @description Follow a comparison: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followComparison"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/comparisons/{comparison_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Comparison
+         * @description End a comparison where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         */
+        post: operations["cancelComparison"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Pairs
+         * @description List pairs without their results, newest first.
+         */
+        get: operations["listPairs"];
+        put?: never;
+        /**
+         * Create Pair
+         * @description Compare two sides: motor and secondary encoders, before and after, or units A and B.
+         *
+         *     For each joint: the ratio of its stiffnesses with Fieller's interval, and whether it has changed. For each
+         *     observation, and overall: the share of the deflection that the second side avoids, measured where both
+         *     sides have the observation, and predicted. With `ordered`, also both sides in one problem in which no
+         *     joint is softer on the second.
+         */
+        post: operations["createPair"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Pair
+         * @description Get a pair: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getPair"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Pair
+         * @description Delete a pair; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deletePair"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/pairs/{pair_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Pair
+         * @description Bring a deleted pair back; one that is not deleted stays as it is.
+         */
+        post: operations["restorePair"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Geometries
+         * @description List geometries without their results, newest first.
+         */
+        get: operations["listGeometries"];
+        put?: never;
+        /**
+         * Create Geometry
+         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
+         *
+         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
+         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. Suspicious
+         *     readings (a bumped tracker, a short arc, a joint map that does not fit, …) are findings with their
+         *     figures; readings that cannot be used are refused, and nothing is stored.
+         */
+        post: operations["createGeometry"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Geometry
+         * @description Get a geometry: request, state, result and provenance. Once ended it never changes.
+         */
+        get: operations["getGeometry"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Geometry
+         * @description Delete a geometry; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         */
+        delete: operations["deleteGeometry"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/geometries/{geometry_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Geometry
+         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
+         */
+        post: operations["restoreGeometry"];
         delete?: never;
         options?: never;
         head?: never;
@@ -981,16 +981,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` comparisons go on; look again, or follow /v1/comparisons/{id}/events.
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Of a comparison that takes long. */
+            /** @description Null for a job that is carried out at once. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["ComparisonRequest-Output"];
             /** @description Present if the comparison succeeded. */
             result: components["schemas"]["ComparisonResult"] | null;
-            /** @description Present if the comparison failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
@@ -1770,21 +1770,22 @@ export interface components {
         Geometry: {
             /** Id */
             id: string;
-            /** Name */
-            name: string;
             /**
              * State
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description A geometry is quick: null. */
+            /** @description Null for a job that is carried out at once. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["GeometryRequest-Output"];
             /** @description Present if it succeeded. */
             result: components["schemas"]["GeometryResult"] | null;
-            /** @description Present if it failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
+            /** Name */
+            name: string;
         };
         /**
          * GeometryFinding
@@ -3270,11 +3271,18 @@ export interface components {
             id: string;
             /**
              * State
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description A pair is quick: null. */
+            /** @description Null for a job that is carried out at once. */
             progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["PairRequest-Output"];
+            /** @description Present if the comparison succeeded. */
+            result: components["schemas"]["PairResult"] | null;
+            /** @description Present if the job failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
             /**
              * First Set Id
              * @description The set of the first side.
@@ -3285,12 +3293,6 @@ export interface components {
              * @description The set of the second side.
              */
             second_set_id: string;
-            request: components["schemas"]["PairRequest-Output"];
-            /** @description Present if the comparison succeeded. */
-            result: components["schemas"]["PairResult"] | null;
-            /** @description Present if it failed. */
-            error: components["schemas"]["Problem"] | null;
-            provenance: components["schemas"]["Provenance"];
         };
         /**
          * PairRequest
@@ -3622,7 +3624,7 @@ export interface components {
         };
         /**
          * Progress
-         * @description How far a job came.
+         * @description Units of work that are done.
          */
         Progress: {
             /** Done */
@@ -3631,7 +3633,7 @@ export interface components {
             total: number;
             /**
              * Unit
-             * @description Of both numbers.
+             * @description Unit of both numbers.
              * @example resamples
              */
             unit: string;
@@ -3649,7 +3651,7 @@ export interface components {
         Provenance: {
             /**
              * Versions
-             * @description Of this software and of what it computes with.
+             * @description Versions of this software and of what it computes with.
              */
             versions: {
                 [key: string]: string;
@@ -4262,16 +4264,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` runs go on; look again, or follow /v1/runs/{id}/events.
+             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Of a run that takes long. */
+            /** @description Null for a job that is carried out at once. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["RunRequest-Output"];
             /** @description Present if the run succeeded. */
             result: components["schemas"]["RunResult"] | null;
-            /** @description Present if the run failed. */
+            /** @description Present if the job failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
@@ -4838,7 +4840,7 @@ export interface components {
              * Contributions
              * @description Part of each joint in the predicted deflection; empty if more than joints may bend.
              */
-            contributions?: components["schemas"]["Contribution"][];
+            contributions: components["schemas"]["Contribution"][];
             /**
              * Encoder Residuals
              * @description If secondary encoders were read.
@@ -5693,283 +5695,6 @@ export interface operations {
             };
         };
     };
-    listGeometries: {
-        parameters: {
-            query?: {
-                /** @description Resources on a page. */
-                limit?: number;
-                /** @description `next` of the page before; none for the newest. */
-                cursor?: string | null;
-                /** @description Only those of exactly this name. */
-                name?: string | null;
-                /** @description Only those with this nominal model. */
-                robot_id?: string | null;
-                /** @description Only those in this state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Page_GeometrySummary_"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    createGeometry: {
-        parameters: {
-            query?: never;
-            header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
-                "idempotency-key"?: string | null;
-            };
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["GeometryRequest-Input"];
-            };
-        };
-        responses: {
-            /** @description Stored. */
-            201: {
-                headers: {
-                    /** @description Address of the resource. */
-                    Location?: string;
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description The client left before its body was complete. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The body is not declared as what the route takes. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    getGeometry: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    deleteGeometry: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Its state does not allow it: see `remedy`. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    restoreGeometry: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                geometry_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Geometry"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
     listMeasurementSets: {
         parameters: {
             query?: {
@@ -6129,6 +5854,162 @@ export interface operations {
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createImport: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "multipart/form-data": components["schemas"]["Body_createImport"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportAnswer"];
+                };
+            };
+            /** @description The client left before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is not declared as what the route takes. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getComparisonTable: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                comparison_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The table, RFC 4180. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/csv": unknown;
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getHealth: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Health"];
                 };
             };
             /** @description The database does not answer. */
@@ -6399,6 +6280,55 @@ export interface operations {
             };
         };
     };
+    restoreRun: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Run"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     followRun: {
         parameters: {
             query?: never;
@@ -6449,55 +6379,6 @@ export interface operations {
         };
     };
     cancelRun: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                run_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Run"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    restoreRun: {
         parameters: {
             query?: never;
             header?: never;
@@ -6797,7 +6678,7 @@ export interface operations {
             };
         };
     };
-    getComparisonTable: {
+    restoreComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -6808,26 +6689,17 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The table, RFC 4180. */
+            /** @description Successful Response */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/csv": unknown;
+                    "application/json": components["schemas"]["Comparison"];
                 };
             };
             /** @description There is no such resource. */
             404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description Its state does not allow it: see `remedy`. */
-            409: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -6905,55 +6777,6 @@ export interface operations {
         };
     };
     cancelComparison: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                comparison_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Comparison"];
-                };
-            };
-            /** @description There is no such resource. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The database does not answer. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    restoreComparison: {
         parameters: {
             query?: never;
             header?: never;
@@ -7281,18 +7104,25 @@ export interface operations {
             };
         };
     };
-    createImport: {
+    listGeometries: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Resources on a page. */
+                limit?: number;
+                /** @description `next` of the page before; none for the newest. */
+                cursor?: string | null;
+                /** @description Only those of exactly this name. */
+                name?: string | null;
+                /** @description Only those with this nominal model. */
+                robot_id?: string | null;
+                /** @description Only those in this state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+            };
             header?: never;
             path?: never;
             cookie?: never;
         };
-        requestBody: {
-            content: {
-                "multipart/form-data": components["schemas"]["Body_createImport"];
-            };
-        };
+        requestBody?: never;
         responses: {
             /** @description Successful Response */
             200: {
@@ -7300,7 +7130,54 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["ImportAnswer"];
+                    "application/json": components["schemas"]["Page_GeometrySummary_"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createGeometry: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["GeometryRequest-Input"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
                 };
             };
             /** @description The client left before its body was complete. */
@@ -7350,11 +7227,13 @@ export interface operations {
             };
         };
     };
-    getHealth: {
+    getGeometry: {
         parameters: {
             query?: never;
             header?: never;
-            path?: never;
+            path: {
+                geometry_id: string;
+            };
             cookie?: never;
         };
         requestBody?: never;
@@ -7365,7 +7244,130 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Health"];
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteGeometry: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted: `restore` brings it back for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Its state does not allow it: see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database does not answer. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreGeometry: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                geometry_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Geometry"];
+                };
+            };
+            /** @description There is no such resource. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
                 };
             };
             /** @description The database does not answer. */

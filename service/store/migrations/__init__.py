@@ -15,8 +15,8 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
+from jointstiff.service.errors import StoreError
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.errors import StoreError
 
 __all__ = ["configuration", "migrate"]
 
@@ -27,7 +27,7 @@ _alembic_lock = threading.Lock()
 
 
 def configuration() -> Config:
-    """What an alembic.ini would say."""
+    """Return what an alembic.ini would say."""
     config = Config()
     folder = str(Path(__file__).parent)
     config.set_main_option("script_location", folder.replace("%", "%%"))
@@ -39,7 +39,7 @@ def migrate(database: Database) -> None:
     """Bring `database` to the newest revision; safe when several processes do so at once.
 
     Raises:
-        StoreError: The database is newer than this software.
+        StoreError: The database has a layout that this software does not know.
         StoreUnavailableError: It cannot be changed.
     """
     with _alembic_lock:
@@ -63,7 +63,7 @@ def _is_current(connection: Connection, scripts: ScriptDirectory) -> bool:
         raise StoreError(
             f"the database has the schema version {', '.join(sorted(found))}, which this version "
             "of Jointstiff does not know",
-            "it was written by a newer version, or by another program: install the newer version, "
-            "or take another database",
+            "it was written by a newer version, by one from before the first release, or by another program: "
+            "install the version that wrote it, or take another database",
         )
     return found == set(scripts.get_heads())

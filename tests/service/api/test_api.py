@@ -16,6 +16,7 @@ from support.campaigns import METHODS, estimate, prepare, shared
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
+from jointstiff.service.jobs import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.inference import predict
 
@@ -389,5 +390,8 @@ def test_health_and_index(client):
     while client.get("/health").json()["workers"] == 0:
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    assert client.get("/v1").json()["runs"] == "/v1/runs"
+    index = client.get("/v1").json()
+    assert {kind.collection: index[kind.collection] for kind in KINDS} == {
+        kind.collection: f"/v1/{kind.collection}" for kind in KINDS
+    }
     assert client.get("/openapi.json").json()["info"]["title"] == "Jointstiff"

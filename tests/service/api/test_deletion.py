@@ -8,95 +8,81 @@ from datetime import UTC, datetime, timedelta
 
 import httpx
 import pytest
-from alembic import command
-from sqlalchemy import inspect
-from test_janitor import LedgerEngine
-from test_runs import request, runs_of, stored_set
+from support.jobs import LedgerEngine, request, runs_of, stored_set
+from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.jobs import Parts
+from jointstiff.service.api.examples import JOBS
+from jointstiff.service.jobs import KINDS, Parts, Stepped
 from jointstiff.service.store import (
     KEEP_DELETED,
-    ComparisonEntry,
-    ComparisonRecord,
     DeletedError,
     IdempotencyKey,
     MeasurementSetRecord,
     NotEndedError,
     NotFoundError,
-    PairEntry,
-    PairRecord,
     RobotRecord,
-    RunEntry,
-    RunRecord,
     Store,
-    StoreError,
 )
-from jointstiff.service.store.database import Database
-from jointstiff.service.store.migrations import configuration
 from jointstiff.service.workers.recovery import Janitor
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)
 ROBOT = RobotRecord("r1", "robot", TIME, "", "{}")
 SET = MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b"")
-RUN = RunRecord(
-    "u1", "s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, '{"id":"u1"}'
-)
-COMPARISON = ComparisonRecord("c1", "s1", "r1", "failed", TIME, '{"id":"c1"}')
-PAIR = PairRecord("p1", "s1", "s1", "r1", "cancelled", TIME, '{"id":"p1"}')
-ENTRIES = {RunRecord: RunEntry, ComparisonRecord: ComparisonEntry, PairRecord: PairEntry}
+RUN = job_record()
+RUNS = RESOURCES["run"]
 KEY = IdempotencyKey("a key", "hash of a body")
 
-jobs = pytest.mark.parametrize("job", [RUN, COMPARISON, PAIR], ids=lambda job: job.title)
+jobs = pytest.mark.parametrize("job", [job_record(kind) for kind in RESOURCES.values()], ids=RESOURCES)
 
 
 @pytest.fixture
 def store(database_url):
     with Store.open(database_url) as opened:
-        opened.add(ROBOT)
-        opened.add(SET)
+        opened.robots.add(ROBOT)
+        opened.sets.add(SET)
         yield opened
 
 
 def listed(store, kind):
-    return [entry.id for entry in store.page(ENTRIES[kind], limit=9).records]
+    return [entry.id for entry in store.jobs(kind).page(limit=9).records]
 
 
 class TestStore:
     @jobs
     def test_hidden_and_brought_back_as_it_was(self, store, job):
-        kind = type(job)
+        kind = RESOURCES[job.kind]
         others = [dataclasses.replace(job, id=name) for name in ("before", "after")]
         for record in (others[0], job, others[1]):
-            store.add(record)
+            store.jobs(kind).add(record)
         deletions = store.deletions(kind)
         for _ in range(2):
             deletions.delete(job.id, TIME)
             assert listed(store, kind) == ["after", "before"]
-            with pytest.raises(DeletedError, match=f"{job.title}s/{job.id}/restore"):
-                store.get(kind, job.id)
+            with pytest.raises(DeletedError, match=f"{kind.collection}/{job.id}/restore"):
+                store.jobs(kind).get(job.id)
             with pytest.raises(DeletedError):
                 deletions.refuse_deleted(job.id)
         for _ in range(2):
             deletions.restore(job.id)
-            assert store.get(kind, job.id) == job
+            assert store.jobs(kind).get(job.id) == job
             assert listed(store, kind) == ["after", job.id, "before"]
             deletions.refuse_deleted(job.id)
 
     @pytest.mark.parametrize("state", ["queued", "running"])
     @jobs
     def test_a_job_that_goes_on_stays(self, store, job, state):
-        store.add(dataclasses.replace(job, state=state))
+        store.jobs(RESOURCES[job.kind]).add(dataclasses.replace(job, state=state))
         with pytest.raises(NotEndedError) as caught:
-            store.deletions(type(job)).delete(job.id, TIME)
+            store.deletions(RESOURCES[job.kind]).delete(job.id, TIME)
         assert caught.value.remedy.startswith("cancel it first")
-        assert listed(store, type(job)) == [job.id]
+        assert listed(store, RESOURCES[job.kind]) == [job.id]
 
     @jobs
     def test_unknown(self, store, job):
-        deletions = store.deletions(type(job))
+        deletions = store.deletions(RESOURCES[job.kind])
         for act in (lambda: deletions.delete("u9", TIME), lambda: deletions.restore("u9")):
             with pytest.raises(NotFoundError) as caught:
                 act()
@@ -105,80 +91,55 @@ class TestStore:
 
     def test_pages_and_filters_pass_over_what_is_deleted(self, store):
         for number in range(6):
-            store.add(dataclasses.replace(RUN, id=f"u{number}"))
+            store.jobs(RUNS).add(dataclasses.replace(RUN, id=f"u{number}"))
         for number in (0, 2, 3, 5):
-            store.deletions(RunRecord).delete(f"u{number}", TIME)
-        first = store.page(RunEntry, limit=1, filters={"measurement_set_id": "s1"})
-        second = store.page(RunEntry, limit=1, filters={"measurement_set_id": "s1"}, cursor=first.next)
+            store.deletions(RUNS).delete(f"u{number}", TIME)
+        first = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"})
+        second = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"}, cursor=first.next)
         assert [page.records[0].id for page in (first, second)] == ["u4", "u1"]
         assert second.next is None
 
     def test_a_key_answers_as_before_while_its_resource_is_deleted(self, store):
-        store.add(RUN, KEY)
-        store.deletions(RunRecord).delete("u1", TIME)
+        store.jobs(RUNS).add(RUN, KEY)
+        store.deletions(RUNS).delete("u1", TIME)
         again = dataclasses.replace(RUN, id="u2")
-        assert store.find(RunRecord, KEY) == store.add(again, KEY) == RUN
-        assert listed(store, RunRecord) == []
+        assert store.jobs(RUNS).find(KEY) == store.jobs(RUNS).add(again, KEY) == RUN
+        assert listed(store, RUNS) == []
 
     @jobs
     def test_purged_after_a_while_with_all_that_names_it(self, store, job):
-        kind = type(job)
+        kind = RESOURCES[job.kind]
         other = dataclasses.replace(job, id="other")
-        store.add(job, KEY)
-        store.add(other, IdempotencyKey("another key", "hash"))
+        store.jobs(kind).add(job, KEY)
+        store.jobs(kind).add(other, IdempotencyKey("another key", "hash"))
         log, deletions = store.job_log(kind), store.deletions(kind)
         log.report(job.id, 0, 120)
         deletions.delete(job.id, TIME)
         deletions.delete(job.id, TIME + timedelta(days=20))  # which does not make it younger
         assert deletions.purge(TIME, 9) == []
         assert deletions.purge(TIME + timedelta(seconds=1), 9) == [job.id]
-        for find in (lambda: store.get(kind, job.id), lambda: deletions.restore(job.id)):
+        for find in (lambda: store.jobs(kind).get(job.id), lambda: deletions.restore(job.id)):
             with pytest.raises(NotFoundError) as caught:
                 find()
             assert type(caught.value) is NotFoundError
-        assert store.find(kind, KEY) is None
+        assert store.jobs(kind).find(KEY) is None
         assert log.done(job.id) == 0
-        assert store.find(kind, IdempotencyKey("another key", "hash")) == other
-        assert store.add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
+        assert store.jobs(kind).find(IdempotencyKey("another key", "hash")) == other
+        assert store.jobs(kind).add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
 
     def test_the_longest_deleted_goes_first(self, store):
         for day, name in enumerate(("u3", "u1", "u2")):
-            store.add(dataclasses.replace(RUN, id=name))
-            store.deletions(RunRecord).delete(name, TIME + timedelta(days=day))
-        assert store.deletions(RunRecord).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
+            store.jobs(RUNS).add(dataclasses.replace(RUN, id=name))
+            store.deletions(RUNS).delete(name, TIME + timedelta(days=day))
+        assert store.deletions(RUNS).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
 
     def test_what_is_brought_back_is_not_purged(self, store):
-        store.add(RUN)
-        deletions = store.deletions(RunRecord)
+        store.jobs(RUNS).add(RUN)
+        deletions = store.deletions(RUNS)
         deletions.delete("u1", TIME)
         deletions.restore("u1")
         assert deletions.purge(TIME + timedelta(days=400), 9) == []
-        assert store.get(RunRecord, "u1") == RUN
-
-
-def test_a_database_of_the_version_before_and_back(database_url):
-    with Store.open(database_url) as store:
-        for record in (ROBOT, SET, RUN, COMPARISON, PAIR):
-            store.add(record)
-        store.deletions(RunRecord).delete("u1", TIME)
-    database = Database.open(database_url)
-    with database.writing() as connection:
-        config = configuration()
-        config.attributes["connection"] = connection
-        command.downgrade(config, "0004")
-        for table in ("runs", "comparisons", "pairs"):
-            assert "deleted_at" not in {column["name"] for column in inspect(connection).get_columns(table)}
-            names = {index["name"] for index in inspect(connection).get_indexes(table)}
-            assert f"ix_{table}_deleted_at" not in names
-            assert f"ix_{table}_state_sequence" in names
-    database.close()
-    with Store.open(database_url) as store:
-        for record in (RUN, COMPARISON, PAIR):
-            assert store.get(type(record), record.id) == record  # the deleted one, too
-            store.deletions(type(record)).delete(record.id, TIME)
-            assert listed(store, type(record)) == []
-        with pytest.raises(StoreError, match="no measurement set 'nothing'"):
-            store.add(dataclasses.replace(RUN, id="u2", measurement_set_id="nothing"))
+        assert store.jobs(RUNS).get("u1") == RUN
 
 
 class TestJobs:
@@ -211,7 +172,7 @@ class TestJobs:
         asked = {"first": {"run_id": run.id}, "second": {"run_id": run.id}}
         runs.delete(run.id)
         with pytest.raises(Exception, match="was deleted") as caught:
-            parts.pairs.create(PairRequest.model_validate(asked), None)
+            parts.jobs["pair"].create(PairRequest.model_validate(asked), None)
         assert caught.value.where == "first.run_id"
         assert "restore" in caught.value.remedy
 
@@ -247,11 +208,13 @@ def set_id(service):
 
 
 class TestHttp:
-    @pytest.mark.parametrize("collection", ["runs", "comparisons", "pairs"])
-    def test_delete_and_restore(self, client, set_id, collection):
-        body = {"measurement_set_id": set_id}
+    @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+    def test_delete_and_restore(self, client, set_id, kind):
+        collection, body = kind.collection, {"measurement_set_id": set_id}
         if collection == "pairs":
             body = {"first": body, "second": body}
+        if collection == "geometries":
+            body = next(iter(JOBS["geometry"].values()))
         key = {"Idempotency-Key": uuid.uuid4().hex}
         created = client.post(f"/v1/{collection}", json=body, headers=key)
         assert created.status_code == 201, created.text
@@ -266,7 +229,7 @@ class TestHttp:
         assert f"POST {address}/restore" in problem.remedy
         names = [item["id"] for item in client.get(f"/v1/{collection}").json()["items"]]
         assert created.json()["id"] not in names
-        if collection != "pairs":
+        if isinstance(kind, Stepped):
             assert client.get(f"{address}/events").status_code == 404
         repeated = client.post(f"/v1/{collection}", json=body, headers=key)
         assert (repeated.status_code, repeated.json()) == (201, created.json())
@@ -276,7 +239,7 @@ class TestHttp:
         assert client.get(address).json() == created.json()
         assert client.get(f"/v1/{collection}").json()["items"][0]["id"] == created.json()["id"]
 
-    @pytest.mark.parametrize("collection", ["runs", "comparisons", "pairs"])
+    @pytest.mark.parametrize("collection", [kind.collection for kind in KINDS])
     def test_unknown(self, client, collection):
         for answer in (
             client.delete(f"/v1/{collection}/nothing"),

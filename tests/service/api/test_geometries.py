@@ -18,12 +18,13 @@ from jointstiff.schemas.geometry import Geometry, GeometryRequest
 from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.measurement.measurement_set import StoredMeasurementSet
+from jointstiff.schemas.query import GeometryQuery
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
+from jointstiff.service.computation import geometry_work
 from jointstiff.service.jobs import Parts
-from jointstiff.service.jobs.geometries import GeometryWork
-from jointstiff.service.store import DeletedError, GeometryEntry, IdempotencyKey, MeasurementSetRecord, Store
+from jointstiff.service.store import DeletedError, IdempotencyKey, Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
@@ -94,7 +95,7 @@ def poses(cell, seed=0, count=30, still=None):
 
 def made(parts, document, **changes):
     request = GeometryRequest.model_validate(document | changes)
-    return parts.geometries.current(parts.geometries.create(request, None).id)
+    return parts.jobs["geometry"].current(parts.jobs["geometry"].create(request, None).id)
 
 
 def base_readings(cell, rng, moved=None):
@@ -204,8 +205,8 @@ def stored(parts, document, robot):
 
 
 def run(parts, set_id, **options):
-    record = parts.runs.create(RunRequest(measurement_set_id=set_id, **options), None)
-    return parts.runs.current(record.id).result.joints
+    record = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id, **options), None)
+    return parts.jobs["run"].current(record.id).result.joints
 
 
 class TestRobots:
@@ -498,7 +499,7 @@ class TestFrames:
     def test_sets_of_earlier_versions_are_read_and_a_frame_is_part_of_the_hash(self, memory):
         """That the hash of a set in R0 is what it was, `test_encoder_readings` pins."""
         document = simulate_campaign(default_arm(), seed=1, configurations=4)["measurement_set"]
-        record = memory.store.get(MeasurementSetRecord, stored(memory, document, robot_id(memory)))
+        record = memory.store.sets.get(stored(memory, document, robot_id(memory)))
         older = json.loads(record.document)
         assert (older.pop("frame"), older.pop("resolved_frame")) == (None, None)
         assert StoredMeasurementSet.model_validate(older) == StoredMeasurementSet.model_validate_json(
@@ -508,7 +509,7 @@ class TestFrames:
         for shift, forces in ((0.0, "base"), (0.1, "base"), (0.0, "tracker")):
             frame = {"rotation": np.eye(3).tolist(), "translation": [shift, 0.0, 0.0], "forces": forces}
             framed = stored(memory, document | {"frame": frame}, robot_id(memory))
-            hashes.add(memory.store.get(MeasurementSetRecord, framed).content_hash)
+            hashes.add(memory.store.sets.get(framed).content_hash)
         assert len(hashes) == 4
 
     def test_a_set_outlives_its_geometry(self, memory):
@@ -518,9 +519,9 @@ class TestFrames:
         tracked = in_tracker(document, cell.rotation, cell.translation)
         frame = {"geometry_id": geometry.id}
         set_id = stored(memory, tracked | {"frame": frame}, robot_id(memory))
-        memory.geometries.delete(geometry.id)
+        memory.jobs["geometry"].delete(geometry.id)
         with pytest.raises(DeletedError):
-            memory.geometries.current(geometry.id)
+            memory.jobs["geometry"].current(geometry.id)
         assert Parts.of(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
             self.prepared(memory, document).position, abs=200e-6
         )
@@ -579,10 +580,10 @@ class TestResource:
     def test_is_stored_listed_and_deleted_on_every_database(self, parts):
         document = GeometryRequest.model_validate(sweeps(TrackedArm()) | {"name": "cell 3"})
         key = IdempotencyKey("key", "hash")
-        records = [parts.geometries.create(document, key) for _ in range(2)]
+        records = [parts.jobs["geometry"].create(document, key) for _ in range(2)]
         assert records[0] == records[1]
-        geometry = parts.geometries.current(records[0].id)
-        assert Geometry.model_validate_json(parts.geometries.document(geometry.id)) == geometry
+        geometry = parts.jobs["geometry"].current(records[0].id)
+        assert Geometry.model_validate_json(parts.jobs["geometry"].document(geometry.id)) == geometry
         assert (geometry.state, geometry.name) == ("succeeded", "cell 3")
         named = made(parts, sweeps(TrackedArm()), robot_id=robot_id(parts))
         for column, value, count in (
@@ -590,17 +591,17 @@ class TestResource:
             ("state", "succeeded", 2),
             ("robot_id", robot_id(parts), 1),
         ):
-            assert len(parts.store.page(GeometryEntry, limit=9, filters={column: value}).records) == count
-        parts.geometries.delete(named.id)
-        assert len(parts.store.page(GeometryEntry, limit=9).records) == 1
-        assert parts.geometries.restore(named.id)
+            assert len(parts.jobs["geometry"].page(GeometryQuery(**{column: value})).items) == count
+        parts.jobs["geometry"].delete(named.id)
+        assert len(parts.jobs["geometry"].page(GeometryQuery()).items) == 1
+        assert parts.jobs["geometry"].restore(named.id)
 
     def test_equal_inputs_have_equal_hashes(self):
         document = sweeps(TrackedArm(), count=4)
         hashes = []
         for changes in ({}, {"name": "another"}, {"fit": "one_by_one"}):
             request = GeometryRequest.model_validate(document | changes)
-            hashes.append(GeometryWork(request, None, "").input_hash(request))
+            hashes.append(geometry_work(request, None).input_hash)
         assert hashes[0] == hashes[1] != hashes[2]
 
     def test_filters(self, client):

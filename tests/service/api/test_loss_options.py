@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run import Run, RunOptions, RunResult
 from jointstiff.service.cli.app import app
+from jointstiff.service.computation import PreparedSet
+from jointstiff.service.computation.run import run_identification
 from jointstiff.service.conversion import ReadingArrays
-from jointstiff.service.jobs.identify import run_identification
-from jointstiff.service.resources import PreparedSet
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

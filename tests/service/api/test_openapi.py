@@ -12,24 +12,13 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotRequest
-from jointstiff.schemas.run import RunRequest
-from jointstiff.service.api.examples import (
-    COMPARISONS,
-    GEOMETRIES,
-    IMPORTS,
-    MEASUREMENT_SETS,
-    PAIRS,
-    ROBOTS,
-    RUNS,
-)
+from jointstiff.service.api.examples import IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
 from jointstiff.service.app import create_app
 from jointstiff.service.importing import SourceFile
+from jointstiff.service.jobs import KINDS, Stepped
 from jointstiff.service.resources import import_files
 from jointstiff.service.store import Store
 
@@ -60,7 +49,7 @@ def test_the_service_keeps_its_contract(case, service):
 
 @pytest.mark.parametrize(
     "name",
-    ["/v1/robots", "/v1/geometries", "/v1/measurement-sets", "/v1/runs", "/v1/comparisons", "/v1/pairs"],
+    ["/v1/robots", "/v1/measurement-sets", *(f"/v1/{kind.collection}" for kind in KINDS)],
 )
 def test_bodies_and_errors_are_described(name):
     operation = DOCUMENT["paths"][name]["post"]
@@ -74,11 +63,8 @@ def test_bodies_and_errors_are_described(name):
 def test_examples_are_valid():
     for model, examples in (
         (RobotRequest, ROBOTS),
-        (GeometryRequest, GEOMETRIES),
         (MeasurementSetRequest, MEASUREMENT_SETS),
-        (RunRequest, RUNS),
-        (PairRequest, PAIRS),
-        (ComparisonRequest, COMPARISONS),
+        *((kind.request, JOBS[kind.name]) for kind in KINDS),
     ):
         for example in examples.values():
             model.model_validate(example)
@@ -98,9 +84,46 @@ def test_imports_are_described_and_their_example_is_complete():
         assert import_files(files, ImportRequest.model_validate(example["options"])).measurement_set
 
 
-@pytest.mark.parametrize("kind", ["run", "comparison", "pair"])
+kinds = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+
+
+@kinds
+def test_every_kind_has_its_operations_by_short_names(kind):
+    paths, one = DOCUMENT["paths"], f"/v1/{kind.collection}/{{{kind.name}_id}}"
+    name, all_ = kind.name.capitalize(), kind.collection.capitalize()
+    expected = {
+        (f"/v1/{kind.collection}", "post"): f"create{name}",
+        (f"/v1/{kind.collection}", "get"): f"list{all_}",
+        (one, "get"): f"get{name}",
+        (one, "delete"): f"delete{name}",
+        (f"{one}/restore", "post"): f"restore{name}",
+    }
+    stepped = {(f"{one}/events", "get"): f"follow{name}", (f"{one}/cancel", "post"): f"cancel{name}"}
+    if isinstance(kind, Stepped):
+        expected |= stepped
+    for (path, method), operation in expected.items():
+        assert paths[path][method]["operationId"] == operation
+        assert paths[path][method]["description"]
+    assert all((path in paths) == isinstance(kind, Stepped) for path, _ in stepped)
+    (listed,) = [p for p in paths[one]["get"]["parameters"] if p["in"] == "path"]
+    assert listed["name"] == f"{kind.name}_id"
+
+
+def test_names_of_operations_are_unique():
+    names = [one["operationId"] for methods in DOCUMENT["paths"].values() for one in methods.values()]
+    assert len(set(names)) == len(names)
+    assert {"createRobot", "listRobots", "getRobot", "createMeasurementSet", "getHealth"} <= set(names)
+
+
+@kinds
+def test_every_filter_is_a_field_of_the_summary(kind):
+    filters = kind.query.model_fields.keys() - {"limit", "cursor"}
+    assert filters <= kind.summary.model_fields.keys()
+
+
+@kinds
 def test_deletion_is_described(kind):
-    address = f"/v1/{kind}s/{{{kind}_id}}"
+    address = f"/v1/{kind.collection}/{{{kind.name}_id}}"
     assert {"204", "404", "409"} <= DOCUMENT["paths"][address]["delete"]["responses"].keys()
     assert {"200", "404"} <= DOCUMENT["paths"][f"{address}/restore"]["post"]["responses"].keys()
 

@@ -12,13 +12,15 @@ import httpx
 import pytest
 from fastapi import APIRouter, FastAPI
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.api import Followers
 from jointstiff.service.api import events as module
 from jointstiff.service.api.jobs import answer
-from jointstiff.service.store import DeletedError, RunRecord, Standing, StoreUnavailableError
+from jointstiff.service.jobs import KINDS
+from jointstiff.service.store import DeletedError, Standing, StoreUnavailableError
 
 FOLLOWERS = 100
 REQUEST = RunRequest(measurement_set_id="s")
@@ -27,6 +29,8 @@ NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 class ScriptedJobs:
     """Jobs of which each look finds as many units done as a script says, None for an outage; then the end."""
+
+    kind = KINDS[0]
 
     def __init__(self, script, end="succeeded"):
         self.script = list(script)
@@ -194,7 +198,7 @@ def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
 
         def current(self, job_id):
             if not self.script:
-                raise DeletedError(RunRecord, job_id)
+                raise DeletedError(RUN, job_id)
             return super().current(job_id)
 
     told = asyncio.run(followed(Followers(), Deleted([10, 20, 30])))
@@ -246,20 +250,20 @@ def test_slow_looks_are_rare():
     assert jobs.looks <= 5
 
 
-@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RunRecord, "r1")])
+@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RUN, "r1")])
 def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
     """A job that was posted without a key would be posted again after a 503."""
 
     class Lost(ScriptedJobs):
         def create(self, _message, _key):
             job = self.current("r1")
-            return RunRecord("r1", "s", "r", "m", "w", True, "joints", job.state, NOW, job.model_dump_json())
+            return job_record(RUN, "r1", state=job.state, document=job.model_dump_json())
 
         def current(self, job_id):
             if self.documents:
                 raise error
             return super().current(job_id)
 
-    told = asyncio.run(answer(Lost([1]), "runs", REQUEST, None, 0.1, Followers()))
+    told = asyncio.run(answer(Lost([1]), REQUEST, None, 0.1, Followers()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"

@@ -7,7 +7,7 @@ from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of,
 
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.service.api import MAX_SET_BYTES
+from jointstiff.service.conversion import MAX_SET_BYTES
 from jointstiff.service.importing import MAX_FILE_BYTES, ImportFileError, SourceFile, read_files
 from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_ROWS
 

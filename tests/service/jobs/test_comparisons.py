@@ -11,15 +11,13 @@ import pytest
 from pydantic import ValidationError
 from rich.console import Console
 from support.campaigns import shared
-from test_runs import runs_of, stored_set
+from support.jobs import runs_of, stored_set
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, Comparison, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion import comparison_csv
 from jointstiff.service.jobs import Parts
-from jointstiff.service.jobs.comparisons import ComparisonKind
-from jointstiff.service.jobs.life import Jobs
 from jointstiff.service.library import campaigns
 from jointstiff.service.render import comparison_table
 from jointstiff.service.store import Store
@@ -34,8 +32,8 @@ def store(database_url):
         yield opened
 
 
-def comparisons_of(store, announce=None):
-    return Jobs(ComparisonKind(Parts.of(store).sets), store, announce)
+def comparisons_of(store, enqueue=None):
+    return Parts.of(store, enqueue).jobs["comparison"]
 
 
 def request(set_id, **changes):

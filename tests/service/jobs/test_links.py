@@ -14,9 +14,8 @@ from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.cli.app import app
+from jointstiff.service.computation import carry_out, new_job, run_work
 from jointstiff.service.jobs import Parts
-from jointstiff.service.jobs.life import Jobs
-from jointstiff.service.jobs.runs import RunKind
 from jointstiff.service.store import Store
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
@@ -45,7 +44,7 @@ def set_id(store, document):
 
 
 def carried_out(store, set_id, **options):
-    jobs = Jobs(RunKind(Parts.of(store).sets), store)
+    jobs = Parts.of(store).jobs["run"]
     request = RunRequest.model_validate({"measurement_set_id": set_id} | OPTIONS | options)
     return jobs.current(jobs.create(request, None).id)
 
@@ -121,9 +120,8 @@ def test_joints_alone_have_no_links(store, set_id):
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
     """A worker computes each step from the stored request, and its result travels as text."""
     announced = []
-    jobs = Jobs(
-        RunKind(Parts.of(store).sets), store, lambda _, kind, job_id: announced.append((kind, job_id))
-    )
+    parts = Parts.of(store, lambda _, kind, job_id: announced.append((kind, job_id)))
+    jobs = parts.jobs["run"]
     request = RunRequest.model_validate(
         {
             "measurement_set_id": set_id,
@@ -137,7 +135,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 3 * 11
-    worker = Jobs(RunKind(Parts.of(store).sets), store)
+    worker = Parts.of(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
     steps = work.steps()
@@ -146,8 +144,8 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    at_once = Jobs(RunKind(Parts.of(store).sets), store, tell=told.append)
-    same = at_once.current(at_once.create(request, None).id)
+    work = run_work(parts.sets.prepared(set_id), request)
+    same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
     assert durable.result.links.penalty_source == "cross_validation"
@@ -186,7 +184,7 @@ def test_a_pair_compares_joints_alone(store, set_id):
         {"first": side, "second": side, "options": {"elasticity": "joints_and_links"}}
     )
     with pytest.raises(RequestError, match="joints alone"):
-        Parts.of(store).pairs.create(request, None)
+        Parts.of(store).jobs["pair"].create(request, None)
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.pair import Pair, PairRequest
+from jointstiff.schemas.query import PairQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.render import pair_report
-from jointstiff.service.store import IdempotencyKey, NotFoundError, PairEntry, PairRecord, Store
+from jointstiff.service.store import IdempotencyKey, NotFoundError, Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
@@ -70,24 +71,24 @@ def request(first, second, **changes):
 
 
 def made(parts, body):
-    return parts.pairs.current(parts.pairs.create(body, None).id)
+    return parts.jobs["pair"].current(parts.jobs["pair"].create(body, None).id)
 
 
 def test_a_pair_is_stored_and_listed_on_every_database(parts):
     first, second = two_encoders(parts)
     key = IdempotencyKey("key", "hash")
     body = request(first, second, ordered=True)
-    records = [parts.pairs.create(body, key) for _ in range(2)]
+    records = [parts.jobs["pair"].create(body, key) for _ in range(2)]
     assert records[0] == records[1]
-    pair = parts.pairs.current(records[0].id)
+    pair = parts.jobs["pair"].current(records[0].id)
     assert pair.state == "succeeded"
-    assert Pair.model_validate_json(parts.pairs.document(pair.id)) == pair
-    (entry,) = parts.store.page(PairEntry, limit=9).records
+    assert Pair.model_validate_json(parts.jobs["pair"].document(pair.id)) == pair
+    (entry,) = parts.jobs["pair"].page(PairQuery()).items
     assert (entry.first_set_id, entry.second_set_id) == (first, second)
     for column, value in (("first_set_id", first), ("second_set_id", second), ("state", "succeeded")):
-        assert len(parts.store.page(PairEntry, limit=9, filters={column: value}).records) == 1
-    assert not parts.store.page(PairEntry, limit=9, filters={"first_set_id": second}).records
-    assert parts.store.get(PairRecord, pair.id).robot_id == entry.robot_id
+        assert len(parts.jobs["pair"].page(PairQuery(**{column: value})).items) == 1
+    assert not parts.jobs["pair"].page(PairQuery(first_set_id=second)).items
+    assert records[0].robot_id == entry.robot_id
 
 
 def test_ratios_and_share_with_their_uncertainties(memory):
@@ -123,7 +124,7 @@ def test_sets_and_their_runs_give_the_same(memory):
     first, second = two_encoders(memory)
     options = {"method": "decoupled_partial_pose", "confidence": 0.8}
     runs = [
-        memory.runs.create(RunRequest(measurement_set_id=set_id, **options), None).id
+        memory.jobs["run"].create(RunRequest(measurement_set_id=set_id, **options), None).id
         for set_id in (first, second)
     ]
     by_set = made(memory, request(first, second, options=options))
@@ -181,7 +182,7 @@ def test_what_is_not_there_is_refused_with_its_place(memory, side, field):
     first, second = two_encoders(memory, configurations=6)
     body = {"first": {"measurement_set_id": first}, "second": {"measurement_set_id": second}}
     with pytest.raises(RequestError) as refusal:
-        memory.pairs.create(PairRequest.model_validate(body | {side: {field: "nobody"}}), None)
+        memory.jobs["pair"].create(PairRequest.model_validate(body | {side: {field: "nobody"}}), None)
     assert refusal.value.where == f"{side}.{field}"
 
 
@@ -189,7 +190,7 @@ def test_a_method_that_the_readings_cannot_support_is_refused(memory):
     one_target = {"targets": {"P0": (0.1, 0.0, 0.1)}, "configurations": 8}
     first, second = two_encoders(memory, **one_target)
     with pytest.raises(UnsupportedMethodError):
-        memory.pairs.create(request(first, second, options={"method": "complete_pose"}), None)
+        memory.jobs["pair"].create(request(first, second, options={"method": "complete_pose"}), None)
 
 
 def test_other_robots_are_refused(memory):
@@ -198,7 +199,7 @@ def test_other_robots_are_refused(memory):
     document["robot"]["model"]["urdf"] = document["robot"]["model"]["urdf"].replace("joint_3", "elbow")
     _, second = stored(memory, document)
     with pytest.raises(RequestError, match="joints differ"):
-        memory.pairs.create(request(first, second), None)
+        memory.jobs["pair"].create(request(first, second), None)
 
 
 @pytest.mark.parametrize(
@@ -226,10 +227,10 @@ def test_bodies_that_make_no_sense(body):
 def test_a_run_with_a_prior_is_refused(memory):
     first, second = two_encoders(memory)
     priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
-    run = memory.runs.create(RunRequest(measurement_set_id=first, priors=priors), None).id
+    run = memory.jobs["run"].create(RunRequest(measurement_set_id=first, priors=priors), None).id
     body = {"first": {"run_id": run}, "second": {"measurement_set_id": second}}
     with pytest.raises(RequestError, match="independent"):
-        memory.pairs.create(PairRequest.model_validate(body), None)
+        memory.jobs["pair"].create(PairRequest.model_validate(body), None)
 
 
 def test_over_http(client):
@@ -255,7 +256,7 @@ def test_over_http(client):
 
 def test_not_found(memory):
     with pytest.raises(NotFoundError):
-        memory.pairs.current("nobody")
+        memory.jobs["pair"].current("nobody")
 
 
 @pytest.fixture

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
+from support.jobs import request, runs_of, stored_set
 
-from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import RunRequest
+from jointstiff.service.computation.resampling import ResamplingWork
 from jointstiff.service.jobs import Parts
 from jointstiff.service.jobs import life as module
-from jointstiff.service.jobs.life import Jobs
-from jointstiff.service.jobs.resample import ResamplingWork
-from jointstiff.service.jobs.runs import RunKind
 from jointstiff.service.store import IdempotencyKey, NotFoundError, Store, TooManyJobsError
-from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 
@@ -34,23 +27,6 @@ def announced():
 def runs(store, announced):
     """Runs whose long ones are announced to a list instead of an engine."""
     return runs_of(store, lambda _connection, kind, run_id: announced.append((kind, run_id)))
-
-
-def runs_of(store, announce=None):
-    return Jobs(RunKind(Parts.of(store).sets), store, announce)
-
-
-def stored_set(store, **options):
-    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
-    parts = Parts.of(store)
-    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
-    readings = document["measurement_set"] | {"robot_id": robot.id}
-    return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
-
-
-def request(set_id, **changes):
-    resampling = {"size": 8, "repetitions": 300, "seed": 4}
-    return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)
 
 
 def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, announced):

@@ -8,33 +8,28 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, timedelta, timezone
 from typing import Any, TypeVar
 
 import pytest
+from support.records import RESOURCES, RUN, TIME, job_record, keeper
 
 from jointstiff.service.store import (
-    ComparisonRecord,
     CursorError,
     IdempotencyConflictError,
     IdempotencyKey,
-    MeasurementSetEntry,
+    JobRecord,
     MeasurementSetRecord,
     NotFoundError,
     RobotRecord,
-    RunEntry,
-    RunRecord,
     Store,
     StoreError,
     StoreUnavailableError,
 )
-from jointstiff.service.store.records import AnyRecord
-from jointstiff.service.store.tables import FILTERS
+from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
 
 T = TypeVar("T")
 
-TIME = datetime(2026, 11, 20, 23, 59, 59, 999_999, tzinfo=UTC)
-KINDS: list[type[AnyRecord]] = [RobotRecord, MeasurementSetRecord, RunRecord, ComparisonRecord]
 HOSTILE = {
     "nul": "a\x00b",
     "surrogate": "a\ud800b",
@@ -65,11 +60,8 @@ def measurement_set(identifier: str = "s1", **changes: Any) -> MeasurementSetRec
     return dataclasses.replace(record, **changes)
 
 
-def run(identifier: str = "u1", **changes: Any) -> RunRecord:
-    record = RunRecord(
-        identifier, "s1", "r1", "partial_pose", "covariance", True, "joints", "succeeded", TIME, "{}"
-    )
-    return dataclasses.replace(record, **changes)
+def run(identifier: str = "u1", **changes: Any) -> JobRecord:
+    return job_record(RUN, identifier, **changes)
 
 
 def together(count: int, work: Callable[[int], T]) -> list[T]:
@@ -87,54 +79,55 @@ def together(count: int, work: Callable[[int], T]) -> list[T]:
 class TestRecords:
     def test_come_back_as_they_went(self, store: Store) -> None:
         for record in (robot(), measurement_set(), run()):
-            assert store.add(record) == record
-            assert store.get(type(record), record.id) == record
+            assert keeper(store, record).add(record) == record
+            assert keeper(store, record).get(record.id) == record
 
     def test_survive_closing(self, database_url: str) -> None:
         with Store.open(database_url) as first:
-            first.add(robot())
+            first.robots.add(robot())
         with Store.open(database_url) as second:
-            assert second.get(RobotRecord, "r1") == robot()
+            assert second.robots.get("r1") == robot()
 
     @pytest.mark.parametrize("positive", [True, False])
     def test_booleans_stay_booleans(self, store: Store, positive: bool) -> None:
-        store.add(robot())
-        store.add(measurement_set())
-        store.add(run(positive=positive))
-        assert store.get(RunRecord, "u1").positive is positive
-        assert store.page(RunEntry, limit=1).records[0].positive is positive
+        store.robots.add(robot())
+        store.sets.add(measurement_set())
+        store.jobs(RUN).add(run(summary={"positive": positive}))
+        assert store.jobs(RUN).get("u1").summary == {"positive": positive}
+        assert store.jobs(RUN).page(limit=1).records[0].summary["positive"] is positive
 
     def test_times_come_back_in_utc(self, store: Store) -> None:
         east = TIME.astimezone(timezone(timedelta(hours=5, minutes=45)))
-        store.add(robot(created_at=east))
-        found = store.get(RobotRecord, "r1").created_at
+        store.robots.add(robot(created_at=east))
+        found = store.robots.get("r1").created_at
         assert found == TIME
         assert found.tzinfo is UTC
 
     def test_times_without_zone_are_a_mistake(self, store: Store) -> None:
         with pytest.raises(Exception, match="time zone"):
-            store.add(robot(created_at=TIME.replace(tzinfo=None)))
-        assert store.page(RobotRecord, limit=1).records == ()
+            store.robots.add(robot(created_at=TIME.replace(tzinfo=None)))
+        assert store.robots.page(limit=1).records == ()
 
     @pytest.mark.parametrize("arrays", [b"", b"\x00", b"PK\x03\x04\xff\xfe\x00'\"\\", b"\n" * 2**21])
     def test_blobs_are_exact(self, store: Store, arrays: bytes) -> None:
-        store.add(robot())
-        store.add(measurement_set(arrays=arrays))
-        found = store.get(MeasurementSetRecord, "s1").arrays
+        store.robots.add(robot())
+        store.sets.add(measurement_set(arrays=arrays))
+        found = store.sets.get("s1").arrays
         assert type(found) is bytes
         assert found == arrays
 
     def test_documents_are_exact(self, store: Store) -> None:
         document = '{"a": "\\u0000", "b": "\r\n\t \u2028 é e\u0301 🤖", "c": 1.0e-300}'
-        store.add(robot(document=document))
-        assert store.get(RobotRecord, "r1").document == document
+        store.robots.add(robot(document=document))
+        assert store.robots.get("r1").document == document
 
     def test_ids_that_nothing_has(self, store: Store, subtests: pytest.Subtests) -> None:
-        for (name, text), kind in itertools.product(HOSTILE.items(), KINDS):
-            with subtests.test(name, kind=kind.title):
+        kept = [store.robots, store.sets, *map(store.jobs, RESOURCES.values())]
+        for (name, text), collection in itertools.product(HOSTILE.items(), kept):
+            with subtests.test(name, kind=collection.resource.name):
                 with pytest.raises(NotFoundError) as caught:
-                    store.get(kind, text)
-                assert (caught.value.kind, caught.value.id) == (kind, text)
+                    collection.get(text)
+                assert (caught.value.kind, caught.value.id) == (collection.resource, text)
                 assert caught.value.remedy
                 assert len(caught.value.reason.encode()) < 600
 
@@ -142,32 +135,32 @@ class TestRecords:
     def test_missing_parents(self, store: Store, text: str) -> None:
         key = IdempotencyKey("k", "b")
         with pytest.raises(NotFoundError) as caught:
-            store.add(measurement_set(robot_id=text), key)
-        assert (caught.value.kind, caught.value.id) == (RobotRecord, text)
-        store.add(robot())
+            store.sets.add(measurement_set(robot_id=text), key)
+        assert (caught.value.kind, caught.value.id) == (store.robots.resource, text)
+        store.robots.add(robot())
         with pytest.raises(NotFoundError) as caught:
-            store.add(run(measurement_set_id=text))
-        assert caught.value.kind is MeasurementSetRecord
-        assert store.page(MeasurementSetEntry, limit=9).records == ()
-        assert store.page(RunEntry, limit=9).records == ()
-        assert store.find(MeasurementSetRecord, key) is None, "half of it is stored"
+            store.jobs(RUN).add(run(measurement_set_id=text))
+        assert caught.value.kind == store.sets.resource
+        assert store.sets.page(limit=9).records == ()
+        assert store.jobs(RUN).page(limit=9).records == ()
+        assert store.sets.find(key) is None, "half of it is stored"
 
     def test_an_id_is_taken_once(self, store: Store) -> None:
-        store.add(robot())
+        store.robots.add(robot())
         with pytest.raises(StoreError, match="r1 already"):
-            store.add(robot(name="another"))
-        assert store.get(RobotRecord, "r1") == robot()
+            store.robots.add(robot(name="another"))
+        assert store.robots.get("r1") == robot()
 
 
 class TestPages:
     def test_newest_first_and_undisturbed_by_what_comes(self, store: Store) -> None:
         for number in range(7):  # in the order of arrival, whatever the clock said
-            store.add(robot(f"r{number}", created_at=TIME - timedelta(days=number)))
+            store.robots.add(robot(f"r{number}", created_at=TIME - timedelta(days=number)))
         seen, cursor = [], None
         for page_number in range(10):
-            page = store.page(RobotRecord, limit=3, cursor=cursor)
+            page = store.robots.page(limit=3, cursor=cursor)
             seen += [record.id for record in page.records]
-            store.add(robot(f"new{page_number}"))
+            store.robots.add(robot(f"new{page_number}"))
             if (cursor := page.next) is None:
                 break
         assert seen == ["r6", "r5", "r4", "r3", "r2", "r1", "r0"]
@@ -175,66 +168,71 @@ class TestPages:
     @pytest.mark.parametrize("limit", [3, 4, 1_000_000])
     def test_the_last_page_says_so(self, store: Store, limit: int) -> None:
         for number in range(3):
-            store.add(robot(f"r{number}"))
-        page = store.page(RobotRecord, limit=limit)
+            store.robots.add(robot(f"r{number}"))
+        page = store.robots.page(limit=limit)
         assert len(page.records) == 3
         assert page.next is None
 
     def test_entries_are_records_without_contents(self, store: Store) -> None:
-        store.add(robot())
-        store.add(measurement_set())
-        store.add(run())
-        for kind, record in ((MeasurementSetEntry, measurement_set()), (RunEntry, run())):
-            (entry,) = store.page(kind, limit=5).records
+        store.robots.add(robot())
+        store.sets.add(measurement_set())
+        store.jobs(RUN).add(run())
+        for kind, record in ((MeasurementSetEntry, measurement_set()), (JobEntry, run())):
+            (entry,) = keeper(store, record).page(limit=5).records
             assert type(entry) is kind
             names = [field.name for field in dataclasses.fields(kind)]
             assert not {"document", "arrays"} & set(names)
             assert all(getattr(entry, name) == getattr(record, name) for name in names)
-        assert store.page(RobotRecord, limit=5).records == (robot(),)
+        assert store.robots.page(limit=5).records == (robot(),)
 
     def test_filters(self, store: Store) -> None:
         for identifier in ("r1", "r2"):
-            store.add(robot(identifier, name=f"name of {identifier}"))
-        store.add(measurement_set())
-        store.add(measurement_set("s2", robot_id="r2", name="other", encoders="secondary"))
-        store.add(run())
-        other = {"method": "m", "weighting": "w", "elasticity": "e", "state": "s"}
-        store.add(run("u2", measurement_set_id="s2", robot_id="r2", **other))
-        for kind, second in ((RobotRecord, "r2"), (MeasurementSetEntry, "s2"), (RunEntry, "u2")):
-            entry = store.page(kind, limit=1).records[0]
-            values = {name: getattr(entry, name) for name in FILTERS[kind]}
+            store.robots.add(robot(identifier, name=f"name of {identifier}"))
+        store.sets.add(measurement_set())
+        store.sets.add(measurement_set("s2", robot_id="r2", name="other", encoders="secondary"))
+        store.jobs(RUN).add(run())
+        columns = {"measurement_set_id": "s2", "robot_id": "r2", "state": "s"}
+        summary = {"method": "m", "weighting": "w", "elasticity": "e"}
+        store.jobs(RUN).add(run("u2", summary=summary, **columns))
+        for kind, second, values in (
+            (store.robots, "r2", {"name": "name of r2"}),
+            (store.sets, "s2", {"robot_id": "r2", "name": "other", "encoders": "secondary"}),
+            (store.jobs(RUN), "u2", columns | summary),
+        ):
             for name, value in values.items():
-                page = store.page(kind, limit=5, filters={name: value})
+                page = kind.page(limit=5, filters={name: value})
                 assert [found.id for found in page.records] == [second]
-                assert store.page(kind, limit=5, filters={name: value.upper() + "?"}).records == ()
-            page = store.page(kind, limit=5, filters=values)
+                assert kind.page(limit=5, filters={name: value.upper() + "?"}).records == ()
+            page = kind.page(limit=5, filters=values)
             assert [found.id for found in page.records] == [second]
 
     def test_filtered_pages_follow_each_other(self, store: Store) -> None:
         for number in range(10):
-            store.add(robot(f"r{number}", name="even" if number % 2 == 0 else "odd"))
-        first = store.page(RobotRecord, limit=3, filters={"name": "even"})
-        second = store.page(RobotRecord, limit=3, filters={"name": "even"}, cursor=first.next)
+            store.robots.add(robot(f"r{number}", name="even" if number % 2 == 0 else "odd"))
+        first = store.robots.page(limit=3, filters={"name": "even"})
+        second = store.robots.page(limit=3, filters={"name": "even"}, cursor=first.next)
         ids = [[record.id for record in page.records] for page in (first, second)]
         assert ids == [["r8", "r6", "r4"], ["r2", "r0"]]
 
-    def test_filters_of_each_kind(self) -> None:
-        assert FILTERS[RobotRecord] == {"name"}
-        assert FILTERS[MeasurementSetEntry] == {"robot_id", "name", "encoders"}
-        assert FILTERS[RunEntry] == {
-            "measurement_set_id",
-            "robot_id",
-            "method",
-            "weighting",
-            "elasticity",
-            "state",
-        }
+    def test_jobs_of_other_kinds_are_neither_listed_nor_found(self, store: Store) -> None:
+        store.robots.add(robot())
+        store.sets.add(measurement_set())
+        for name, resource in RESOURCES.items():
+            store.jobs(resource).add(job_record(resource, f"of {name}"))
+        for name, resource in RESOURCES.items():
+            (entry,) = store.jobs(resource).page(limit=9, filters={"robot_id": "r1"}).records
+            assert (entry.id, entry.kind) == (f"of {name}", name)
+            for other in RESOURCES.values():
+                if other is not resource:
+                    with pytest.raises(NotFoundError):
+                        store.jobs(other).get(entry.id)
+                    assert store.job_log(other).standing(entry.id) is None
 
     def test_filter_values_that_nothing_has(self, store: Store, subtests: pytest.Subtests) -> None:
-        store.add(robot())
+        store.robots.add(robot())
         for name, text in HOSTILE.items():
             with subtests.test(name):
-                page = store.page(RobotRecord, limit=5, filters={"name": text})
+                page = store.robots.page(limit=5, filters={"name": text})
                 assert (page.records, page.next) == ((), None)
 
     def test_cursors_that_no_page_gave(self, store: Store, subtests: pytest.Subtests) -> None:
@@ -242,18 +240,18 @@ class TestPages:
         for cursor in [*HOSTILE.values(), *numbers]:
             with subtests.test(ascii(cursor[:9])):
                 with pytest.raises(CursorError) as caught:
-                    store.page(RobotRecord, limit=5, cursor=cursor)
+                    store.robots.page(limit=5, cursor=cursor)
                 assert len(caught.value.reason.encode()) < 600
 
     def test_the_greatest_cursor_shows_everything(self, store: Store) -> None:
-        store.add(robot())
-        assert store.page(RobotRecord, limit=5, cursor=str(2**63 - 1)).records == (robot(),)
+        store.robots.add(robot())
+        assert store.robots.page(limit=5, cursor=str(2**63 - 1)).records == (robot(),)
 
     def test_mistakes_of_ours(self, store: Store) -> None:
         mistakes: list[tuple[int, dict[str, str]]] = [(0, {}), (-1, {}), (5, {"document": "{}"})]
         for limit, filters in mistakes:
             with pytest.raises(ValueError, match="no page"):
-                store.page(RobotRecord, limit=limit, filters=filters)
+                store.robots.page(limit=limit, filters=filters)
 
 
 class TestIdempotency:
@@ -261,44 +259,44 @@ class TestIdempotency:
     OTHER_BODY = dataclasses.replace(KEY, body_hash="hash of another body")
 
     def test_the_second_post_returns_the_first_resource(self, store: Store) -> None:
-        assert store.find(RobotRecord, self.KEY) is None
-        first = store.add(robot(), self.KEY)
-        assert store.find(RobotRecord, self.KEY) == first
-        assert store.add(robot("r2", name="another"), self.KEY) == first
-        assert store.page(RobotRecord, limit=5).records == (first,)
+        assert store.robots.find(self.KEY) is None
+        first = store.robots.add(robot(), self.KEY)
+        assert store.robots.find(self.KEY) == first
+        assert store.robots.add(robot("r2", name="another"), self.KEY) == first
+        assert store.robots.page(limit=5).records == (first,)
 
     def test_another_body_is_refused(self, store: Store) -> None:
-        store.add(robot(), self.KEY)
+        store.robots.add(robot(), self.KEY)
         for attempt in (
-            lambda: store.find(RobotRecord, self.OTHER_BODY),
-            lambda: store.add(robot("r2"), self.OTHER_BODY),
+            lambda: store.robots.find(self.OTHER_BODY),
+            lambda: store.robots.add(robot("r2"), self.OTHER_BODY),
         ):
             with pytest.raises(IdempotencyConflictError) as caught:
                 attempt()
-            assert (caught.value.kind, caught.value.key) == (RobotRecord, "a key")
-        assert store.page(RobotRecord, limit=5).records == (robot(),)
+            assert (caught.value.kind, caught.value.key) == (store.robots.resource, "a key")
+        assert store.robots.page(limit=5).records == (robot(),)
 
     def test_a_key_counts_for_its_kind_only(self, store: Store) -> None:
         for record in (robot("x"), measurement_set("x", robot_id="x")):
-            store.add(record, self.KEY)
-        store.add(run("x", measurement_set_id="x", robot_id="x"), self.OTHER_BODY)
-        assert store.find(MeasurementSetRecord, self.KEY) == measurement_set("x", robot_id="x")
+            keeper(store, record).add(record, self.KEY)
+        store.jobs(RUN).add(run("x", measurement_set_id="x", robot_id="x"), self.OTHER_BODY)
+        assert store.sets.find(self.KEY) == measurement_set("x", robot_id="x")
 
     def test_a_failed_post_leaves_the_key_free(self, store: Store) -> None:
         with pytest.raises(NotFoundError):
-            store.add(measurement_set(), self.KEY)
-        store.add(robot())
-        assert store.add(measurement_set(), self.OTHER_BODY) == measurement_set()
+            store.sets.add(measurement_set(), self.KEY)
+        store.robots.add(robot())
+        assert store.sets.add(measurement_set(), self.OTHER_BODY) == measurement_set()
 
     @hostile
     def test_keys_may_be_any_text(self, store: Store, text: str) -> None:
         key = IdempotencyKey(text, "b")
-        assert store.find(RobotRecord, key) is None
-        store.add(robot(), key)
-        assert store.add(robot("r2"), key) == robot()
-        assert store.find(RobotRecord, IdempotencyKey(text + "!", "b")) is None
+        assert store.robots.find(key) is None
+        store.robots.add(robot(), key)
+        assert store.robots.add(robot("r2"), key) == robot()
+        assert store.robots.find(IdempotencyKey(text + "!", "b")) is None
         with pytest.raises(IdempotencyConflictError) as caught:
-            store.find(RobotRecord, IdempotencyKey(text, "c"))
+            store.robots.find(IdempotencyKey(text, "c"))
         assert len(caught.value.reason.encode()) < 600
 
     def test_simultaneous_posts_make_one_resource(self, store: Store) -> None:
@@ -306,17 +304,17 @@ class TestIdempotency:
             key = IdempotencyKey(f"key {attempt}", "b")
 
             def post(number: int, attempt: int = attempt, key: IdempotencyKey = key) -> RobotRecord:
-                return store.add(robot(f"r{attempt}_{number}"), key)
+                return store.robots.add(robot(f"r{attempt}_{number}"), key)
 
             answers = together(12, post)
             assert len(set(answers)) == 1
-            found = store.page(RobotRecord, limit=50).records
+            found = store.robots.page(limit=50).records
             assert (found[0], len(found)) == (answers[0], attempt + 1)
 
     def test_simultaneous_posts_through_separate_stores(self, database_url: str) -> None:
         def post(number: int) -> RobotRecord:
             with Store.open(database_url) as store:
-                return store.add(robot(f"r{number}"), self.KEY)
+                return store.robots.add(robot(f"r{number}"), self.KEY)
 
         answers = together(6, post)
         assert len(set(answers)) == 1
@@ -325,7 +323,7 @@ class TestIdempotency:
         def post(number: int) -> RobotRecord | None:
             key = IdempotencyKey("a key", f"body {number}")
             try:
-                return store.add(robot(f"r{number}"), key)
+                return store.robots.add(robot(f"r{number}"), key)
             except IdempotencyConflictError:
                 return None
 
@@ -334,25 +332,25 @@ class TestIdempotency:
 
 
 def test_many_threads_write_and_read(store: Store) -> None:
-    store.add(robot())
+    store.robots.add(robot())
 
     def work(number: int) -> None:
         for index in range(10):
             record = measurement_set(f"s{number}_{index}")
-            store.add(record)
-            assert store.get(MeasurementSetRecord, record.id) == record
-            store.page(MeasurementSetEntry, limit=5, filters={"robot_id": "r1"})
+            keeper(store, record).add(record)
+            assert store.sets.get(record.id) == record
+            store.sets.page(limit=5, filters={"robot_id": "r1"})
 
     together(20, work)
-    assert len(store.page(MeasurementSetEntry, limit=1000).records) == 200
+    assert len(store.sets.page(limit=1000).records) == 200
 
 
 @pytest.mark.parametrize(
     "error",
     [
         StoreUnavailableError("it does not answer", "wait"),
-        NotFoundError(RunRecord, "x"),
-        IdempotencyConflictError(RunRecord, "key"),
+        NotFoundError(RUN, "x"),
+        IdempotencyConflictError(RUN, "key"),
         CursorError("nonsense"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from test_runs import request, runs_of, stored_set
+from support.jobs import LedgerEngine, request, runs_of, stored_set
 
 from jointstiff.service.store import Store, StoreUnavailableError
 from jointstiff.service.workers.engine import _patient, _until_ended
@@ -13,37 +13,6 @@ from jointstiff.service.workers.queue import VERSION, Outcome
 from jointstiff.service.workers.recovery import Janitor
 
 SILENCE = timedelta(seconds=30)
-
-
-class LedgerEngine:
-    """An engine that is a ledger: what is pending, with whom, and what became of jobs."""
-
-    def __init__(self):
-        self.ledger = self
-        self.active = []
-        self.taken = {}
-        self.ended = {}
-        self.resumed = []
-        self.renewed = []
-        self.forgotten = []
-
-    def pending(self):
-        return dict(self.taken)
-
-    def resume(self, workflows):
-        for name, kind in workflows:
-            self.resumed.append((name, kind))
-            self.taken.pop(name)
-
-    def outcomes(self, job_ids):
-        return {name: outcome for name, outcome in self.ended.items() if name in job_ids}
-
-    def renew(self, kind, job_id):
-        self.renewed.append((kind, job_id))
-        self.ended[job_id] = Outcome("ENQUEUED", VERSION)
-
-    def forget_ended(self, _age, limit):
-        return self.forgotten[:limit]
 
 
 @pytest.fixture

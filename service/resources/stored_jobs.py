@@ -1,30 +1,45 @@
-"""Stored geometries for those who build on them: robots and measurement sets."""
+"""Stored jobs for those who build on them: robots, measurement sets and other jobs."""
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 from jointstiff.schemas.geometry import Geometry, GeometryResult
-from jointstiff.service.store import GeometryRecord, NotFoundError, Store
+from jointstiff.schemas.job import Job
+from jointstiff.service.errors import NotFoundError, Resource
+from jointstiff.service.store import Store
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["succeeded_geometry"]
+__all__ = ["stored_job", "succeeded_geometry"]
+
+AnyJob = TypeVar("AnyJob", bound=Job)
+
+
+def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
+    """Return a job.
+
+    Raises:
+        NotFoundError: there is none, or it was deleted.
+    """
+    record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
+    return message.model_validate_json(record.document)
 
 
 def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
-    """A geometry and its result.
+    """Return a geometry and its result.
 
     Args:
         store: where it is.
-        geometry_id: of it.
+        geometry_id: its id.
         where: field that names it, for messages.
 
     Raises:
         RequestError: there is none, it was deleted, or it has no result.
     """
     try:
-        record = store.get(GeometryRecord, geometry_id)
+        geometry = stored_job(store, Geometry, geometry_id)
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
-    geometry = Geometry.model_validate_json(record.document)
     if geometry.result is None:
         raise RequestError(
             f"geometry '{geometry_id}' has {geometry.state} and found no robot",

@@ -1,27 +1,25 @@
-"""Comparisons as jobs: several methods on one set, free and constrained, the same draws for all."""
+"""A comparison: several methods on one set, free and constrained, the same draws for all."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonRequest, ComparisonResult
+from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import RunOptions, RunResult
+from jointstiff.service.computation.prepared import PreparedSet
+from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
+from jointstiff.service.computation.run import run_identification
+from jointstiff.service.computation.work import Span, SteppedWork, hash_of
 from jointstiff.service.conversion import to_settings
-from jointstiff.service.jobs.identify import run_identification
-from jointstiff.service.jobs.kinds import Kind, prepared_for
-from jointstiff.service.jobs.resample import ResamplingWork, decode, encode
-from jointstiff.service.jobs.work import Span, Work
 from jointstiff.service.problems import problem_of
-from jointstiff.service.resources import MeasurementSets, PreparedSet
-from jointstiff.service.store import ComparisonRecord
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.resampling import Resamples
 
-__all__ = ["ComparisonKind", "ComparisonWork"]
+__all__ = ["ComparisonWork"]
 
 Part = Resamples | Problem
 """Some draws of one fit, or why it has none."""
@@ -44,8 +42,8 @@ class _Fit:
     bounds: Bounds
 
 
-class ComparisonWork(Work[Part]):
-    """What a comparison takes: R draws for each fit that the readings support, one fit after the other."""
+class ComparisonWork(SteppedWork[Part]):
+    """The work of a comparison: the draws of each fit that the readings support, one fit after the other."""
 
     def __init__(self, prepared: PreparedSet, request: ComparisonRequest) -> None:
         """Check what is asked for.
@@ -53,12 +51,13 @@ class ComparisonWork(Work[Part]):
         Raises:
             RequestError: what cannot be drawn.
         """
-        self.robot_id, self.content = prepared.robot_id, prepared.content
+        options = request.model_dump_json(exclude={"measurement_set_id"})
+        self.robot_id, self.input_hash = prepared.robot_id, hash_of(prepared.content, options)
         self._prepared, self._request = prepared, request
         self._fits = [fit for number in range(len(request.methods)) for fit in self._fits_of(number)]
 
     def steps(self) -> Sequence[Span]:
-        """The draws of all fits, cut into steps."""
+        """Return the draws of all fits, cut into steps."""
         return tuple(
             (number * self._repetitions + start, number * self._repetitions + stop)
             for number, fit in enumerate(self._resampled)
@@ -78,15 +77,15 @@ class ComparisonWork(Work[Part]):
             return problem_of(error)
 
     def encode(self, part: Part) -> str:
-        """As text that an engine can keep."""
+        """Return draws or a problem as text."""
         return part.model_dump_json() if isinstance(part, Problem) else encode(part)
 
     def decode(self, text: str) -> Part:
-        """What `encode` wrote."""
+        """Return what `encode` wrote."""
         return Problem.model_validate_json(text) if text.startswith("{") else decode(text)
 
     def conclude(self, parts: Sequence[Part]) -> ComparisonResult:
-        """The fits side by side."""
+        """Return the fits side by side."""
         draws = dict(zip(self._resampled, self._by_fit(parts), strict=True))
         outcomes = [self._outcome(fit, draws.get(fit, [])) for fit in self._fits]
         warnings = {(each.code, each.where): each for each in self._prepared.warnings}
@@ -160,35 +159,3 @@ def _entry(fit: _Fit, outcome: RunResult | Problem) -> ComparedFit:
         condition_number=result.identifiability.condition_number if result else None,
         resampling=result.resampling if result else None,
     )
-
-
-class ComparisonKind(Kind[ComparisonRequest, Comparison, ComparisonRecord]):
-    """What a comparison is."""
-
-    name = "comparison"
-    unit = "resamples"
-    activity = "resampling"
-    message = Comparison
-    record = ComparisonRecord
-
-    def __init__(self, sets: MeasurementSets) -> None:
-        self._sets = sets
-
-    def work(self, request: ComparisonRequest) -> ComparisonWork:
-        """What a request takes.
-
-        Raises:
-            RequestError: there is no such set, or what cannot be drawn.
-        """
-        return ComparisonWork(prepared_for(self._sets, request.measurement_set_id), request)
-
-    def row(self, job: Comparison, robot_id: str) -> ComparisonRecord:
-        """A comparison as the store keeps it."""
-        return ComparisonRecord(
-            id=job.id,
-            measurement_set_id=job.request.measurement_set_id,
-            robot_id=robot_id,
-            state=job.state,
-            created_at=job.provenance.created_at,
-            document=job.model_dump_json(),
-        )

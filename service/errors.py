@@ -1,4 +1,4 @@
-"""What can go wrong with the store.
+"""Errors of the service, beside those of the numerical core; each says how to mend it.
 
 StoreError                     a database that this software cannot work with: see the remedy
 ├── StoreUnavailableError      the database does not answer: try again, or look at the server
@@ -8,24 +8,47 @@ StoreError                     a database that this software cannot work with: s
 ├── TooManyJobsError           as many jobs wait as may: post again later
 ├── IdempotencyConflictError   a key used again for another body: take a new key
 └── CursorError                not a cursor that a page gave: start from the first page
+
+RequestError of the numerical core
+└── FilesError                 files that were not understood: mend them
 """
 
 from __future__ import annotations
 
-from jointstiff.service.store.records import AnyRecord
+from typing import NamedTuple
+
+from jointstiff.solver.errors import RequestError
 
 __all__ = [
     "CursorError",
     "DeletedError",
+    "FilesError",
     "IdempotencyConflictError",
     "NotEndedError",
     "NotFoundError",
+    "Resource",
     "StoreError",
     "StoreUnavailableError",
     "TooManyJobsError",
 ]
 
 _MAX_SHOWN = 80
+
+
+class Resource(NamedTuple):
+    """A kind of resource.
+
+    Attributes:
+        name: in messages.
+        collection: name of all resources of this kind in addresses.
+    """
+
+    name: str
+    collection: str
+
+
+class FilesError(RequestError):
+    """Files that were not understood; `where` is file:line:column, as far as it is one place."""
 
 
 def _shown(text: str) -> str:
@@ -65,14 +88,14 @@ class NotFoundError(StoreError):
     """There is no such record.
 
     Attributes:
-        kind: Type of the record that was looked for.
+        kind: The kind of resource that was looked for.
         id: The id that nothing has; text from outside, of any length.
     """
 
-    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+    def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
-            f"there is no {kind.title} {_shown(identifier)}",
-            f"check the id, or list the {kind.title}s",
+            f"there is no {kind.name} {_shown(identifier)}",
+            f"check the id, or list them: GET /v1/{kind.collection}",
         )
         self.kind = kind
         self.id = identifier
@@ -81,36 +104,36 @@ class NotFoundError(StoreError):
 class DeletedError(NotFoundError):
     """The record was deleted, and has not been removed yet."""
 
-    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+    def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
-        self.reason = f"the {kind.title} {_shown(identifier)} was deleted"
-        self.remedy = f"bring it back with POST /v1/{kind.title}s/{identifier}/restore"
+        self.reason = f"the {kind.name} {_shown(identifier)} was deleted"
+        self.remedy = f"bring it back with POST /v1/{kind.collection}/{identifier}/restore"
         self.args = (f"{self.reason}: {self.remedy}",)
 
 
 class NotEndedError(StoreError):
-    """A job that goes on cannot be deleted.
+    """A job that has not ended cannot be deleted.
 
     Attributes:
-        kind: Type of its record.
-        id: Of the job.
+        kind: The kind of job.
+        id: Its id.
     """
 
-    def __init__(self, kind: type[AnyRecord], identifier: str) -> None:
+    def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
-            f"the {kind.title} {_shown(identifier)} has not ended",
-            f"cancel it first with POST /v1/{kind.title}s/{identifier}/cancel, or wait for its end",
+            f"the {kind.name} {_shown(identifier)} has not ended",
+            f"cancel it first with POST /v1/{kind.collection}/{identifier}/cancel, or wait for its end",
         )
         self.kind = kind
         self.id = identifier
 
 
 class TooManyJobsError(StoreError):
-    """As many jobs of a kind go on as may."""
+    """The queue of a kind of job is full."""
 
-    def __init__(self, kind: type[AnyRecord], most: int) -> None:
+    def __init__(self, kind: Resource, most: int) -> None:
         super().__init__(
-            f"{most:,} {kind.title}s have not ended", "post it again when some have, or cancel some"
+            f"{most:,} {kind.collection} have not ended", "post it again when some have, or cancel some"
         )
         self.kind = kind
         self.most = most
@@ -120,13 +143,13 @@ class IdempotencyConflictError(StoreError):
     """An idempotency key came again with another body.
 
     Attributes:
-        kind: Type of the record that the key created.
+        kind: The kind of resource that the key created.
         key: The key; text from outside, of any length.
     """
 
-    def __init__(self, kind: type[AnyRecord], key: str) -> None:
+    def __init__(self, kind: Resource, key: str) -> None:
         super().__init__(
-            f"the idempotency key {_shown(key)} already created a {kind.title} from another body",
+            f"the idempotency key {_shown(key)} already created a {kind.name} from another body",
             "send the first body again, or take a new key",
         )
         self.kind = kind

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from functools import cached_property
 from typing import Final
 
-import numpy as np
-
 from jointstiff.schemas.run import Resampling, RunOptions
+from jointstiff.service.computation.prepared import PreparedSet
+from jointstiff.service.computation.work import Span, pack, unpack
 from jointstiff.service.conversion import to_settings
-from jointstiff.service.jobs.work import Span
-from jointstiff.service.resources import PreparedSet
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.resampling import (
@@ -33,7 +29,7 @@ _SECONDS_A_READING: Final = 2.5e-8
 
 
 class ResamplingWork:
-    """What one fit resamples: the blocks are computed once, when the first step asks for them."""
+    """The draws of one fit; their blocks are computed once, when the first step asks for them."""
 
     def __init__(self, prepared: PreparedSet, options: RunOptions, resampling: Resampling) -> None:
         """Check what is asked for.
@@ -61,11 +57,11 @@ class ResamplingWork:
 
     @property
     def repetitions(self) -> int:
-        """How many draws there are."""
+        """Number of draws."""
         return self._plan.repetitions
 
     def steps(self) -> tuple[Span, ...]:
-        """The repetitions, cut into steps of about `STEP_SECONDS`."""
+        """Return the repetitions, cut into steps of about `STEP_SECONDS`."""
         readings = int(self._prepared.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size = max(1, int(STEP_SECONDS / seconds))
@@ -87,19 +83,17 @@ class ResamplingWork:
 
 
 def encode(resamples: Resamples) -> str:
-    """As text that an engine can keep."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        allow_pickle=False,
-        compliance=resamples.compliance,
-        active=resamples.active,
-        compensation=resamples.compensation,
+    """Return draws as text that an engine can keep."""
+    return pack(
+        {
+            "compliance": resamples.compliance,
+            "active": resamples.active,
+            "compensation": resamples.compensation,
+        }
     )
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def decode(text: str) -> Resamples:
-    """What `encode` wrote."""
-    with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
-        return Resamples(archive["compliance"], archive["active"], archive["compensation"])
+    """Return the draws that `encode` wrote."""
+    arrays = unpack(text)
+    return Resamples(arrays["compliance"], arrays["active"], arrays["compensation"])

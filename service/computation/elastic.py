@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
@@ -11,6 +9,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.run import RunOptions, RunResult
+from jointstiff.service.computation.prepared import PreparedSet
+from jointstiff.service.computation.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.conversion import (
     to_elastic_columns,
     to_links_result,
@@ -20,8 +20,6 @@ from jointstiff.service.conversion import (
     to_settings,
     to_warnings,
 )
-from jointstiff.service.jobs.work import Span
-from jointstiff.service.resources import PreparedSet
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate, judge
@@ -38,24 +36,28 @@ from jointstiff.solver.links import (
     with_links,
 )
 
-__all__ = ["ElasticWork", "decode_fits", "encode_fits"]
+__all__ = ["ElasticWork"]
 
 _WEIGHTS_A_STEP: Final = 4
 """Of all models, in one fold: a tenth of a second to one."""
 
 
-class ElasticWork:
-    """One run beyond joints: each unit is a weight of the penalty in a fold, for all models.
+class ElasticWork(SteppedWork[list[FoldFit]]):
+    """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
 
     A penalty that is given leaves one weight, which is quick: such work takes no steps.
     """
 
-    def __init__(self, prepared: PreparedSet, options: RunOptions) -> None:
+    unit = "penalties"
+    activity = "cross-validating"
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
         """Check what is asked for.
 
         Raises:
             RequestError: the readings cannot support it, or something about a joint that is not there.
         """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
         self._prepared, self._options = prepared, options
         self._settings = to_settings(options, prepared.robot)
         refuse_unsupported_elastic(prepared.measurements, self._settings)
@@ -70,7 +72,7 @@ class ElasticWork:
         self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
 
     def steps(self) -> tuple[Span, ...]:
-        """Weights of a fold after the other; none where the penalty is given."""
+        """Return the weights of one fold after the other; none where the penalty is given."""
         if self._options.link_penalty is not None:
             return ()
         count = len(self._plan.weights)
@@ -89,6 +91,21 @@ class ElasticWork:
         fold, start = divmod(span[0], len(self._plan.weights))
         weights = self._plan.weights[start : start + span[1] - span[0]]
         return [fit_fold(self._folds, model, fold, weights) for model in self._models]
+
+    def encode(self, part: list[FoldFit]) -> str:
+        """Return fits as text."""
+        return pack(
+            {
+                "fold_compliances": np.array([fit.compliances for fit in part]),
+                "error": np.array([fit.error for fit in part]),
+            }
+        )
+
+    def decode(self, text: str) -> list[FoldFit]:
+        """Return the fits that `encode` wrote."""
+        arrays = unpack(text)
+        pairs = zip(arrays["fold_compliances"], arrays["error"], strict=True)
+        return [FoldFit(compliances, error) for compliances, error in pairs]
 
     def conclude(self, parts: Sequence[list[FoldFit]]) -> RunResult:
         """Choose the penalty, fit the whole set, and report.
@@ -154,22 +171,3 @@ class ElasticWork:
         )
         links = to_links_result(elastic, prepared.robot.joint_names, given=options.link_penalty is not None)
         return result.model_copy(update={"links": links, "selection": to_selection(selection)})
-
-
-def encode_fits(fits: Sequence[FoldFit]) -> str:
-    """As text that an engine can keep."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        allow_pickle=False,
-        fold_compliances=np.array([fit.compliances for fit in fits]),
-        error=np.array([fit.error for fit in fits]),
-    )
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-def decode_fits(text: str) -> list[FoldFit]:
-    """What `encode_fits` wrote."""
-    with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
-        pairs = zip(archive["fold_compliances"], archive["error"], strict=True)
-        return [FoldFit(compliances, error) for compliances, error in pairs]

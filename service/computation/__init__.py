@@ -1,0 +1,38 @@
+"""Computation without a store: from messages by the numerical core to results."""
+
+from __future__ import annotations
+
+from jointstiff.service.computation.comparison import ComparisonWork
+from jointstiff.service.computation.execution import carry_out, new_job
+from jointstiff.service.computation.geometry import as_request_errors, geometry_work
+from jointstiff.service.computation.pair import Side, pair_work
+from jointstiff.service.computation.prepared import (
+    PreparedRobot,
+    PreparedSet,
+    build_robot,
+    check_set,
+    prepare_robot,
+    prepare_set,
+)
+from jointstiff.service.computation.run import run_work
+from jointstiff.service.computation.work import QuickWork, SteppedWork, Work
+
+__all__ = [
+    "ComparisonWork",
+    "PreparedRobot",
+    "PreparedSet",
+    "QuickWork",
+    "Side",
+    "SteppedWork",
+    "Work",
+    "as_request_errors",
+    "build_robot",
+    "carry_out",
+    "check_set",
+    "geometry_work",
+    "new_job",
+    "pair_work",
+    "prepare_robot",
+    "prepare_set",
+    "run_work",
+]

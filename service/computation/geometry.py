@@ -1,0 +1,93 @@
+"""A geometry: from the readings of sweeps or poses to axes, frames and a robot, at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from jointstiff.schemas.geometry import GeometryRequest, GeometryResult
+from jointstiff.service.computation.work import QuickWork, hash_of
+from jointstiff.service.conversion import (
+    to_base_targets,
+    to_conventions,
+    to_geometry_result,
+    to_poses,
+    to_sweeps,
+)
+from jointstiff.solver.errors import InputError, NotObservableError, RequestError
+from jointstiff.solver.geometry import Poses, Survey, SweepSet, survey_poses, survey_sweeps
+from jointstiff.solver.robot import Robot
+
+__all__ = ["as_request_errors", "geometry_work"]
+
+
+def geometry_work(request: GeometryRequest, nominal: Robot | None, robot_hash: str = "") -> QuickWork:
+    """Return the work of a geometry.
+
+    Args:
+        request: the readings, and how to identify.
+        nominal: the robot as its maker describes it, if that is known.
+        robot_hash: content hash of a nominal model that is stored.
+
+    Raises:
+        RequestError: the readings contradict themselves or the nominal model.
+    """
+    with as_request_errors():
+        readings = _readings(request, nominal)
+    # Names and ids do not count.
+    options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    return QuickWork(
+        compute=partial(_identify, request, readings, nominal),
+        input_hash=hash_of(robot_hash, options),
+        robot_id=request.robot_id,
+        details={"name": request.name},
+    )
+
+
+@contextmanager
+def as_request_errors(section: str | None = None) -> Iterator[None]:
+    """Refuse readings that determine no robot, which are not worth storing.
+
+    Args:
+        section: of the request, to which places in messages refer.
+
+    Raises:
+        RequestError: in place of errors of the input.
+    """
+    try:
+        yield
+    except (InputError, NotObservableError) as error:
+        where = ".".join(part for part in (section, error.where) if part)
+        raise RequestError(error.reason, remedy=error.remedy, where=where or None) from error
+
+
+def _readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Poses:
+    if request.sweeps is None and nominal is not None:
+        return to_poses(request, nominal)
+    return to_sweeps(request, nominal)
+
+
+def _identify(request: GeometryRequest, readings: SweepSet | Poses, nominal: Robot | None) -> GeometryResult:
+    with as_request_errors():
+        survey = _survey(request, readings, nominal)
+        return to_geometry_result(survey, request.name, readings.joint_map)
+
+
+def _survey(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> Survey:
+    nominal = robot.chain if robot is not None else None
+    conventions = to_conventions(request, readings.targets)
+    base_targets = to_base_targets(request, readings.sigma)
+    if isinstance(readings, SweepSet):
+        return survey_sweeps(
+            readings,
+            conventions,
+            nominal=nominal,
+            name=request.name,
+            fit=request.fit,
+            angles=request.angles,
+            base_targets=base_targets,
+        )
+    if nominal is None:
+        raise ValueError("poses calibrate a nominal model, and the request has none")
+    return survey_poses(readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets)

@@ -1,0 +1,136 @@
+"""A run: one identification of a prepared measurement set, with its resampling or its elastic links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jointstiff.schemas.run import EncoderResidual, RunOptions, RunRequest, RunResult
+from jointstiff.service.computation.elastic import ElasticWork
+from jointstiff.service.computation.prepared import PreparedSet
+from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
+from jointstiff.service.computation.work import Span, SteppedWork, hash_of
+from jointstiff.service.conversion import (
+    to_encoder_residuals,
+    to_resampling_result,
+    to_result,
+    to_settings,
+    to_warnings,
+)
+from jointstiff.solver.identification import Settings, identify, refuse_unsupported
+from jointstiff.solver.inference import Estimate, advise, judge, predict, predict_encoders
+from jointstiff.solver.resampling import Resamples, summarise
+
+__all__ = ["RunWork", "run_identification", "run_work"]
+
+
+class RunWork(SteppedWork[Resamples]):
+    """The work of a run of joints alone: its draws, of which a quick run has none."""
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: the readings cannot support it, or draws that cannot be made.
+        """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
+        self._prepared, self._options = prepared, options
+        self._draws: ResamplingWork | None = None
+        if options.resampling is not None:
+            refuse_unsupported(prepared.robot, prepared.measurements, to_settings(options, prepared.robot))
+            self._draws = ResamplingWork(prepared, options, options.resampling)
+
+    def steps(self) -> Sequence[Span]:
+        """Return the draws, cut into steps."""
+        return () if self._draws is None else self._draws.steps()
+
+    def compute(self, span: Span) -> Resamples:
+        """Fit some of the draws.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        if self._draws is None:
+            raise ValueError("this run takes no steps")
+        return self._draws.compute(span)
+
+    def encode(self, part: Resamples) -> str:
+        """Return draws as text."""
+        return encode(part)
+
+    def decode(self, text: str) -> Resamples:
+        """Return the draws that `encode` wrote."""
+        return decode(text)
+
+    def conclude(self, parts: Sequence[Resamples]) -> RunResult:
+        """Identify from the whole set, with the statistics of the draws.
+
+        Raises:
+            JointstiffError: as `run_identification` does.
+        """
+        return run_identification(self._prepared, self._options, parts)
+
+
+def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWork:
+    """Return the work of a run.
+
+    Raises:
+        RequestError: the readings cannot support what is asked for.
+    """
+    options = request.model_dump_json(exclude={"measurement_set_id"})
+    work = RunWork if request.elasticity == "joints" else ElasticWork
+    return work(prepared, request, hash_of(prepared.content, options))
+
+
+def run_identification(
+    prepared: PreparedSet,
+    options: RunOptions,
+    parts: Sequence[Resamples] = (),
+) -> RunResult:
+    """Identify, predict, and report.
+
+    Args:
+        prepared: the readings.
+        options: how to identify.
+        parts: the fits of the draws, in order, if it resamples.
+
+    Raises:
+        RequestError: the options do not fit the robot or the set.
+        UnsupportedMethodError: the readings cannot support the method.
+        NotObservableError: the readings determine no joint.
+        SolverError: optimality could not be certified.
+    """
+    settings = to_settings(options, prepared.robot)
+    estimate = identify(prepared.robot, prepared.measurements, settings)
+    prediction = predict(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+        estimated=estimate.estimated,
+    )
+    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
+    advice = advise(prepared.robot, prepared.measurements, estimate)
+    result = to_result(estimate, prediction, prepared.measurements, prepared.readings, warnings, advice)
+    result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
+    if options.resampling is None or not parts:
+        return result
+    summary = summarise(Resamples.concatenate(parts), confidence=options.confidence)
+    repetitions = options.resampling.repetitions
+    resampling = to_resampling_result(summary, result.joints, repetitions)
+    return result.model_copy(update={"resampling": resampling})
+
+
+def _encoder_residuals(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> list[EncoderResidual]:
+    encoders = prepared.measurements.encoders
+    if encoders is None:
+        return []
+    predicted = predict_encoders(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+    )
+    labels = prepared.readings.labels.tolist()
+    return to_encoder_residuals(encoders, predicted, labels, prepared.robot.joint_names)

@@ -1,0 +1,96 @@
+"""The work that the request of each kind of job takes, with the resources that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from jointstiff.schemas.comparison import ComparisonRequest
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.run import Run, RunOptions, RunRequest
+from jointstiff.service.computation import (
+    ComparisonWork,
+    QuickWork,
+    Side,
+    SteppedWork,
+    as_request_errors,
+    geometry_work,
+    pair_work,
+    run_work,
+)
+from jointstiff.service.errors import NotFoundError
+from jointstiff.service.resources import Resources, stored_job
+from jointstiff.solver.errors import RequestError
+
+__all__ = ["comparison", "geometry", "pair", "run"]
+
+
+def run(resources: Resources, request: RunRequest) -> SteppedWork[Any]:
+    """Return the work of a run.
+
+    Raises:
+        RequestError: there is no such set, or the readings cannot support what is asked for.
+    """
+    with _named_by("measurement_set_id"):
+        prepared = resources.sets.prepared(request.measurement_set_id)
+    return run_work(prepared, request)
+
+
+def comparison(resources: Resources, request: ComparisonRequest) -> ComparisonWork:
+    """Return the work of a comparison.
+
+    Raises:
+        RequestError: there is no such set, or draws that cannot be made.
+    """
+    with _named_by("measurement_set_id"):
+        prepared = resources.sets.prepared(request.measurement_set_id)
+    return ComparisonWork(prepared, request)
+
+
+def pair(resources: Resources, request: PairRequest) -> QuickWork:
+    """Return the work of a pair.
+
+    Raises:
+        RequestError: a set or a run is not there, the robots' joints differ, or the readings cannot support
+            what is asked for.
+    """
+    return pair_work(_side(resources, "first", request), _side(resources, "second", request), request)
+
+
+def geometry(resources: Resources, request: GeometryRequest) -> QuickWork:
+    """Return the work of a geometry.
+
+    Raises:
+        RequestError: there is no such robot, it cannot be used, or the readings contradict themselves.
+    """
+    if request.robot is not None:
+        with as_request_errors("robot"):
+            return geometry_work(request, resources.robots.find(None, request.robot))
+    if request.robot_id is None:
+        return geometry_work(request, None)
+    with _named_by("robot_id"):
+        robot, content = resources.robots.load(request.robot_id)
+    return geometry_work(request, robot, content)
+
+
+def _side(resources: Resources, name: str, request: PairRequest) -> Side:
+    side = request.first if name == "first" else request.second
+    set_id, options = side.measurement_set_id, RunOptions.model_validate(request.options)
+    if side.run_id is not None:
+        with _named_by(f"{name}.run_id"):
+            asked = stored_job(resources.store, Run, side.run_id).request
+        set_id, options = asked.measurement_set_id, asked
+    with _named_by(f"{name}.measurement_set_id"):
+        prepared = resources.sets.prepared(str(set_id))
+    return Side(name, str(set_id), prepared, request.options_at(options))
+
+
+@contextmanager
+def _named_by(field: str) -> Iterator[None]:
+    """Refuse a request whose field names what is not there."""
+    try:
+        yield
+    except NotFoundError as error:
+        raise RequestError(error.reason, remedy=error.remedy, where=field) from error

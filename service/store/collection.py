@@ -1,0 +1,241 @@
+"""The records of one kind: added, found, and listed in the order in which they came."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, fields
+from types import MappingProxyType
+from typing import Any, Final, Generic
+
+from sqlalchemy import ColumnElement, Connection, Integer, Select, Table, bindparam, insert, select
+from sqlalchemy.exc import IntegrityError
+
+from jointstiff.service.errors import (
+    CursorError,
+    DeletedError,
+    IdempotencyConflictError,
+    NotFoundError,
+    Resource,
+    StoreError,
+)
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
+from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_sets, robots
+
+__all__ = ["MEASUREMENT_SET", "ROBOT", "Collection"]
+
+ROBOT: Final = Resource("robot", "robots")
+MEASUREMENT_SET: Final = Resource("measurement set", "measurement-sets")
+_PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
+    {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
+)
+"""Tables whose records others name."""
+
+_LAST_SEQUENCE: Final = 2**63 - 1
+_MAX_INDEXED: Final = 500
+"""Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
+_NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
+_KEY: Final = insert(idempotency_keys)
+
+
+class Collection(Generic[Record, Entry]):
+    """The records of one kind. Safe to use from several threads.
+
+    Attributes:
+        resource: their names in messages and addresses.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        resource: Resource,
+        table: Table,
+        record: type[Record],
+        entry: type[Entry],
+    ) -> None:
+        """Keep records in a table; of the table of jobs, those of the resource's kind."""
+        self.resource = resource
+        self._database, self._table = database, table
+        self._record: type[Record] = record
+        self._entry: type[Entry] = entry
+        shown, keys = table.c, idempotency_keys.c
+        self._insert = insert(table)
+        self._mine = [table.c.kind == resource.name] if table is jobs else []
+        columns = [shown[field.name] for field in fields(record)]
+        self._visible = [jobs.c.deleted_at.is_(None)] if table is jobs else []
+        self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
+        self._by_id = self._exists.with_only_columns(*columns).where(*self._visible)
+        self._by_key: Select[Any] = (
+            select(keys.body_hash, *columns)
+            .join_from(idempotency_keys, table, keys.resource_id == shown.id)
+            .where(keys.resource == resource.collection, keys.key_hash == bindparam("key_hash"))
+        )
+
+    def add(
+        self,
+        record: Record,
+        key: IdempotencyKey | None = None,
+        also: Callable[[Connection], object] | None = None,
+    ) -> Record:
+        """Store a record and its idempotency key in one transaction.
+
+        Args:
+            record: what to store.
+            key: the idempotency key that came with it.
+            also: what else belongs into the transaction, such as the work that the record announces.
+
+        Returns:
+            The record; or, if the key came before with the same body, what it created then, even if that
+            has been deleted. Of two calls at the same time one creates, and both return what it created.
+
+        Raises:
+            NotFoundError: a robot or measurement set that the record names is not there.
+            IdempotencyConflictError: the key came before with another body.
+        """
+        for _, parent, identifier in self._parents(record):
+            if not _is_indexable(identifier):
+                raise NotFoundError(parent, identifier)
+        try:
+            with self._database.writing() as connection:
+                if key is not None:  # first, as the loser of a race waits here
+                    connection.execute(_KEY, self._key_row(record, key))
+                connection.execute(self._insert, _row_of(record))
+                if also is not None:
+                    also(connection)
+        except IntegrityError as error:
+            return self._not_added(record, key, error)
+        return record
+
+    def find(self, key: IdempotencyKey) -> Record | None:
+        """Return what a key created, deleted or not; None if it did not come before.
+
+        Raises:
+            IdempotencyConflictError: it came with another body.
+        """
+        with self._database.reading() as connection:
+            row = connection.execute(self._by_key, {"key_hash": _hash(key.key)}).one_or_none()
+        if row is None:
+            return None
+        if row.body_hash != key.body_hash:
+            raise IdempotencyConflictError(self.resource, key.key)
+        return self._record(*list(row)[1:])
+
+    def get(self, identifier: str) -> Record:
+        """Return the record of that id.
+
+        Raises:
+            NotFoundError: there is none.
+            DeletedError: it was deleted.
+        """
+        row = None
+        if _is_indexable(identifier):
+            with self._database.reading() as connection:
+                row = connection.execute(self._by_id, {"id": identifier}).one_or_none()
+        if row is None:
+            deleted = _is_indexable(identifier) and self._finds(self._exists, identifier)
+            raise (DeletedError if deleted else NotFoundError)(self.resource, identifier)
+        return self._record(*list(row))
+
+    def page(
+        self, *, limit: int, cursor: str | None = None, filters: Mapping[str, str] = _NO_FILTERS
+    ) -> RecordPage[Entry]:
+        """Return one page, newest first. Records that are added meanwhile do not disturb the next one.
+
+        Args:
+            limit: how many at most, one or more.
+            cursor: `next` of the page before; none for the first page.
+            filters: column, or field of the summary of a job → value that it must have.
+
+        Raises:
+            CursorError: no page gave this cursor.
+        """
+        if limit < 1 or not all(map(self._narrows, filters)):
+            raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
+        before = _LAST_SEQUENCE if cursor is None else _parse_cursor(cursor)
+        if not all(map(_is_indexable, filters.values())):
+            return RecordPage((), None)
+        columns = self._table.c
+        query = (
+            select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
+            .where(columns.sequence < before, *self._mine, *self._visible)
+            .where(*(self._column(name) == value for name, value in sorted(filters.items())))
+            .order_by(columns.sequence.desc())
+            .limit(bindparam("limit", limit + 1, type_=Integer))
+        )
+        with self._database.reading() as connection:
+            rows = connection.execute(query).all()
+        records = tuple(self._entry(*list(row)[1:]) for row in rows[:limit])
+        return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
+
+    def _narrows(self, name: str) -> bool:
+        """Whether a listing can be narrowed by a column or a field of the summary."""
+        if name not in self._table.c:
+            return self._table is jobs
+        return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
+
+    def _column(self, name: str) -> ColumnElement[Any]:
+        if name in self._table.c:
+            return self._table.c[name]
+        summary: ColumnElement[Any] = self._table.c.summary[name].as_string()
+        return summary
+
+    def _parents(self, record: Record) -> Iterator[tuple[Table, Resource, str]]:
+        """Yield the records that this one names: table, resource, id."""
+        for column in self._table.c:
+            for reference in column.foreign_keys:
+                parent = reference.column.table
+                if (identifier := getattr(record, column.name)) is not None:
+                    yield parent, _PARENTS[parent], identifier
+
+    def _not_added(self, record: Record, key: IdempotencyKey | None, error: IntegrityError) -> Record:
+        """Find out which constraint the record broke: its key came before, or a parent is missing."""
+        earlier = None if key is None else self.find(key)
+        if earlier is not None:
+            return earlier
+        for table, parent, identifier in self._parents(record):
+            if not self._finds(select(table.c.id).where(table.c.id == bindparam("id")), identifier):
+                raise NotFoundError(parent, identifier) from error
+        raise StoreError(
+            f"there is a {self.resource.name} {record.id} already", "give each record an id of its own"
+        ) from error
+
+    def _finds(self, query: Select[Any], identifier: str) -> bool:
+        with self._database.reading() as connection:
+            return connection.execute(query, {"id": identifier}).one_or_none() is not None
+
+    def _key_row(self, record: Record, key: IdempotencyKey) -> dict[str, object]:
+        return {
+            "resource": self.resource.collection,
+            "key_hash": _hash(key.key),
+            "body_hash": key.body_hash,
+            "resource_id": record.id,
+            "created_at": record.created_at,
+        }
+
+
+def _row_of(record: AnyRecord) -> dict[str, Any]:
+    return asdict(record)
+
+
+def _parse_cursor(cursor: str) -> int:
+    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(_LAST_SEQUENCE)):
+        sequence = int(cursor)
+        if 0 < sequence <= _LAST_SEQUENCE:
+            return sequence
+    raise CursorError(cursor)
+
+
+def _hash(key: str) -> str:
+    return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _is_indexable(text: str) -> bool:
+    """Whether both databases can hold a text in an index; what they cannot hold is not there."""
+    if len(text) > _MAX_INDEXED or "\x00" in text:
+        return False
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

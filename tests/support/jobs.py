@@ -1,0 +1,60 @@
+"""Runs on a store, and an engine that is a ledger."""
+
+from __future__ import annotations
+
+import json
+
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.jobs import Parts
+from jointstiff.service.workers.queue import VERSION, Outcome
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+def runs_of(store, enqueue=None):
+    return Parts.of(store, enqueue).jobs["run"]
+
+
+def stored_set(store, **options):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1, **options)
+    parts = Parts.of(store)
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
+    readings = document["measurement_set"] | {"robot_id": robot.id}
+    return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
+
+
+def request(set_id, **changes):
+    resampling = {"size": 8, "repetitions": 300, "seed": 4}
+    return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)
+
+
+class LedgerEngine:
+    """An engine that is a ledger: what is pending, with whom, and what became of jobs."""
+
+    def __init__(self):
+        self.ledger = self
+        self.active = []
+        self.taken = {}
+        self.ended = {}
+        self.resumed = []
+        self.renewed = []
+        self.forgotten = []
+
+    def pending(self):
+        return dict(self.taken)
+
+    def resume(self, workflows):
+        for name, kind in workflows:
+            self.resumed.append((name, kind))
+            self.taken.pop(name)
+
+    def outcomes(self, job_ids):
+        return {name: outcome for name, outcome in self.ended.items() if name in job_ids}
+
+    def renew(self, kind, job_id):
+        self.renewed.append((kind, job_id))
+        self.ended[job_id] = Outcome("ENQUEUED", VERSION)
+
+    def forget_ended(self, _age, limit):
+        return self.forgotten[:limit]
