@@ -20,7 +20,7 @@ from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.run import MAX_REPETITIONS
-from jointstiff.service.workers import ONE_THREAD
+from jointstiff.service.threads import ONE_THREAD
 from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]

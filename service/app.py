@@ -25,6 +25,7 @@ from jointstiff.service.api import (
     robots,
 )
 from jointstiff.service.api.jobs import job_routes
+from jointstiff.service.api.methods import Methods
 from jointstiff.service.jobs import KINDS, Enqueue, Parts
 from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
@@ -78,6 +79,7 @@ def create_app(store: Store, enqueue: Enqueue | None = None) -> FastAPI:
         app.include_router(job_routes(kind))
     install_page(app)
     install_error_handlers(app)
+    app.add_middleware(Methods, routes=app.routes)
     return app
 
 

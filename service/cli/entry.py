@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
 
-from jointstiff.service.workers import ONE_THREAD
+from jointstiff.service.threads import use_one_thread
 
 __all__ = ["main"]
 
@@ -16,8 +14,7 @@ def main() -> None:
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not so under nohup
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if sys.argv[1:2] == ["worker"]:
-        os.environ.update(ONE_THREAD)
+    use_one_thread()
     from jointstiff.service.cli.app import app  # here, as this is what takes long
 
     if interruptible:

@@ -10,7 +10,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.query import PageQuery
 from jointstiff.service.computation import QuickWork, SteppedWork
-from jointstiff.service.errors import Resource
+from jointstiff.service.problems import Resource
 from jointstiff.service.resources import Resources
 from jointstiff.service.store import JobRecord
 

@@ -16,9 +16,8 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.query import PageQuery
 from jointstiff.service.computation import Work, carry_out, new_job
 from jointstiff.service.computation.execution import final_state, outcome_of, unexpected_failure
-from jointstiff.service.errors import NotFoundError, TooManyJobsError
 from jointstiff.service.jobs.kinds import AnyKind
-from jointstiff.service.problems import problem_of
+from jointstiff.service.problems import NotFoundError, TooManyJobsError, problem_of
 from jointstiff.service.resources import Resources
 from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, Standing
 from jointstiff.service.versions import versions

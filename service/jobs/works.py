@@ -20,7 +20,7 @@ from jointstiff.service.computation import (
     pair_work,
     run_work,
 )
-from jointstiff.service.errors import NotFoundError
+from jointstiff.service.problems import NotFoundError
 from jointstiff.service.resources import Resources, stored_job
 from jointstiff.solver.errors import RequestError
 

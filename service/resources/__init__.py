@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jointstiff.service.errors import FilesError
+from jointstiff.service.problems import FilesError
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
 from jointstiff.service.resources.robots import Robots

@@ -9,7 +9,6 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.service.errors import FilesError
 from jointstiff.service.importing import (
     Imported,
     ImportFileError,
@@ -18,6 +17,7 @@ from jointstiff.service.importing import (
     missing_from,
     read_files,
 )
+from jointstiff.service.problems import FilesError
 
 __all__ = ["FilesError", "import_files"]
 

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from jointstiff.schemas.geometry import Geometry, GeometryResult
 from jointstiff.schemas.job import Job
-from jointstiff.service.errors import NotFoundError, Resource
+from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.store import Store
 from jointstiff.solver.errors import RequestError
 

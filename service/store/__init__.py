@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.service.errors import (
+from jointstiff.service.problems import (
     CursorError,
     DeletedError,
     IdempotencyConflictError,

@@ -11,7 +11,7 @@ from typing import Any, Final, Generic
 from sqlalchemy import ColumnElement, Connection, Integer, Select, Table, bindparam, insert, select
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.errors import (
+from jointstiff.service.problems import (
     CursorError,
     DeletedError,
     IdempotencyConflictError,

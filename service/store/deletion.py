@@ -7,7 +7,7 @@ from typing import Final
 
 from sqlalchemy import ColumnElement, and_, delete, select, update
 
-from jointstiff.service.errors import DeletedError, NotEndedError, NotFoundError, Resource
+from jointstiff.service.problems import DeletedError, NotEndedError, NotFoundError, Resource
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs

@@ -6,7 +6,7 @@ from types import TracebackType
 
 from sqlalchemy import func, select
 
-from jointstiff.service.errors import Resource
+from jointstiff.service.problems import Resource
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, Collection
 from jointstiff.service.store.database import Database, Dialect
 from jointstiff.service.store.deletion import Deletions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.service.workers.queue import Ledger
-from jointstiff.service.workers.supervisor import ONE_THREAD, Supervisor
+from jointstiff.service.workers.supervisor import Supervisor
 from jointstiff.service.workers.worker import run_worker
 
-__all__ = ["ONE_THREAD", "Ledger", "Supervisor", "run_worker"]
+__all__ = ["Ledger", "Supervisor", "run_worker"]

@@ -8,17 +8,15 @@ import subprocess
 import sys
 import threading
 import time
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import Final
 
-__all__ = ["DATABASE_VARIABLE", "ONE_THREAD", "Supervisor"]
+from jointstiff.service.threads import ONE_THREAD
+
+__all__ = ["DATABASE_VARIABLE", "Supervisor"]
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""
-ONE_THREAD: Final = MappingProxyType(
-    dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-)
-"""Environment of a worker, read by numpy; with more threads N workers would fight for the processors."""
 _SHORT_LIFE_SECONDS: Final = 10.0
 _PAUSE_SECONDS: Final = 2.0
 """Before a worker that did not live long is replaced, so that one that cannot start does not spin."""

@@ -6,8 +6,8 @@ import dataclasses
 from datetime import UTC, datetime
 from typing import Any
 
-from jointstiff.service.errors import Resource
 from jointstiff.service.jobs import KINDS
+from jointstiff.service.problems import Resource
 from jointstiff.service.store import JobRecord, MeasurementSetRecord, RobotRecord, Store
 
 RESOURCES = {kind.name: kind.resource for kind in KINDS}

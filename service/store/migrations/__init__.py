@@ -15,7 +15,7 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
-from jointstiff.service.errors import StoreError
+from jointstiff.service.problems import StoreError
 from jointstiff.service.store.database import Database
 
 __all__ = ["configuration", "migrate"]

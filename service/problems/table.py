@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.problem import Problem, ProblemItem
-from jointstiff.service.errors import (
+from jointstiff.service.problems.errors import (
     CursorError,
     DeletedError,
     FilesError,

@@ -1,0 +1,44 @@
+"""A run in process, from a campaign to its message, beside the bare call of the numerical core."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from benchmarks.campaigns import default_settings, small_campaign
+from benchmarks.report import Figure, Section, times_table
+from benchmarks.timing import interleaved
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.library import campaigns
+from jointstiff.solver.identification import identify
+
+__all__ = ["run"]
+
+MESSAGE = "campaign → run, with checks, residuals and provenance"
+BARE = "arrays → estimate"
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Compare the library's `identify` with the solver's on the same readings."""
+    simulated = small_campaign(configurations=40)
+    campaign = Campaign.model_validate(simulated.document)
+    robot, measurements = simulated.robot, simulated.measurements
+    times = interleaved(
+        {
+            MESSAGE: partial(campaigns.identify, campaign, campaign.run),
+            BARE: partial(identify, robot, measurements, default_settings(robot)),
+        },
+        rounds=3 if quick else 200,
+        warm_up=3,
+    )
+    columns, rows = times_table(times, MESSAGE)
+    what = "a run of 40 configurations in process: time / the bare call of the solver"
+    return [
+        Section(
+            title="A run of 40 configurations × 3 targets in process, without a store",
+            columns=columns,
+            rows=rows,
+            figures=(Figure(what, times.ratio(MESSAGE, BARE), "at most", 5.0, "×"),),
+            notes=("the robot is read once; the readings are checked for the usual mistakes in every call",),
+            data={"seconds": times.seconds},
+        )
+    ]

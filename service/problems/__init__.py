@@ -1,0 +1,41 @@
+"""Errors of the service, and the problem documents that tell them (RFC 9457)."""
+
+from __future__ import annotations
+
+from jointstiff.service.problems.errors import (
+    CursorError,
+    DeletedError,
+    FilesError,
+    IdempotencyConflictError,
+    NotEndedError,
+    NotFoundError,
+    Resource,
+    StoreError,
+    StoreUnavailableError,
+    TooManyJobsError,
+)
+from jointstiff.service.problems.table import (
+    MAX_ITEMS,
+    MAX_PROBLEM_BYTES,
+    http_problem,
+    invalid_request,
+    problem_of,
+)
+
+__all__ = [
+    "MAX_ITEMS",
+    "MAX_PROBLEM_BYTES",
+    "CursorError",
+    "DeletedError",
+    "FilesError",
+    "IdempotencyConflictError",
+    "NotEndedError",
+    "NotFoundError",
+    "Resource",
+    "StoreError",
+    "StoreUnavailableError",
+    "TooManyJobsError",
+    "http_problem",
+    "invalid_request",
+    "problem_of",
+]

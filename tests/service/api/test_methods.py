@@ -1,0 +1,82 @@
+"""Methods beside those of the API's description: HEAD, OPTIONS, and Allow where a method is refused."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+import pytest
+
+from jointstiff.service.app import create_app
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+with Store.open("sqlite://") as store:
+    DESCRIBED = create_app(store).openapi()["paths"]
+
+ADDRESSES = {
+    re.sub(r"\{\w+\}", "nothing", path): {name.upper() for name in DESCRIBED[path]} for path in DESCRIBED
+}
+ADDRESSES |= {path: {"GET"} for path in ("/", "/v1", "/openapi.json", "/favicon.svg", "/assets/nothing")}
+addresses = pytest.mark.parametrize("address", ADDRESSES)
+
+
+def allowed(answer: httpx.Response) -> set[str]:
+    return set(answer.headers["allow"].split(", "))
+
+
+def expected(address: str) -> set[str]:
+    methods = ADDRESSES[address]
+    return methods | {"OPTIONS"} | ({"HEAD"} if "GET" in methods else set())
+
+
+@addresses
+def test_options(client, address):
+    answer = client.options(address)
+    assert (answer.status_code, answer.content) == (204, b"")
+    assert allowed(answer) == expected(address)
+
+
+@addresses
+def test_head_is_get_without_content(client, address):
+    head = client.head(address)
+    assert head.content == b""
+    if "GET" not in ADDRESSES[address]:
+        assert head.status_code == 405
+        assert allowed(head) == expected(address)
+        return
+    get = client.get(address)
+    assert head.status_code == get.status_code
+    assert without_time(head) == without_time(get)
+
+
+def without_time(answer: httpx.Response) -> dict[str, str]:
+    return {name: value for name, value in answer.headers.items() if name != "date"}
+
+
+@addresses
+@pytest.mark.parametrize("method", ["PATCH", "PUT"])
+def test_a_refused_method_names_those_that_are_taken(client, address, method):
+    answer = client.request(method, address)
+    assert answer.status_code == 405
+    assert allowed(answer) == expected(address)
+
+
+@pytest.mark.parametrize("method", ["HEAD", "OPTIONS"])
+def test_where_there_is_nothing(client, method):
+    assert client.request(method, "/v1/nothing").status_code == 404
+
+
+def test_head_of_a_stream_ends(client):
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
+    robot = client.post("/v1/robots", json=campaign["robot"]).json()
+    body = campaign["measurement_set"] | {"robot_id": robot["id"]}
+    stored = client.post("/v1/measurement-sets", json=body).json()
+    resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
+    asked = {"measurement_set_id": stored["id"], "resampling": resampling}
+    address = client.post("/v1/runs?wait=0", json=asked).headers["location"]
+    head = client.head(f"{address}/events")
+    assert (head.status_code, head.content) == (200, b"")
+    assert head.headers["content-type"].startswith("text/event-stream")
+    assert client.get("/health").status_code == 200
+    assert client.post(f"{address}/cancel").status_code == 200

@@ -1,0 +1,86 @@
+"""Campaigns in process: without a store, an engine or a web server; and the hashes of a service."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.comparison import ComparisonOptions
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.pair import PairOptions, PairRequest
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.jobs import Parts
+from jointstiff.service.library import CampaignError, campaigns
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+HEAVY = ("sqlalchemy", "alembic", "psycopg", "dbos", "fastapi", "starlette", "uvicorn")
+
+
+def campaign(seed=1, **changes):
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=seed)
+    return Campaign.model_validate_json(json.dumps(document | changes))
+
+
+def test_nothing_of_the_service_is_imported():
+    program = (
+        "import sys; from jointstiff.service.library import campaigns; "
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_numbers_and_hashes_are_those_of_a_service():
+    one, other = campaign(1), campaign(2)
+    with Store.open("sqlite://") as store:
+        parts = Parts.of(store)
+        sets = []
+        for each in (one, other):
+            robot = parts.robots.create(each.robot, None)
+            document = {"robot_id": robot.id, **each.measurement_set.model_dump()}
+            sets.append(parts.sets.create(MeasurementSetRequest.model_validate(document), None).id)
+        run, pair = parts.jobs["run"], parts.jobs["pair"]
+        stored = run.current(run.create(RunRequest(measurement_set_id=sets[0]), None).id)
+        sides = {name: {"measurement_set_id": s} for name, s in zip(("first", "second"), sets, strict=True)}
+        paired = pair.current(pair.create(PairRequest.model_validate(sides), None).id)
+    here = campaigns.identify(one, one.run)
+    assert (here.state, here.result) == (stored.state, stored.result)
+    assert here.provenance.input_hash == stored.provenance.input_hash
+    beside = campaigns.pair(one, other, PairOptions())
+    assert beside.result == paired.result
+    assert beside.provenance.input_hash == paired.provenance.input_hash
+
+
+def test_a_job_is_the_message_of_a_service():
+    found = campaigns.compare(campaign(), ComparisonOptions())
+    assert found.state == "succeeded"
+    assert found.id != found.request.measurement_set_id
+    assert type(found).model_validate_json(found.model_dump_json()) == found
+    assert found.provenance.created_at <= found.provenance.ended_at
+
+
+def test_stored_resources_are_refused_with_their_place():
+    document = campaign().model_dump(mode="json")
+    document["measurement_set"]["frame"] = {"geometry_id": "g1"}
+    framed = Campaign.model_validate_json(json.dumps(document))
+    with pytest.raises(CampaignError) as caught:
+        campaigns.identify(framed, framed.run)
+    assert caught.value.problem.where == "measurement_set.frame.geometry_id"
+    assert "rotation and translation" in caught.value.problem.remedy
+    sweep = {"joints": [0.0], "targets": {"P": [1, 0, 1]}}
+    request = GeometryRequest.model_validate(
+        {
+            "units": {"length": "m", "angle": "rad"},
+            "robot_id": "r1",
+            "sweeps": [{"joint": "joint_1", "observations": [sweep]}],
+        }
+    )
+    with pytest.raises(CampaignError) as caught:
+        campaigns.find_geometry(request)
+    assert caught.value.problem.where == "robot_id"
