@@ -1,4 +1,4 @@
-"""Measurement sets: loads, and what the tracker read."""
+"""Measurement sets: loads and the tracker's readings."""
 
 from __future__ import annotations
 
@@ -53,5 +53,5 @@ def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -
 
 @router.get("/{set_id}", response_model=MeasurementSet, responses=problems(404, 422))
 def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """One measurement set as it was posted, with what was noticed."""
+    """Return one measurement set as it was posted, with its warnings."""
     return json_response(parts.sets.document(set_id).model_dump_json())

@@ -48,5 +48,5 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
 
 @router.get("/{robot_id}", response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """One robot, with its kinematics as they were understood."""
+    """Return one robot, with its kinematics as they were understood."""
     return json_response(parts.store.get(RobotRecord, robot_id).document)

@@ -42,7 +42,7 @@ export interface paths {
         };
         /**
          * Get Robot
-         * @description One robot, with its kinematics as they were understood.
+         * @description Return one robot, with its kinematics as they were understood.
          */
         get: operations["getRobot"];
         put?: never;
@@ -185,7 +185,7 @@ export interface paths {
         };
         /**
          * Get Measurement Set
-         * @description One measurement set as it was posted, with what was noticed.
+         * @description Return one measurement set as it was posted, with its warnings.
          */
         get: operations["getMeasurementSet"];
         put?: never;
@@ -547,7 +547,7 @@ export interface paths {
         };
         /**
          * Get Health
-         * @description Ask the database, and say which version answers, and how many workers there are.
+         * @description Ask the database; return the version of the service and the number of its workers.
          */
         get: operations["getHealth"];
         put?: never;
