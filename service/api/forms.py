@@ -77,6 +77,8 @@ def _refuse_strange(form: FormData) -> None:
         headers = value.headers if isinstance(value, UploadFile) else {}
         if headers.get("content-transfer-encoding", "binary").lower() not in _PLAIN:
             raise _malformed("a file has a transfer encoding")
+        if name == "files" and isinstance(value, str):
+            raise RequestError("a file has no name", remedy="send it with a `filename`", where="files")
     if len(form.getlist("options")) > 1:
         raise RequestError("the options are there twice", remedy="send one JSON document", where="options")
 

@@ -1,4 +1,4 @@
-"""Whether the service can do its work."""
+"""Health of the service, and the index of its addresses."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ router = APIRouter(tags=["health"])
 
 @router.get("/health", response_model=Health, responses=problems())
 def get_health(parts: PartsOf) -> Health:
-    """Ask the database, and say which version answers, and how many workers there are."""
+    """Ask the database; return the version of the service and the number of its workers."""
     living = parts.store.heartbeats.living(timedelta(seconds=SILENT_SECONDS))
     return Health(status="ok", version=JOINTSTIFF_VERSION, workers=len(living), database=parts.store.ping())
 
 
 @router.get("/v1", include_in_schema=False)
 def get_index() -> dict[str, str]:
-    """Where to go from here; the page for people is at /."""
+    """Return the addresses of the API; the page for people is at /."""
     return {
         "name": "Jointstiff",
         "version": JOINTSTIFF_VERSION,
@@ -36,4 +36,5 @@ def get_index() -> dict[str, str]:
         "measurement_sets": "/v1/measurement-sets",
         **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
         "imports": "/v1/imports",
+        "kinematics": "/v1/kinematics",
     }

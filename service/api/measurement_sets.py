@@ -1,4 +1,4 @@
-"""Measurement sets: loads, and what the tracker read."""
+"""Measurement sets: loads and the tracker's readings."""
 
 from __future__ import annotations
 

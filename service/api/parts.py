@@ -1,4 +1,4 @@
-"""What the routes share: the parts of the application, and the vocabulary of their answers."""
+"""Vocabulary of the routes: the parts of the application, and the descriptions of answers."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ PartsOf = Annotated[Parts, Depends(_parts)]
 
 
 def json_response(text: str, status: int = 200) -> Response:
-    """A stored document as it is, without parsing it again."""
+    """Return a stored document as it is, without parsing it again."""
     return Response(text, status, media_type="application/json")
 
 
 def created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
-    """The resource and its address."""
+    """Return a resource with its address."""
     response = json_response(text, status)
     response.headers["Location"] = f"/v1/{collection}/{identifier}"
     return response
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The OpenAPI description of the errors a route may answer with; 503 is one of each."""
+    """Describe the errors a route may answer with, for OpenAPI; 503 is one of each."""
     schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {
         status: {
@@ -53,7 +53,7 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
-    """The OpenAPI description of the answer to a post that takes longer."""
+    """Describe the answer to a post that takes longer, for OpenAPI."""
     return {
         202: {
             "description": "Stored, and not finished yet: look again at its address.",

@@ -177,7 +177,7 @@ export interface paths {
         };
         /**
          * Get Health
-         * @description Ask the database, and say which version answers, and how many workers there are.
+         * @description Ask the database; return the version of the service and the number of its workers.
          */
         get: operations["getHealth"];
         put?: never;
