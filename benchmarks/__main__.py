@@ -17,6 +17,7 @@ from rich.console import Console
 
 import benchmarks
 from benchmarks import (
+    assessment,
     coverage,
     durability,
     efficiency,
@@ -55,6 +56,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "invariance": invariance.run,
     "geometry": geometry.run,
     "integrity": integrity.run,
+    "assessment": assessment.run,
     "links": links.run,
 }
 STUDIES = frozenset(
@@ -66,6 +68,7 @@ STUDIES = frozenset(
         "replication",
         "invariance",
         "links",
+        "assessment",
         "integrity",
         "geometry",
     }

@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 from jointstiff.solver.inference.advice import Advice, advise
+from jointstiff.solver.inference.assessment import (
+    Action,
+    Assessment,
+    Place,
+    Reason,
+    assess,
+)
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.inference.estimate import Estimate, JointCompliance, assemble
 from jointstiff.solver.inference.plausibility import judge
@@ -10,12 +17,17 @@ from jointstiff.solver.inference.prediction import Prediction, predict
 from jointstiff.solver.inference.profile import profile_ends
 
 __all__ = [
+    "Action",
     "Advice",
+    "Assessment",
     "Estimate",
     "JointCompliance",
+    "Place",
     "Prediction",
+    "Reason",
     "advise",
     "assemble",
+    "assess",
     "inspect_encoders",
     "judge",
     "predict",

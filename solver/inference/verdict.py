@@ -28,6 +28,8 @@ class JointCompliance:
     """What the readings say of one joint; numbers are None where they say nothing.
 
     Attributes:
+        status: "uncertain" where the standard uncertainty reaches the compliance and the interval contains
+            zero, so that there is no greatest stiffness.
         compliance: [rad/(N·m)].
         standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
         interval: profile-likelihood interval of the compliance under the constraints [rad/(N·m)].
@@ -38,7 +40,7 @@ class JointCompliance:
     """
 
     name: str
-    status: Literal["identified", "at_bound", "not_observable"]
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     compliance: float | None = None
     standard_uncertainty: float | None = None
     interval: tuple[float, float] | None = None
@@ -125,10 +127,16 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
     held = _held(evidence, j, ends)
     ratio = float(evidence.prior_to_data[j])
     interval, one_sided = (None, None) if ends is None else (_pair(ends[0]), _pair(ends[1]))
-    reasons = [held, _NO_UNCERTAINTY if ends is None and held is None else None, _prior_alone(evidence, j)]
+    unsure = None if held else _uncertain(evidence, j, ends)
+    reasons = [
+        held,
+        unsure,
+        _NO_UNCERTAINTY if ends is None and held is None else None,
+        _prior_alone(evidence, j),
+    ]
     return JointCompliance(
         name,
-        "identified" if held is None else "at_bound",
+        "at_bound" if held else "uncertain" if unsure else "identified",
         value,
         evidence.uncertainty(j),
         interval,
@@ -157,6 +165,21 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     if active:
         return f"it is held by the {'greatest' if active < 0 else 'least'} stiffness that was asked for"
     return None
+
+
+def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
+    """Say that a joint's number is no more than a bound, or return None where it is more."""
+    value, uncertainty = float(evidence.fit.compliance[j]), evidence.uncertainty(j)
+    if ends is None or uncertainty is None or uncertainty < abs(value) or ends[0, 0] > 0.0:
+        return None
+    bound = ""
+    if ends[1, 1] > 0.0:
+        stiffness = _rounded_down(1.0 / float(ends[1, 1]))
+        bound = f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: "
+    return (
+        f"{bound}the standard uncertainty of its compliance, {uncertainty:.2g} rad/(N.m), exceeds the "
+        f"compliance itself: add loads that twist {evidence.names[j]} more"
+    )
 
 
 def _tied(evidence: Evidence, j: int) -> list[int]:
