@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Final, Literal
 
 import numpy as np
@@ -22,12 +22,18 @@ from jointstiff.solver.robot import Configurations, Robot
 
 __all__ = ["Alternative", "AlternativeKind", "BetterAlternative", "better_alternative", "places_on_flange"]
 
-AlternativeKind = Literal["columns_exchanged", "sign_reversed", "joints_coupled", "load_and_target_exchanged"]
+AlternativeKind = Literal[
+    "columns_exchanged", "sign_reversed", "joints_coupled", "joint_map", "load_and_target_exchanged"
+]
 
 FALSE_ALARM: Final = 1e-4
 """Probability that noise alone makes any of the alternatives of a set look better."""
 LARGEST_RATIO: Final = 0.7
 """Residual sum over that of the fit: model errors, which are no noise, favour a wrong alternative by less."""
+LEAST_COMPENSATION: Final = 0.7
+"""Share of the deflection that an alternative must explain; below it as given, whole joint maps are tried."""
+_MAPPED_JOINTS: Final = 7
+"""Joints up to which whole joint maps are tried: their number doubles with each."""
 _OBSERVATIONS: Final = 60
 """Observations that tell a mistake of the whole set; more take time and tell no more."""
 _CONFIGURATIONS: Final = 4 * BLOCK_LENGTH
@@ -85,23 +91,31 @@ def better_alternative(robot: Robot, measurements: Measurements) -> BetterAltern
     Returns:
         The alternative, or None where no alternative fits far better.
     """
-    alternatives = list(_alternatives(robot.n, measurements.present.shape[1]))
+    best, plain = _best(robot, measurements, list(_alternatives(robot.n, measurements.present.shape[1])))
+    if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
+        mapped, _ = _best(robot, measurements, list(_joint_maps(robot.n)))
+        best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
+    return best
+
+
+def _best(
+    robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
+) -> tuple[BetterAlternative | None, float]:
+    """Compare alternatives: the best that is significant, and the compensation as given."""
     part = _sample(measurements, len(alternatives))
     freedom = _freedom(part) - robot.n
     if freedom < _LEAST_FREEDOM:
-        return None
+        return None, 1.0
     rows = _rows(robot, part, alternatives)
     grams = rows.transpose(0, 2, 1) @ rows
     as_given, plain = _fit(rows[0], grams[0])
-    if as_given <= 0.0:
-        return None
     needed = as_given * min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
     best: BetterAlternative | None = None
-    for k in 1 + np.flatnonzero(_least_sums(grams[1:]) < needed):
+    for k in (1 + np.flatnonzero(_least_sums(grams[1:]) < needed)).tolist():
         left, compensation = _fit(rows[k], grams[k])
-        if left < needed:
+        if left < needed and compensation >= LEAST_COMPENSATION:
             best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
-    return best
+    return best, plain
 
 
 def _alternatives(n: int, targets: int) -> Iterator[Alternative]:
@@ -118,6 +132,18 @@ def _alternatives(n: int, targets: int) -> Iterator[Alternative]:
             yield Alternative("joints_coupled", (1, 2), unit + sign * np.outer(unit[2], unit[1]))
     for t in range(targets):
         yield Alternative("load_and_target_exchanged", (), unit, t)
+
+
+def _joint_maps(n: int) -> Iterator[Alternative]:
+    """Yield joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
+    unit = np.eye(n)
+    for sign in (0.0, 1.0, -1.0):
+        coupling = unit + sign * np.outer(unit[2], unit[1])
+        for signs in product((1.0, -1.0), repeat=n):
+            reversed_joints = np.flatnonzero(np.array(signs) < 0.0)
+            if len(reversed_joints) + abs(sign) > 1:
+                concerned = {*reversed_joints.tolist(), *((1, 2) if sign else ())}
+                yield Alternative("joint_map", tuple(sorted(concerned)), np.diag(signs) @ coupling)
 
 
 def _sample(measurements: Measurements, alternatives: int) -> Measurements:
@@ -157,14 +183,14 @@ def _rows(robot: Robot, part: Measurements, alternatives: Sequence[Alternative])
 
 
 def places_on_flange(robot: Robot, part: Measurements) -> FloatArray:
-    """Compute the places (N, T, 3) of the targets in the flange frame [m], measured ones by the model."""
-    if part.in_flange.all():
-        return part.position
-    at = Configurations(robot, robot.joint_map.model_angles(part.joints))
-    seen = (part.position - at.flange_translation[:, None]) @ at.flange_rotation
-    read = part.present & ~part.in_flange
-    middle = (seen * read[..., None]).sum(axis=0) / np.maximum(read.sum(axis=0), 1)[:, None]
-    return np.where(part.in_flange[..., None], part.position, middle)
+    """Compute places (N, T, 3) of targets in the flange frame [m]: given or the means of those read."""
+    seen = part.position
+    if not part.in_flange.all():
+        at = Configurations(robot, robot.joint_map.model_angles(part.joints))
+        read = (part.position - at.flange_translation[:, None]) @ at.flange_rotation
+        seen = np.where(part.in_flange[..., None], part.position, read)
+    weight = part.present[..., None] / np.maximum(part.present.sum(axis=0), 1)[:, None]
+    return np.where(part.in_flange[..., None], part.position, (weight * seen).sum(axis=0))
 
 
 def _least_sums(grams: FloatArray) -> FloatArray:
