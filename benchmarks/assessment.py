@@ -226,6 +226,7 @@ def _cost_section(rounds: int) -> Section:
         {
             _RUN: partial(_run, robot, stated, settings),
             _ASSESSED: partial(_run, robot, stated, settings, assessed=True),
+            _RUN_WITHOUT_SIGMA: partial(_run, robot, unstated, settings),
             _WITHOUT_SIGMA: partial(_run, robot, unstated, settings, assessed=True),
             _ALTERNATIVES: partial(better_alternative, robot, stated),
         },
@@ -233,17 +234,16 @@ def _cost_section(rounds: int) -> Section:
         warm_up=3,
     )
     columns, rows = times_table(times, _RUN)
-    added = 100.0 * (times.ratio(_ASSESSED, _RUN) - 1.0)
-    without = 100.0 * (times.ratio(_WITHOUT_SIGMA, _RUN) - 1.0)
+    what = "alternatives, beside a run of 19 configurations without them"
     return Section(
         title="Assessment: its share of a run, 19 configurations × 3 targets",
         columns=columns,
         rows=rows,
-        figures=(
-            Figure("assessment, sigma stated: time added to a run", added, "at most", 25.0, " %"),
-            Figure("assessment, sigma from residuals: time added to a run", without, "at most", 25.0, " %"),
+        figures=(Figure(what, 100.0 * times.ratio(_ALTERNATIVES, _RUN), "at most", 25.0, " %"),),
+        notes=(
+            "a run: inspection, identification, prediction and findings, without store and messages",
+            "alternatives are left out where the residuals agree with a stated sigma",
         ),
-        notes=("a run: inspection, identification, prediction and findings, without store and messages",),
         data={"seconds": times.seconds},
     )
 
@@ -257,9 +257,10 @@ def _run(robot: Robot, m: Measurements, settings: Settings, *, assessed: bool = 
     return judge(estimate, prediction)
 
 
-_RUN = "run without assessment"
-_ASSESSED = "run with assessment, sigma stated"
-_WITHOUT_SIGMA = "run with assessment, sigma from residuals"
+_RUN = "run, sigma stated"
+_ASSESSED = "run and assessment, sigma stated"
+_RUN_WITHOUT_SIGMA = "run, sigma from residuals"
+_WITHOUT_SIGMA = "run and assessment, sigma from residuals"
 _ALTERNATIVES = "alternatives alone"
 _REFUSED = "refused"
 _VERDICTS = ("use", "use_with_care", "do_not_use")

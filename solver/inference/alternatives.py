@@ -7,8 +7,10 @@ as the fit itself, their residual sums compare directly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations, product
 from typing import Final, Literal
 
@@ -36,8 +38,11 @@ _MAPPED_JOINTS: Final = 7
 """Joints up to which whole joint maps are tried: their number doubles with each."""
 _OBSERVATIONS: Final = 60
 """Observations that tell a mistake of the whole set; more take time and tell no more."""
-_CONFIGURATIONS: Final = 4 * BLOCK_LENGTH
-"""Configurations computed at most: of a robot with many joints fewer observations are compared."""
+_SCREENED: Final = 8
+"""Observations, or more where targets are few, that show which alternatives are worth a closer look."""
+_MOST_TARGETS: Final = 8
+_READINGS: Final = 12 * BLOCK_LENGTH
+"""Readings computed at most: of a robot with many joints fewer observations are compared."""
 _LEAST_FREEDOM: Final = 3
 _NULL: Final = 1e-9
 """Norm of a column beside the greatest, of a joint that no load twists."""
@@ -91,9 +96,9 @@ def better_alternative(robot: Robot, measurements: Measurements) -> BetterAltern
     Returns:
         The alternative, or None where no alternative fits far better.
     """
-    best, plain = _best(robot, measurements, list(_alternatives(robot.n, measurements.present.shape[1])))
+    best, plain = _best(robot, measurements, _alternatives(robot.n, measurements.present.shape[1]))
     if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _best(robot, measurements, list(_joint_maps(robot.n)))
+        mapped, _ = _best(robot, measurements, _joint_maps(robot.n))
         best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
     return best
 
@@ -102,15 +107,19 @@ def _best(
     robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
 ) -> tuple[BetterAlternative | None, float]:
     """Compare alternatives: the best that is significant, and the compensation as given."""
-    part = _sample(measurements, len(alternatives))
+    affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
+    part = _sample(replace(measurements, encoders=None), min(_OBSERVATIONS, affordable))
     freedom = _freedom(part) - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
+    ratio = min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
+    alternatives, plain = _screened(robot, part, alternatives)
+    if not alternatives:
+        return None, plain
     rows = _rows(robot, part, alternatives)
     grams = rows.transpose(0, 2, 1) @ rows
     as_given, plain = _fit(rows[0], grams[0])
-    needed = as_given * min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
-    best: BetterAlternative | None = None
+    needed, best = as_given * ratio, None
     for k in (1 + np.flatnonzero(_least_sums(grams[1:]) < needed)).tolist():
         left, compensation = _fit(rows[k], grams[k])
         if left < needed and compensation >= LEAST_COMPENSATION:
@@ -118,41 +127,71 @@ def _best(
     return best, plain
 
 
-def _alternatives(n: int, targets: int) -> Iterator[Alternative]:
-    """Yield the mistakes that are compared."""
+def _screened(
+    robot: Robot, part: Measurements, alternatives: Sequence[Alternative]
+) -> tuple[list[Alternative], float]:
+    """Choose the alternatives that fit some of the observations better than the set as given.
+
+    Returns:
+        The alternatives, and the compensation of these observations as given.
+    """
+    per_observation = max(1.0, 3.0 * float(part.present.sum(axis=1).mean()))
+    some = _sample(part, max(_SCREENED, math.ceil(4 * robot.n / per_observation)))
+    rows = _rows(robot, some, alternatives)
+    grams = rows.transpose(0, 2, 1) @ rows
+    as_given, plain = _fit(rows[0], grams[0])
+    sums = _least_sums(grams[1:])
+    return [a for a, left in zip(alternatives, sums, strict=True) if left < as_given], plain
+
+
+@lru_cache
+def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
+    """Return the mistakes that are compared."""
+    return (*_exchanges(n), *_joint_maps_of_one(n), *_loads(n, min(targets, _MOST_TARGETS)))
+
+
+def _exchanges(n: int) -> Iterator[Alternative]:
     unit = np.eye(n)
     for j, k in combinations(range(n), 2):
         order = np.arange(n)
         order[[j, k]] = k, j
         yield Alternative("columns_exchanged", (j, k), unit[order])
+
+
+def _joint_maps_of_one(n: int) -> Iterator[Alternative]:
+    unit = np.eye(n)
     for j in range(n):
         yield Alternative("sign_reversed", (j,), unit - 2.0 * np.outer(unit[j], unit[j]))
     if n > 2:
         for sign in (1.0, -1.0):
             yield Alternative("joints_coupled", (1, 2), unit + sign * np.outer(unit[2], unit[1]))
+
+
+def _loads(n: int, targets: int) -> Iterator[Alternative]:
     for t in range(targets):
-        yield Alternative("load_and_target_exchanged", (), unit, t)
+        yield Alternative("load_and_target_exchanged", (), np.eye(n), t)
 
 
-def _joint_maps(n: int) -> Iterator[Alternative]:
-    """Yield joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
-    unit = np.eye(n)
+@lru_cache
+def _joint_maps(n: int) -> tuple[Alternative, ...]:
+    """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
+    unit, found = np.eye(n), []
     for sign in (0.0, 1.0, -1.0):
         coupling = unit + sign * np.outer(unit[2], unit[1])
         for signs in product((1.0, -1.0), repeat=n):
             reversed_joints = np.flatnonzero(np.array(signs) < 0.0)
             if len(reversed_joints) + abs(sign) > 1:
                 concerned = {*reversed_joints.tolist(), *((1, 2) if sign else ())}
-                yield Alternative("joint_map", tuple(sorted(concerned)), np.diag(signs) @ coupling)
+                matrix = np.diag(signs) @ coupling
+                found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix))
+    return tuple(found)
 
 
-def _sample(measurements: Measurements, alternatives: int) -> Measurements:
+def _sample(measurements: Measurements, most: int) -> Measurements:
     """Choose observations evenly, so that the work does not grow with the set."""
-    count = min(_OBSERVATIONS, max(1, _CONFIGURATIONS // (alternatives + 1)))
-    without = replace(measurements, encoders=None)
-    if len(measurements) <= count:
-        return without
-    return without[np.linspace(0, len(measurements) - 1, count).astype(np.intp)]
+    if len(measurements) <= max(most, 1):
+        return measurements
+    return measurements[np.linspace(0, len(measurements) - 1, max(most, 1)).astype(np.intp)]
 
 
 def _freedom(part: Measurements) -> int:
