@@ -65,7 +65,7 @@ def assess(
         () if within_noise(estimate) else alternative_reasons(robot, measurements),
         load_reasons(robot, measurements),
         finding_reasons(measurements, settings, findings),
-        fit_reasons(estimate, prediction),
+        fit_reasons(measurements, estimate, prediction),
     )
     reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))
     return Assessment(

@@ -12,6 +12,7 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
+from jointstiff.solver.readings import Measurements
 
 __all__ = ["fit_reasons", "within_noise"]
 
@@ -26,10 +27,10 @@ LEAST_SIGMA: Final = 1e-8
 _LEAST_FREEDOM: Final = 0.5
 
 
-def fit_reasons(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:
+def fit_reasons(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:
     """Yield the reasons that an estimate and its prediction give."""
     yield from _identified(estimate)
-    yield from _freedom(estimate)
+    yield from _freedom(measurements, estimate)
     yield from _residuals(estimate)
     yield from _unexplained(estimate, prediction)
     yield from _from_judge(estimate, prediction)
@@ -55,8 +56,13 @@ def _identified(estimate: Estimate) -> Iterator[Reason]:
     )
 
 
-def _freedom(estimate: Estimate) -> Iterator[Reason]:
-    if estimate.degrees_of_freedom < _LEAST_FREEDOM:
+def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Reason]:
+    """Report a fit that no reading can contradict; a rigid flange moves by six coordinates at most."""
+    coordinates = int(np.minimum(3 * measurements.present.sum(axis=1), 6).sum())
+    if measurements.encoders is not None:
+        coordinates += int(measurements.encoders.present.sum())
+    free = min(estimate.degrees_of_freedom, coordinates - sum(i.rank for i in estimate.identifiability))
+    if free < _LEAST_FREEDOM:
         unknown = estimate.sigma is None
         yield Reason(
             "no_residual_freedom",
