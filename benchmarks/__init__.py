@@ -19,6 +19,7 @@ Studies, which prove numbers instead of comparing times, by name only as well: `
 hold the truth; some minutes), `efficiency` (beside the Cramér-Rao bound), `robustness` (gross errors),
 `fanuc` (ten of thirty real configurations), `replication` (the paper's study on a simulated arm; see
 docs/replication.md), `links` (elastic links: held-out compensation, certificates, time; see
-docs/elastic-links.md; ten minutes) and `invariance` (why no characteristic length; see
+docs/elastic-links.md; ten minutes), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
+and `invariance` (why no characteristic length; see
 docs/no-characteristic-length.md).
 """

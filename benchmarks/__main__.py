@@ -17,6 +17,7 @@ from rich.console import Console
 
 import benchmarks
 from benchmarks import (
+    assessment,
     coverage,
     durability,
     efficiency,
@@ -57,6 +58,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "invariance": invariance.run,
     "geometry": geometry.run,
     "integrity": integrity.run,
+    "assessment": assessment.run,
     "links": links.run,
 }
 STUDIES = frozenset(
@@ -68,6 +70,7 @@ STUDIES = frozenset(
         "replication",
         "invariance",
         "links",
+        "assessment",
         "integrity",
         "geometry",
     }

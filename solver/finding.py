@@ -55,6 +55,7 @@ class Finding:
         message: what was seen, with figure and unit.
         remedy: what to check.
         severity: "error" where it is almost certainly a mistake, "note" where it is good to know.
+        joint: name of the joint; None where it is about no single one.
     """
 
     code: FindingCode
@@ -62,6 +63,7 @@ class Finding:
     message: str
     remedy: str
     severity: Severity = "warning"
+    joint: str | None = None
 
 
 def length_text(length: float) -> str:

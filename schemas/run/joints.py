@@ -28,7 +28,7 @@ class JointResult(Message):
     """What the readings say of one joint. A joint that is not observable has no numbers."""
 
     name: Name
-    status: Literal["identified", "at_bound", "not_observable"]
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
         description="1 / compliance; null where the compliance is zero."

@@ -30,6 +30,7 @@ __all__ = [
 
 _VERDICTS = {
     "identified": "[green]identified[/]",
+    "uncertain": "[yellow]uncertain[/]",
     "at_bound": "[yellow]at bound[/]",
     "not_observable": "[dim]not observable[/]",
 }

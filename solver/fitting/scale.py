@@ -72,7 +72,8 @@ def scale_of(fit: Fit, readings: Compression, sigma: float | None) -> Scale:
     R = readings.matrix
     squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
     information = float(np.sum((R @ fit.covariance) * R))
-    freedom = max(0.0, readings.rows - 2 * fit.parameters + information)
+    freedom = readings.rows - 2 * fit.parameters + information
+    freedom = 0.0 if freedom < _LEAST_FREEDOM else freedom
     if sigma is not None:
         with np.errstate(all="ignore"):  # an overflow is refused later, with its remedy
             chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from jointstiff.solver.inference.advice import advise
 from jointstiff.solver.inference.advised_reading import Advice
+from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.inference.estimate import Estimate, assemble
 from jointstiff.solver.inference.joint import JointCompliance, stiffness_interval, stiffness_of
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Contributions, Prediction, predict
 from jointstiff.solver.inference.profile import profile_ends
+from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.inference.stages import StagesCertificate
 
 __all__ = [
+    "Action",
     "Advice",
+    "Assessment",
     "Contributions",
     "Estimate",
     "JointCompliance",
+    "Place",
     "Prediction",
+    "Reason",
     "StagesCertificate",
     "advise",
     "assemble",
+    "assess",
     "inspect_encoders",
     "judge",
     "predict",

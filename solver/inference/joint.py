@@ -51,6 +51,8 @@ class JointCompliance:
     """What the readings say of one joint; numbers are None where they say nothing.
 
     Attributes:
+        status: "uncertain" where the standard uncertainty reaches the compliance and the interval contains
+            zero, so that there is no greatest stiffness.
         compliance: [rad/(N·m)].
         standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
         compliance_interval: profile-likelihood interval under the constraints [rad/(N·m)].
@@ -61,7 +63,7 @@ class JointCompliance:
     """
 
     name: str
-    status: Literal["identified", "at_bound", "not_observable"]
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     compliance: float | None = None
     standard_uncertainty: float | None = None
     compliance_interval: tuple[float, float] | None = None

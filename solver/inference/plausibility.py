@@ -9,6 +9,7 @@ import numpy as np
 
 from jointstiff.solver.finding import Finding
 from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
 
 __all__ = ["judge"]
@@ -87,8 +88,9 @@ def _priors(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             "prior_dominates",
             None,
-            f"of {joint.name} the prior {says}: its number is known beforehand rather than measured",
+            f"the prior of {joint.name} {says}: its number is known beforehand rather than measured",
             "add loads and postures that twist it more, or leave the prior out to see what was measured",
+            joint=joint.name,
         )
 
 
@@ -112,9 +114,22 @@ def _stiffness(estimate: Estimate) -> Iterator[Finding]:
                 yield Finding(
                     "stiffness_implausible",
                     None,
-                    f"{joint.name} comes out at {stiffness:.3g} N.m/rad",
-                    "check the units of force, length and moment",
+                    f"{joint.name} comes out at {stiffness:.3g} N.m/rad; joints of industrial robots have "
+                    f"{least:.0e} to {greatest:.0e} N.m/rad",
+                    _implausible_remedy(estimate, joint),
+                    joint=joint.name,
                 )
+
+
+def _implausible_remedy(estimate: Estimate, joint: JointCompliance) -> str:
+    """Say what to check: a unit scales all joints alike, a wrong column or map bends one out of line."""
+    if (joint.compliance or 0.0) < 0.0:
+        return "bound the compliances from below; check joint map, order of angles and signs of the forces"
+    sizes = [abs(j.compliance) for j in estimate.joints if j.status == "identified" and j.compliance]
+    least, greatest = (1.0 / bound for bound in reversed(PLAUSIBLE_STIFFNESS))
+    if all(not least <= size <= greatest for size in sizes):
+        return "check the units of force, length and moment: all joints are out of range"
+    return f"check the angles and the joint map of {joint.name} and its neighbours; other joints are in range"
 
 
 def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:
@@ -124,7 +139,7 @@ def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:
     yield Finding(
         "complementary_stiffness_matters",
         None,
-        f"that the load's torques change as the joints bend, which this fit neglects, moves a compliance by "
+        "neglecting the complementary stiffness K_c biases a compliance by "
         f"{size.largest_shift:.2g} standard uncertainties",
         "set complementary_stiffness: included",
     )

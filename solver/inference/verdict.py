@@ -102,10 +102,16 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
     ratio = float(evidence.prior_to_data[j])
     interval = None if ends is None else _pair(ends[0])
     one_sided = None if ends is None else OneSidedBounds(*_pair(ends[1]))
-    reasons = [held, _NO_UNCERTAINTY if ends is None and held is None else None, _prior_alone(evidence, j)]
+    unsure = None if held else _uncertain(evidence, j, ends)
+    reasons = [
+        held,
+        unsure,
+        _NO_UNCERTAINTY if ends is None and held is None else None,
+        _prior_alone(evidence, j),
+    ]
     return JointCompliance(
         name,
-        "identified" if held is None else "at_bound",
+        "at_bound" if held else "uncertain" if unsure else "identified",
         value,
         evidence.uncertainty(j),
         interval,
@@ -134,6 +140,21 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     if active:
         return f"it is held by the {'greatest' if active < 0 else 'least'} stiffness that was asked for"
     return None
+
+
+def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
+    """Say that a joint's number is no more than a bound, or return None where it is more."""
+    value, uncertainty = float(evidence.fit.compliance[j]), evidence.uncertainty(j)
+    if ends is None or uncertainty is None or uncertainty < abs(value) or ends[0, 0] > 0.0:
+        return None
+    bound = ""
+    if ends[1, 1] > 0.0:
+        stiffness = _rounded_down(1.0 / float(ends[1, 1]))
+        bound = f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: "
+    return (
+        f"{bound}the standard uncertainty of its compliance, {uncertainty:.2g} rad/(N.m), exceeds the "
+        f"compliance itself: add loads that twist {evidence.names[j]} more"
+    )
 
 
 def _tied(evidence: Evidence, j: int) -> list[int]:

@@ -65,7 +65,9 @@ class Measurements:
             raise MeasurementError("no observation", remedy="give at least one observation")
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
-                f"sigma is {self.sigma}", where="noise.sigma", remedy="give a positive length"
+                f"sigma is {self.sigma} m, and no reading is exact",
+                where="noise.sigma",
+                remedy="give a positive length; omit `noise` to estimate it from the residuals",
             )
         for name, shape in (
             ("joints", (count, self.joints.shape[-1])),

@@ -2447,7 +2447,7 @@ export interface components {
              * Status
              * @enum {string}
              */
-            status: "identified" | "at_bound" | "not_observable";
+            status: "identified" | "uncertain" | "at_bound" | "not_observable";
             /** Compliance */
             compliance: number | null;
             /**

@@ -1,0 +1,261 @@
+"""Fits under mistakes that leave numbers plausible: columns exchanged, a wrong joint map, load as target.
+
+Each alternative is one more regressor of the same deflections: ``q = M E q_c + o`` with E exchanging,
+reversing or coupling the controller's angles, or the load at a target's place. As it has as many parameters
+as the fit itself, their residual sums compare directly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations, product
+from typing import Final, Literal
+
+import numpy as np
+from scipy import optimize, special
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import BLOCK_LENGTH, regressor_blocks, target_readings
+from jointstiff.solver.robot import Configurations, Robot
+
+__all__ = ["Alternative", "AlternativeKind", "BetterAlternative", "better_alternative", "places_on_flange"]
+
+AlternativeKind = Literal[
+    "columns_exchanged", "sign_reversed", "joints_coupled", "joint_map", "load_and_target_exchanged"
+]
+
+FALSE_ALARM: Final = 1e-4
+"""Probability that noise alone makes any of the alternatives of a set look better."""
+LARGEST_RATIO: Final = 0.7
+"""Residual sum over that of the fit: model errors, which are no noise, favour a wrong alternative by less."""
+LEAST_COMPENSATION: Final = 0.7
+"""Share of the deflection that an alternative must explain; below it as given, whole joint maps are tried."""
+_MAPPED_JOINTS: Final = 7
+"""Joints up to which whole joint maps are tried: their number doubles with each."""
+_OBSERVATIONS: Final = 60
+"""Observations that tell a mistake of the whole set; more take time and tell no more."""
+_SCREENED: Final = 8
+"""Observations, or more where targets are few, that show which alternatives are worth a closer look."""
+_MOST_TARGETS: Final = 8
+_READINGS: Final = 12 * BLOCK_LENGTH
+"""Readings computed at most: of a robot with many joints fewer observations are compared."""
+_LEAST_FREEDOM: Final = 3
+_NULL: Final = 1e-9
+"""Norm of a column beside the greatest, of a joint that no load twists."""
+_RIDGE: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """One mistake that may have been made.
+
+    Attributes:
+        kind: which mistake.
+        joints: indices of the controller's joints concerned.
+        matrix: (n, n) E, the controller's angles meant from those given, dimensionless.
+        target: index of the target whose place and the load point are exchanged; None for other kinds.
+    """
+
+    kind: AlternativeKind
+    joints: tuple[int, ...]
+    matrix: FloatArray
+    target: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BetterAlternative:
+    """An alternative that explains the readings far better than the set as given.
+
+    Attributes:
+        alternative: the mistake that was undone.
+        ratio: residual sum of squares with it over that without.
+        compensation: share of the mean deflection explained with it.
+        compensation_as_given: the same without it.
+    """
+
+    alternative: Alternative
+    ratio: float
+    compensation: float
+    compensation_as_given: float
+
+
+def better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:
+    """Return the alternative of least residual sum if neither noise nor model errors explain its gain.
+
+    The gain must be significant by an F test in which the alternative counts as n further parameters, all
+    compliances of each fit being non-negative.
+
+    Args:
+        robot: n joints.
+        measurements: N observations; encoders take no part.
+
+    Returns:
+        The alternative, or None where no alternative fits far better.
+    """
+    best, plain = _best(robot, measurements, _alternatives(robot.n, measurements.present.shape[1]))
+    if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
+        mapped, _ = _best(robot, measurements, _joint_maps(robot.n))
+        best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
+    return best
+
+
+def _best(
+    robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
+) -> tuple[BetterAlternative | None, float]:
+    """Compare alternatives: the best that is significant, and the compensation as given."""
+    affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
+    part = _sample(replace(measurements, encoders=None), min(_OBSERVATIONS, affordable))
+    freedom = _freedom(part) - robot.n
+    if freedom < _LEAST_FREEDOM:
+        return None, 1.0
+    ratio = min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
+    alternatives, plain = _screened(robot, part, alternatives)
+    if not alternatives:
+        return None, plain
+    rows = _rows(robot, part, alternatives)
+    grams = rows.transpose(0, 2, 1) @ rows
+    as_given, plain = _fit(rows[0], grams[0])
+    needed, best = as_given * ratio, None
+    for k in (1 + np.flatnonzero(_least_sums(grams[1:]) < needed)).tolist():
+        left, compensation = _fit(rows[k], grams[k])
+        if left < needed and compensation >= LEAST_COMPENSATION:
+            best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
+    return best, plain
+
+
+def _screened(
+    robot: Robot, part: Measurements, alternatives: Sequence[Alternative]
+) -> tuple[list[Alternative], float]:
+    """Choose the alternatives that fit some of the observations better than the set as given.
+
+    Returns:
+        The alternatives, and the compensation of these observations as given.
+    """
+    per_observation = max(1.0, 3.0 * float(part.present.sum(axis=1).mean()))
+    some = _sample(part, max(_SCREENED, math.ceil(4 * robot.n / per_observation)))
+    rows = _rows(robot, some, alternatives)
+    grams = rows.transpose(0, 2, 1) @ rows
+    as_given, plain = _fit(rows[0], grams[0])
+    sums = _least_sums(grams[1:])
+    return [a for a, left in zip(alternatives, sums, strict=True) if left < as_given], plain
+
+
+@lru_cache
+def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
+    """Return the mistakes that are compared."""
+    return (*_exchanges(n), *_joint_maps_of_one(n), *_loads(n, min(targets, _MOST_TARGETS)))
+
+
+def _exchanges(n: int) -> Iterator[Alternative]:
+    unit = np.eye(n)
+    for j, k in combinations(range(n), 2):
+        order = np.arange(n)
+        order[[j, k]] = k, j
+        yield Alternative("columns_exchanged", (j, k), unit[order])
+
+
+def _joint_maps_of_one(n: int) -> Iterator[Alternative]:
+    unit = np.eye(n)
+    for j in range(n):
+        yield Alternative("sign_reversed", (j,), unit - 2.0 * np.outer(unit[j], unit[j]))
+    if n > 2:
+        for sign in (1.0, -1.0):
+            yield Alternative("joints_coupled", (1, 2), unit + sign * np.outer(unit[2], unit[1]))
+
+
+def _loads(n: int, targets: int) -> Iterator[Alternative]:
+    for t in range(targets):
+        yield Alternative("load_and_target_exchanged", (), np.eye(n), t)
+
+
+@lru_cache
+def _joint_maps(n: int) -> tuple[Alternative, ...]:
+    """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
+    unit, found = np.eye(n), []
+    for sign in (0.0, 1.0, -1.0):
+        coupling = unit + sign * np.outer(unit[2], unit[1])
+        for signs in product((1.0, -1.0), repeat=n):
+            reversed_joints = np.flatnonzero(np.array(signs) < 0.0)
+            if len(reversed_joints) + abs(sign) > 1:
+                concerned = {*reversed_joints.tolist(), *((1, 2) if sign else ())}
+                matrix = np.diag(signs) @ coupling
+                found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix))
+    return tuple(found)
+
+
+def _sample(measurements: Measurements, most: int) -> Measurements:
+    """Choose observations evenly, so that the work does not grow with the set."""
+    if len(measurements) <= max(most, 1):
+        return measurements
+    return measurements[np.linspace(0, len(measurements) - 1, max(most, 1)).astype(np.intp)]
+
+
+def _freedom(part: Measurements) -> int:
+    """Count the coordinates that can differ from a model of rigid flanges: at most six an observation."""
+    return int(np.minimum(3 * part.present.sum(axis=1), 6).sum())
+
+
+def _rows(robot: Robot, part: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
+    """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative."""
+    count, times = len(part), len(alternatives) + 1
+    matrices = np.stack([np.eye(robot.n), *(alternative.matrix for alternative in alternatives)])
+    stacked = part[np.tile(np.arange(count), times)]
+    load_point, position = stacked.load_point.copy(), stacked.position.copy()
+    by_load = [(k, a.target) for k, a in enumerate(alternatives, 1) if a.target is not None]
+    places = places_on_flange(robot, part) if by_load else part.position
+    for k, t in by_load:
+        rows = slice(k * count, (k + 1) * count)
+        load_point[rows] = places[:, t]
+        position[rows, t] = np.where(part.in_flange[:, t, None], part.load_point, part.position[:, t])
+    stacked = replace(
+        stacked,
+        joints=(part.joints @ matrices.transpose(0, 2, 1)).reshape(times * count, -1),
+        load_point=load_point,
+        position=position,
+    )
+    blocks = [target_readings(block).whitened() for block in regressor_blocks(robot, stacked)]
+    return np.concatenate(blocks).reshape(times, -1, robot.n + 1)
+
+
+def places_on_flange(robot: Robot, part: Measurements) -> FloatArray:
+    """Compute places (N, T, 3) of targets in the flange frame [m]: given or the means of those read."""
+    seen = part.position
+    if not part.in_flange.all():
+        at = Configurations(robot, robot.joint_map.model_angles(part.joints))
+        read = (part.position - at.flange_translation[:, None]) @ at.flange_rotation
+        seen = np.where(part.in_flange[..., None], part.position, read)
+    weight = part.present[..., None] / np.maximum(part.present.sum(axis=0), 1)[:, None]
+    return np.where(part.in_flange[..., None], part.position, (weight * seen).sum(axis=0))
+
+
+def _least_sums(grams: FloatArray) -> FloatArray:
+    """Compute the residual sums (K,) of fits without bounds from Gram matrices (K, n + 1, n + 1) of [A d]."""
+    gram, moment, squares = grams[:, :-1, :-1], grams[:, :-1, -1], grams[:, -1, -1]
+    norms = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    seen = norms > _NULL * norms.max(axis=1, keepdims=True, initial=0.0)
+    unit = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
+    scaled = gram * unit[:, :, None] * unit[:, None, :] + (_RIDGE + ~seen)[..., None] * np.eye(gram.shape[1])
+    b = moment * unit
+    sums: FloatArray = squares - (b * np.linalg.solve(scaled, b[..., None])[..., 0]).sum(axis=1)
+    return sums
+
+
+def _fit(rows: FloatArray, gram: FloatArray) -> tuple[float, float]:
+    """Fit non-negative compliances to rows (R, n + 1) [A d]: residual sum of squares, and compensation."""
+    A, d = rows[:, :-1], rows[:, -1]
+    norms = np.sqrt(np.diagonal(gram)[:-1])
+    unit = np.where(norms > _NULL * norms.max(initial=0.0), 1.0 / np.where(norms > 0.0, norms, 1.0), 0.0)
+    residual = d - A @ (unit * optimize.nnls(A * unit, d)[0])
+    left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
+    moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
+    return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0
+
+
+def _noise_ratio(n: int, freedom: int, alternatives: int) -> float:
+    """Compute the ratio of residual sums that noise goes below with probability `FALSE_ALARM`."""
+    quantile = float(special.fdtri(n, freedom, 1.0 - FALSE_ALARM / alternatives))
+    return 1.0 / (1.0 + n * quantile / freedom)

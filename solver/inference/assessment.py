@@ -1,0 +1,91 @@
+"""Assessment of an identification: one verdict on whether its numbers may be used, with the reasons.
+
+No reason means "use": noise alone raises one in less than one of a hundred sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Final
+
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
+from jointstiff.solver.inference.joint import JointCompliance
+from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.inference.reading_reasons import alternative_reasons, finding_reasons, load_reasons
+from jointstiff.solver.inference.reason import Reason, Usability
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
+
+__all__ = ["Assessment", "assess"]
+
+_ORDER: Final[dict[Usability, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The verdict on a whole result and on each joint.
+
+    Attributes:
+        verdict: the least of what the reasons allow.
+        reasons: most severe first; none where the verdict is "use".
+        joints: verdict on each joint, never better than what the reasons about the set or this joint allow.
+    """
+
+    verdict: Usability
+    reasons: tuple[Reason, ...]
+    joints: tuple[Usability, ...]
+
+
+def assess(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    estimate: Estimate,
+    prediction: Prediction,
+    findings: Sequence[Finding] = (),
+) -> Assessment:
+    """Assess an identification.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: how it was identified.
+        estimate: of the joints.
+        prediction: by that estimate, of the same measurements.
+        findings: of the integrity checks of the same measurements.
+
+    Returns:
+        The verdict with its reasons.
+    """
+    found = chain(
+        () if within_noise(estimate) else alternative_reasons(robot, measurements),
+        load_reasons(robot, measurements),
+        finding_reasons(measurements, settings, findings),
+        fit_reasons(measurements, estimate, prediction),
+    )
+    reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))
+    return Assessment(
+        verdict=_least(reason.weight for reason in reasons),
+        reasons=reasons,
+        joints=tuple(_joint(joint, reasons) for joint in estimate.joints),
+    )
+
+
+def _least(verdicts: Iterator[Usability]) -> Usability:
+    return max(verdicts, key=_ORDER.__getitem__, default="use")
+
+
+def _joint(joint: JointCompliance, reasons: tuple[Reason, ...]) -> Usability:
+    """Return the verdict on a joint by its status, capped by the reasons that concern it."""
+    own: Usability = "do_not_use"
+    if joint.status == "identified":
+        own = "use"
+    elif joint.status in {"at_bound", "uncertain"}:
+        own = "use_with_care"
+    others = (r.weight for r in reasons if r.where is None or r.where.joint in {None, joint.name})
+    return _least(iter([own, *others]))

@@ -1,0 +1,328 @@
+"""Assessments of simulated campaigns: planted mistakes have their reasons, whose actions undo them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import METHODS, prepare, shared
+
+from benchmarks.mistakes import only_deflections
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.conversion import to_settings
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS
+from jointstiff.solver.finding import Finding
+from jointstiff.solver.fitting import Prior
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference import Assessment, Estimate, Place, assess, predict
+from jointstiff.solver.integrity import inspect
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import JointMap, Robot
+
+TRUTH = default_arm().compliances
+COLUMNS = [(0, 1), (0, 3), (1, 2), (1, 4), (2, 3), (2, 5), (3, 4), (3, 5), (4, 5)]
+
+
+@pytest.fixture(scope="module")
+def pulls() -> tuple[Robot, Measurements]:
+    """Pulls of 1500 N that show every joint, sigma stated."""
+    return prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+
+
+@pytest.fixture(scope="module")
+def deflections(pulls) -> tuple[Robot, Measurements]:
+    """The same where no position was read, and sigma is not stated."""
+    return pulls[0], replace(only_deflections(pulls[1]), sigma=None)
+
+
+def assessed(
+    robot: Robot,
+    measurements: Measurements,
+    *,
+    findings: tuple[Finding, ...] | None = None,
+    prior: Prior | None = None,
+    **options,
+) -> tuple[Assessment, Estimate]:
+    """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
+    options = {"complementary_stiffness": "included"} | options
+    settings = replace(to_settings(RunOptions(**options), robot), prior=prior)
+    names = tuple(f"P{t}" for t in range(measurements.present.shape[1]))
+    if findings is None:
+        findings = tuple(inspect(robot, measurements, names, degrees=False))
+    found = identify(robot, measurements, settings)
+    prediction = predict(
+        robot, measurements, found.compliance, complementary_stiffness=settings.complementary_stiffness
+    )
+    return assess(robot, measurements, settings, found, prediction, findings), found
+
+
+def reason_of(assessment: Assessment, code: str):
+    reasons = [reason for reason in assessment.reasons if reason.code == code]
+    assert len(reasons) == 1, assessment.reasons
+    return reasons[0]
+
+
+def first_target(measurements: Measurements, observations: list[int]) -> Measurements:
+    """The readings of the first target in some observations."""
+    names = ("position", "deflection", "in_flange", "present")
+    first = {name: getattr(measurements, name)[:, :1] for name in names}
+    return replace(measurements, **first)[np.array(observations)]
+
+
+def is_true(found: Estimate, truth=TRUTH) -> bool:
+    u = np.array([joint.standard_uncertainty for joint in found.joints])
+    return bool((np.abs(found.compliance - truth) < 5 * u).all())
+
+
+class TestClean:
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("stated", [True, False])
+    def test_a_clean_set_is_for_use(self, pulls, method, stated):
+        robot, measurements = pulls
+        if not stated:
+            measurements = replace(measurements, sigma=None)
+        assessment, _ = assessed(robot, measurements, method=method)
+        assert assessment == Assessment("use", (), ("use",) * 6)
+
+    def test_a_joint_that_the_load_never_twists_is_not_for_use_and_caps_no_other(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=4))
+        assessment, _ = assessed(robot, measurements)
+        assert assessment == Assessment("use", (), ("do_not_use", *("use",) * 5))
+
+    @pytest.mark.parametrize("name", ["dead_weight_motor", "dead_weight_secondary", "pull_40"])
+    def test_shared_simulations_are_for_use(self, name):
+        assert assessed(*prepare(shared(f"simulated/{name}")))[0].verdict == "use"
+
+    @pytest.mark.parametrize("loss", ["squared", "huber"])
+    def test_model_error_of_a_real_robot_is_no_mistake(self, loss):
+        assessment, _ = assessed(*prepare(shared("fanuc_r2000ic/campaign")), loss=loss)
+        assert assessment == Assessment("use", (), ("use",) * 6)
+
+
+class TestAlternatives:
+    """Without the findings of the integrity checks, which would name some of these mistakes as well."""
+
+    @pytest.mark.parametrize("columns", COLUMNS)
+    def test_exchanged_columns_are_named_and_exchanged_back(self, deflections, columns):
+        robot, measurements = deflections
+        order = np.arange(6)
+        order[list(columns)] = columns[::-1]
+        wrong = replace(measurements, joints=measurements.joints[:, order])
+        assessment, found = assessed(robot, wrong, findings=())
+        reason = reason_of(assessment, "alternative_explains_better")
+        assert assessment.verdict == reason.weight == "do_not_use"
+        assert set(assessment.joints) == {"do_not_use"}
+        assert reason.action.kind == "exchange_columns"
+        assert reason.action.joints == tuple(robot.joint_names[j] for j in columns)
+        assert f"{reason.action.joints[0]} and {reason.action.joints[1]}" in reason.message
+        back = [robot.joint_names.index(name) for name in reason.action.joints]
+        joints = wrong.joints.copy()
+        joints[:, back] = joints[:, back[::-1]]
+        assessment, found = assessed(robot, replace(wrong, joints=joints), findings=())
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
+    @pytest.mark.parametrize(
+        "wrong_map",
+        [
+            np.diag([1.0, -1, 1, 1, 1, 1]),
+            np.diag([1.0, 1, 1, 1, -1, 1]),
+            np.eye(6) + np.outer(np.eye(6)[2], np.eye(6)[1]),
+            np.eye(6) - np.outer(np.eye(6)[2], np.eye(6)[1]),
+            np.diag([1.0, 1, -1, -1, 1, -1]) - np.outer(np.eye(6)[2], np.eye(6)[1]),
+        ],
+    )
+    def test_a_wrong_joint_map_is_replaced_by_the_right_one(self, deflections, wrong_map):
+        right, measurements = deflections
+        robot = Robot(right.chain, JointMap(wrong_map, np.zeros(6)))
+        assessment, _ = assessed(robot, measurements, findings=())
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert action.kind == "apply_joint_map"
+        np.testing.assert_array_equal(action.joint_map, np.eye(6))
+
+    def test_load_and_target_are_exchanged_back(self, deflections):
+        robot, measurements = deflections
+        position, place = measurements.position.copy(), measurements.position[:, 1].copy()
+        position[:, 1] = measurements.load_point
+        assessment, _ = assessed(
+            robot, replace(measurements, position=position, load_point=place), findings=()
+        )
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert (action.kind, action.target) == ("exchange_load_and_target", 1)
+
+    def test_a_load_at_a_reflector_is_suspicious(self, pulls):
+        robot, measurements = pulls
+        place = np.broadcast_to(list(TARGETS.values())[2], measurements.load_point.shape)
+        assessment, _ = assessed(robot, replace(measurements, load_point=place), findings=())
+        assert reason_of(assessment, "load_at_target").action.target == 2
+        assert assessment.verdict != "use"
+
+    @pytest.mark.parametrize("columns", COLUMNS)
+    def test_on_a_real_robot_exchanged_columns_are_named(self, columns):
+        robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
+        order = np.arange(6)
+        order[list(columns)] = columns[::-1]
+        wrong = replace(measurements, joints=measurements.joints[:, order])
+        reason = reason_of(assessed(robot, wrong)[0], "alternative_explains_better")
+        assert reason.action.joints == tuple(robot.joint_names[j] for j in columns)
+
+    def test_on_a_real_robot_without_joint_map_the_makers_map_is_found(self):
+        document = shared("fanuc_r2000ic/campaign")
+        right, measurements = prepare(document)
+        assessment, _ = assessed(Robot(right.chain), measurements)
+        action = reason_of(assessment, "alternative_explains_better").action
+        np.testing.assert_array_equal(action.joint_map, right.joint_map.matrix)
+
+    def test_parts_of_a_real_set_have_no_better_alternative(self):
+        robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
+        rng = np.random.default_rng(0)
+        for count in (5, 8, 12, 20):
+            for _ in range(10):
+                part = measurements[np.sort(rng.permutation(30)[:count])]
+                codes = {reason.code for reason in assessed(robot, part)[0].reasons}
+                assert "alternative_explains_better" not in codes
+
+
+class TestReadings:
+    def test_few_outliers_ask_for_the_huber_loss_which_copes_with_them(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[5, 1] += [0.0, 1e-3, 0.0]
+        wrong = replace(only_deflections(measurements), deflection=deflection, sigma=None)
+        assessment, _ = assessed(robot, wrong)
+        reason = reason_of(assessment, "suspicious_readings")
+        assert assessment.verdict == "use_with_care"
+        assert reason.where == Place(observation=5)
+        assert (reason.action.kind, reason.action.observations) == ("use_huber", (5,))
+        assessment, found = assessed(robot, wrong, loss="huber")
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
+    def test_a_gross_error_asks_to_leave_the_readings_out(self, pulls):
+        robot, measurements = pulls
+        force = measurements.force.copy()
+        force[7] *= -1
+        wrong = replace(measurements, force=force)
+        assessment, _ = assessed(robot, wrong)
+        reason = reason_of(assessment, "gross_error")
+        assert assessment.verdict == "do_not_use"
+        assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", (7,))
+        assert assessed(robot, wrong[np.delete(np.arange(19), 7)])[0].verdict == "use"
+
+    def test_a_length_unit_is_named(self, pulls):
+        robot, measurements = pulls
+        wrong = replace(measurements, deflection=1e3 * measurements.deflection)
+        assessment, _ = assessed(robot, wrong, complementary_stiffness="neglected")
+        assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
+
+    def test_notes_are_no_reasons(self, pulls):
+        note = Finding("repeated_readings", None, "m", "r", "note")
+        assert assessed(*pulls, findings=(note,))[0].verdict == "use"
+
+
+class TestFit:
+    @pytest.mark.parametrize(
+        ("factor", "verdict"), [(1.0, "use"), (2.0, "use_with_care"), (5.0, "do_not_use")]
+    )
+    def test_uncertainties_too_small(self, pulls, factor, verdict):
+        robot, measurements = pulls
+        wrong = replace(measurements, sigma=measurements.sigma / factor)
+        assessment, _ = assessed(robot, wrong, findings=())
+        assert assessment.verdict == verdict
+        if factor > 1:
+            reason = reason_of(assessment, "residuals_exceed_sigma")
+            assert reason.action.kind == "omit_noise"
+            assert f"{factor:.1f}"[0] in reason.message
+            assert assessed(robot, replace(wrong, sigma=None), findings=())[0].verdict == "use"
+
+    def test_neglected_complementary_stiffness_is_included_at_a_click(self):
+        campaign = simulate_campaign(default_arm(), load="pull", seed=5, force=4000.0, sigma=5e-6)
+        robot, measurements = prepare(campaign)
+        measurements = replace(measurements, sigma=2e-5)  # so that the residuals agree with sigma
+        assessment, found = assessed(robot, measurements, complementary_stiffness="neglected", findings=())
+        assert found.complementary_stiffness.largest_shift > 0.5
+        reason = reason_of(assessment, "complementary_stiffness_matters")
+        assert assessment.verdict == "use_with_care"
+        assert reason.action.kind == "include_complementary_stiffness"
+        assert assessed(robot, measurements, findings=())[0].verdict == "use"
+
+    def test_a_prior_that_dominates_caps_its_joint_alone(self, pulls):
+        robot, measurements = pulls
+        mean, s = np.full(6, np.nan), np.full(6, np.inf)
+        mean[3], s[3] = TRUTH[3], 1e-4 * TRUTH[3]
+        assessment, _ = assessed(robot, measurements, prior=Prior(mean, s))
+        assert reason_of(assessment, "prior_dominates").where == Place(joint=robot.joint_names[3])
+        assert assessment.verdict == "use_with_care"
+        assert assessment.joints == ("use", "use", "use", "use_with_care", "use", "use")
+
+    def test_no_residual_freedom(self, deflections):
+        robot, measurements = deflections
+        two = first_target(measurements, [0, 9])
+        assessment, found = assessed(robot, two, findings=())
+        assert found.degrees_of_freedom == 0.0
+        assert reason_of(assessment, "no_residual_freedom").weight == "do_not_use"
+        stated, _ = assessed(robot, replace(two, sigma=2e-5), findings=())
+        assert reason_of(stated, "no_residual_freedom").weight == "use_with_care"
+
+    def test_no_joint_identified(self, deflections):
+        robot, measurements = deflections
+        one = replace(first_target(measurements, [0]), sigma=2e-5)
+        assessment, _ = assessed(robot, one, complementary_stiffness="neglected", findings=())
+        assert assessment.verdict == "do_not_use"
+        assert "6 not observable" in reason_of(assessment, "no_joint_identified").message
+
+    def test_computed_readings_leave_no_residuals(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3, sigma=0.0))
+        assessment, _ = assessed(robot, replace(measurements, sigma=None), findings=())
+        assert reason_of(assessment, "residuals_vanish").weight == "use_with_care"
+
+    def test_most_of_the_deflection_unexplained(self):
+        robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
+        wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]])
+        assessment, _ = assessed(robot, wrong, findings=())
+        assert assessment.verdict == "do_not_use"
+        reason = reason_of(assessment, "deflection_unexplained")
+        assert reason.action.kind == "show_posture"
+        assert "joints explain" in reason.message
+
+    def test_noise_is_no_unexplained_deflection(self):
+        robot, measurements = prepare(
+            simulate_campaign(default_arm(), load="pull", configurations=40, seed=6, sigma=1e-3)
+        )
+        codes = {reason.code for reason in assessed(robot, measurements, findings=())[0].reasons}
+        assert "deflection_unexplained" not in codes
+        assert "alternative_explains_better" not in codes
+
+    def test_implausible_stiffness_names_the_joint_and_the_range(self, pulls):
+        robot, measurements = pulls
+        soft = replace(measurements, force=1e-4 * measurements.force)
+        assessment, _ = assessed(robot, soft, complementary_stiffness="neglected", findings=())
+        reasons = [reason for reason in assessment.reasons if reason.code == "stiffness_implausible"]
+        assert reasons[0].weight == "do_not_use"
+        assert reasons[0].where.joint in robot.joint_names
+        assert "1e+03 to 1e+09 N.m/rad" in reasons[0].message
+
+
+class TestUncertain:
+    def test_a_joint_less_certain_than_its_size_is_not_identified(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=9, sigma=2e-3))
+        _, found = assessed(robot, measurements, findings=())
+        uncertain = [joint for joint in found.joints if joint.status == "uncertain"]
+        assert uncertain
+        for joint in found.joints:
+            if joint.status == "identified":
+                assert joint.standard_uncertainty < joint.compliance or joint.interval[0] > 0
+        for joint in uncertain:
+            assert joint.standard_uncertainty >= joint.compliance > 0
+            assert joint.interval[0] == 0.0
+            assert joint.reason.startswith("stiffer than")
+            stated = float(joint.reason.split()[2])
+            assert 0.9 / joint.one_sided[1] < stated <= 1 / joint.one_sided[1]
+
+    def test_it_is_used_with_care_at_best(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=9, sigma=2e-3))
+        assessment, found = assessed(robot, measurements, findings=())
+        for verdict, joint in zip(assessment.joints, found.joints, strict=True):
+            assert joint.status != "uncertain" or verdict != "use"
