@@ -5,12 +5,28 @@ import { norm } from "../src/pure/vector";
 
 /** Two levers of 1 m in the plane y = 0, turning about y: worked out by hand. */
 const POSTURE: Posture = {
-  joint_origins: [[0, 0, 0], [1, 0, 0]], joint_axes: [[0, 1, 0], [0, 1, 0]],
-  flange_origin: [2, 0, 0], flange_axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+  joint_origins: [
+    [0, 0, 0],
+    [1, 0, 0],
+  ],
+  joint_axes: [
+    [0, 1, 0],
+    [0, 1, 0],
+  ],
+  flange_origin: [2, 0, 0],
+  flange_axes: [
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+  ],
 };
 const SET = {
-  units: { length: "mm", angle: "rad", force: "kN" }, load_point: [0, 0, 0], flange_targets: { tcp: [0, 0, 0] },
-  observations: [{ label: "1", joints: [0, 0], force: [0, 0, -1], readings: [{ target: "tcp", deflection: [0, 0, -1] }] }],
+  units: { length: "mm", angle: "rad", force: "kN" },
+  load_point: [0, 0, 0],
+  flange_targets: { tcp: [0, 0, 0] },
+  observations: [
+    { label: "1", joints: [0, 0], force: [0, 0, -1], readings: [{ target: "tcp", deflection: [0, 0, -1] }] },
+  ],
 } as unknown as MeasurementSet;
 const joint = (name: string, compliance: number | null) => ({ name, compliance }) as JointResult;
 
@@ -30,10 +46,23 @@ describe("what each joint contributes", () => {
   });
   it("takes readings and loads out of a tracker's frame", () => {
     // a quarter turn about z and a metre along x
-    const resolved = { rotation: [[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation: [1, 0, 0], flange_targets: {} };
+    const resolved = {
+      rotation: [
+        [0, -1, 0],
+        [1, 0, 0],
+        [0, 0, 1],
+      ],
+      translation: [1, 0, 0],
+      flange_targets: {},
+    };
     const readings = [{ target: "tcp", unloaded: [0, -1000, 0] }];
     const observations = [{ label: "1", joints: [0, 0], force: [0, 0, -1], readings }];
-    const set = { ...SET, frame: { forces: "tracker" }, resolved_frame: resolved, observations } as unknown as MeasurementSet;
+    const set = {
+      ...SET,
+      frame: { forces: "tracker" },
+      resolved_frame: resolved,
+      observations,
+    } as unknown as MeasurementSet;
     const [moved] = contributions(set, [POSTURE], [joint("a", 1e-6), joint("b", 4e-6)]);
     expect(moved?.place).toEqual([2, 0, 0]);
     expect(moved?.byJoint[1]?.[2]).toBeCloseTo(-0.004, 12);

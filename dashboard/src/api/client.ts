@@ -1,8 +1,22 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../text";
 import type {
-  Comparison, ComparisonSummary, Health, Kinematics, MeasurementSet, MeasurementSetSummary, Page, Pair, PairSummary,
-  Problem, Robot, RobotDocument, RobotSource, RobotSummary, Run, RunSummary,
+  Comparison,
+  ComparisonSummary,
+  Health,
+  Kinematics,
+  MeasurementSet,
+  MeasurementSetSummary,
+  Page,
+  Pair,
+  PairSummary,
+  Problem,
+  Robot,
+  RobotDocument,
+  RobotSource,
+  RobotSummary,
+  Run,
+  RunSummary,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -57,7 +71,14 @@ function unreachable(): Problem {
 
 function unreadable(status: number): Problem {
   const { unreadable: words } = text.errors;
-  return { type: "about:blank", title: words.title, status, detail: words.detail(status), remedy: words.remedy, errors: [] };
+  return {
+    type: "about:blank",
+    title: words.title,
+    status,
+    detail: words.detail(status),
+    remedy: words.remedy,
+    errors: [],
+  };
 }
 
 function query(values: Record<string, string | number | null | undefined>): string {
