@@ -42,7 +42,8 @@ class PageBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         if not written.is_file() or written.read_text(encoding="utf-8") != stamp:
             _build(root / "dashboard", bundle)
             written.write_text(stamp, encoding="utf-8")
-        build_data["artifacts"].append("service/static/**")
+        # `scripts/docs` builds the documentation; a wheel holds it where it is there.
+        build_data["artifacts"] += ["service/static/**", "service/static-docs/**"]
 
 
 def _link(root: Path, installed: dict[str, str]) -> None:

@@ -44,9 +44,13 @@ export function App() {
   };
   return (
     <SettingsContext.Provider value={settings}>
-      <a class="skip" href="#content" onClick={toContent}>{text.app.skip}</a>
+      <a class="skip" href="#content" onClick={toContent}>
+        {text.app.skip}
+      </a>
       <Header section={sectionOf(route)} settings={settings} />
-      <main id="content" tabIndex={-1} ref={main}><View key={viewKey(route)} route={route} /></main>
+      <main id="content" tabIndex={-1} ref={main}>
+        <View key={viewKey(route)} route={route} />
+      </main>
       <Toasts />
     </SettingsContext.Provider>
   );
@@ -60,13 +64,18 @@ const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice
 function View({ route }: { route: Route }) {
   const [first, second, third] = route.parts;
   switch (first) {
-    case undefined: return <StartView query={route.query} />;
-    case "runs": return second ? <RunView id={second} part={third ?? "result"} /> : <RunsView query={route.query} />;
-    case "sets": return second ? <SetView id={second} /> : <RobotsView list="sets" />;
+    case undefined:
+      return <StartView query={route.query} />;
+    case "runs":
+      return second ? <RunView id={second} part={third ?? "result"} /> : <RunsView query={route.query} />;
+    case "sets":
+      return second ? <SetView id={second} /> : <RobotsView list="sets" />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
-    case "compare": return <Compared kind={second} id={third} />;
-    default: return <Lost />;
+    case "compare":
+      return <Compared kind={second} id={third} />;
+    default:
+      return <Lost />;
   }
 }
 
@@ -81,7 +90,11 @@ function Lost() {
   return (
     <>
       <Title plain={text.app.notFound}>{text.app.notFound}</Title>
-      <Empty title={text.app.notFound} hint={text.app.notFoundHint}><a class="button" href="#/runs">{text.app.runs}</a></Empty>
+      <Empty title={text.app.notFound} hint={text.app.notFoundHint}>
+        <a class="button" href="#/runs">
+          {text.app.runs}
+        </a>
+      </Empty>
     </>
   );
 }
@@ -90,13 +103,19 @@ function Header({ section, settings }: { section: string; settings: Settings }) 
   return (
     <header class="header">
       <a class="brand" href="#/">
-        <svg viewBox="0 0 32 32" aria-hidden="true"><path d="M7 26h10M12 26V16L22 7" /><circle cx="12" cy="16" r="3.4" /><circle cx="22" cy="7" r="3.4" /></svg>
+        <svg viewBox="0 0 32 32" aria-hidden="true">
+          <path d="M7 26h10M12 26V16L22 7" />
+          <circle cx="12" cy="16" r="3.4" />
+          <circle cx="22" cy="7" r="3.4" />
+        </svg>
         {text.app.name}
       </a>
       <nav class="sections" aria-label={text.app.navigation}>
         {SECTIONS.map((item) => (
           <a href={`#/${item.id}`} aria-current={item.id === section ? "page" : undefined}>
-            <svg viewBox="0 0 24 24" aria-hidden="true"><path d={item.icon} /></svg>
+            <svg viewBox="0 0 24 24" aria-hidden="true">
+              <path d={item.icon} />
+            </svg>
             <span>{item.label}</span>
           </a>
         ))}
@@ -124,16 +143,24 @@ function Display({ settings }: { settings: Settings }) {
   return (
     <details class="display" ref={details}>
       <summary aria-label={text.app.settings}>
-        <svg viewBox="0 0 24 24" aria-hidden="true"><path d="M4 7h10M18 7h2M4 17h2M10 17h10" /><circle cx="16" cy="7" r="2.2" /><circle cx="8" cy="17" r="2.2" /></svg>
+        <svg viewBox="0 0 24 24" aria-hidden="true">
+          <path d="M4 7h10M18 7h2M4 17h2M10 17h10" />
+          <circle cx="16" cy="7" r="2.2" />
+          <circle cx="8" cy="17" r="2.2" />
+        </svg>
         <span>{text.app.settings}</span>
       </summary>
       <div class="panel">
         <Choice
-          label={text.app.theme} value={settings.theme} change={(theme: Theme) => settings.change({ theme })}
+          label={text.app.theme}
+          value={settings.theme}
+          change={(theme: Theme) => settings.change({ theme })}
           options={(["auto", "light", "dark"] as const).map((value) => ({ value, label: text.app.themes[value] }))}
         />
         <Choice
-          label={text.app.unit} value={settings.unit} change={(unit: StiffnessUnit) => settings.change({ unit })}
+          label={text.app.unit}
+          value={settings.unit}
+          change={(unit: StiffnessUnit) => settings.change({ unit })}
           options={(["MNm", "Nm"] as const).map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
         />
       </div>
@@ -148,8 +175,21 @@ function Toasts() {
       {toasts.map(({ id, message, action }) => (
         <div class="toast" key={id}>
           <span>{message}</span>
-          {action && <button type="button" class="button" onClick={() => { action.run(); dismiss(id); }}>{action.label}</button>}
-          <button type="button" class="button quiet close" aria-label={text.app.close} onClick={() => dismiss(id)}>×</button>
+          {action && (
+            <button
+              type="button"
+              class="button"
+              onClick={() => {
+                action.run();
+                dismiss(id);
+              }}
+            >
+              {action.label}
+            </button>
+          )}
+          <button type="button" class="button quiet close" aria-label={text.app.close} onClick={() => dismiss(id)}>
+            ×
+          </button>
         </div>
       ))}
     </div>

@@ -2,7 +2,11 @@ import { describe, expect, it } from "vitest";
 import { understand } from "../src/pure/campaign";
 
 const SET = {
-  name: "cell 3", units: { length: "mm", angle: "deg", force: "kgf" }, encoders: "motor", noise: { sigma: 0.02 }, load_point: [0, 0, 120],
+  name: "cell 3",
+  units: { length: "mm", angle: "deg", force: "kgf" },
+  encoders: "motor",
+  noise: { sigma: 0.02 },
+  load_point: [0, 0, 120],
   observations: [
     { label: "c01", joints: [0, 180], force: [0, 0, -150], readings: [{ target: "P10" }, { target: "P11" }] },
     { label: "c02", joints: [0, 90], force: [0, 0, -100], readings: [{ target: "P10" }] },
@@ -11,7 +15,9 @@ const SET = {
 
 describe("what a file is", () => {
   it("takes a campaign, with a byte order mark too", () => {
-    const read = understand(`\ufeff${JSON.stringify({ robot: { name: "arm" }, measurement_set: SET, run: { method: "complete_pose" } })}`);
+    const read = understand(
+      `\ufeff${JSON.stringify({ robot: { name: "arm" }, measurement_set: SET, run: { method: "complete_pose" } })}`,
+    );
     expect(read).toMatchObject({ robot: { name: "arm" }, robotId: null, run: { method: "complete_pose" } });
   });
   it("takes a bare set, and keeps its robot apart from it", () => {
@@ -19,8 +25,13 @@ describe("what a file is", () => {
     expect(read).toMatchObject({ robot: null, robotId: "abc", set: { name: "cell 3" } });
     expect(typeof read === "string" ? {} : read.set).not.toHaveProperty("robot_id");
   });
-  it.each([["", "not_json"], ["NaN", "not_json"], ["[1]", "not_object"], ["{}", "not_a_set"], ['{"sweeps": []}', "sweeps"]])("%j is %s", (content, fault) =>
-    expect(understand(content)).toBe(fault));
+  it.each([
+    ["", "not_json"],
+    ["NaN", "not_json"],
+    ["[1]", "not_object"],
+    ["{}", "not_a_set"],
+    ['{"sweeps": []}', "sweeps"],
+  ])("%j is %s", (content, fault) => expect(understand(content)).toBe(fault));
 });
 
 describe("what it says", () => {
@@ -28,7 +39,13 @@ describe("what it says", () => {
     const read = understand(JSON.stringify(SET));
     if (typeof read === "string") throw new Error(read);
     const { facts } = read;
-    expect(facts).toMatchObject({ observations: 2, joints: 2, targets: ["P10", "P11"], readings: 3, encoders: "motor" });
+    expect(facts).toMatchObject({
+      observations: 2,
+      joints: 2,
+      targets: ["P10", "P11"],
+      readings: 3,
+      encoders: "motor",
+    });
     expect(facts.forces?.[0]).toBeCloseTo(980.665);
     expect(facts.forces?.[1]).toBeCloseTo(1470.9975);
     expect(facts.sigma).toBeCloseTo(2e-5);
@@ -36,7 +53,10 @@ describe("what it says", () => {
     expect(facts.firstJoints?.[1]).toBeCloseTo(Math.PI);
   });
   it("says nothing where the file is wrong, and never throws", () => {
-    for (const wrong of [{ observations: [null, 1, {}] }, { observations: [{ joints: "x", force: [1], readings: {} }], units: "mm", noise: 3, name: 4 }]) {
+    for (const wrong of [
+      { observations: [null, 1, {}] },
+      { observations: [{ joints: "x", force: [1], readings: {} }], units: "mm", noise: 3, name: 4 },
+    ]) {
       const read = understand(JSON.stringify(wrong));
       if (typeof read === "string") throw new Error(read);
       expect(read.facts).toMatchObject({ units: null, forces: null, sigma: null, name: null, targets: [] });

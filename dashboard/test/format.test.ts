@@ -3,7 +3,17 @@ import { clip, decimalsFor, fixed, percent, powerOfTen, pValue, significant } fr
 
 describe("digits from the uncertainty (GUM 7.2.6)", () => {
   it.each([
-    [0.0173, 3], [0.21, 2], [2.1, 1], [17, 0], [170, -1], [17_000, -3], [0.0996, 2], [0.999, 1], [9.96, 0], [1, 1], [10, 0],
+    [0.0173, 3],
+    [0.21, 2],
+    [2.1, 1],
+    [17, 0],
+    [170, -1],
+    [17_000, -3],
+    [0.0996, 2],
+    [0.999, 1],
+    [9.96, 0],
+    [1, 1],
+    [10, 0],
   ])("u = %f is written with %i decimals", (u, decimals) => expect(decimalsFor(u)).toBe(decimals));
 
   it("has no digits to offer where nothing is known", () => {
@@ -28,14 +38,25 @@ describe("numbers as text", () => {
     expect([fixed(NaN, 2), fixed(Infinity, 2), fixed(-Infinity, 2)]).toEqual(["–", "∞", "\u2212∞"]);
   });
   it.each([
-    [0.09528, 3, "0.0953"], [999.6, 3, "1000"], [1e-6, 2, "1.0×10⁻⁶"], [-0.0213, 2, "\u22120.021"], [0, 3, "0"], [2.5e9, 2, "2.5×10⁹"],
+    [0.09528, 3, "0.0953"],
+    [999.6, 3, "1000"],
+    [1e-6, 2, "1.0×10⁻⁶"],
+    [-0.0213, 2, "\u22120.021"],
+    [0, 3, "0"],
+    [2.5e9, 2, "2.5×10⁹"],
     [4.9e7, 1, "50\u202f000\u202f000"],
   ])("%f with %i significant digits", (value, digits, shown) => expect(significant(value, digits)).toBe(shown));
   it.each([
-    [0.98, "98\u00a0%"], [0.9951, "99.5\u00a0%"], [1, "100\u00a0%"], [0.0022, "0.2\u00a0%"], [0, "0\u00a0%"], [-0.31, "\u221231\u00a0%"],
+    [0.98, "98\u00a0%"],
+    [0.9951, "99.5\u00a0%"],
+    [1, "100\u00a0%"],
+    [0.0022, "0.2\u00a0%"],
+    [0, "0\u00a0%"],
+    [-0.31, "\u221231\u00a0%"],
     [1e-9, "< 0.001\u00a0%"],
   ])("a share of %f", (share, shown) => expect(percent(share)).toBe(shown));
-  it("keeps p values short", () => expect([pValue(1e-9), pValue(0.0314), pValue(0.4465)]).toEqual(["< 0.001", "0.031", "0.45"]));
+  it("keeps p values short", () =>
+    expect([pValue(1e-9), pValue(0.0314), pValue(0.4465)]).toEqual(["< 0.001", "0.031", "0.45"]));
   it("writes powers of ten", () => expect([powerOfTen(0), powerOfTen(1), powerOfTen(-3)]).toEqual(["1", "10", "10⁻³"]));
   it("clips by characters, not by halves of them", () => expect(clip("🤖🤖🤖🤖", 3)).toBe("🤖🤖…"));
 });

@@ -5,7 +5,8 @@ import { documentOf, newDh, numberOf } from "../src/views/dh_editor";
 
 describe("addresses", () => {
   it("come back as they were made, whatever is in them", () => {
-    for (const part of ["plain", "a/b", "ä ö", "<script>", "100%", "?x=#y"]) expect(parse(link(["runs", part])).parts).toEqual(["runs", part]);
+    for (const part of ["plain", "a/b", "ä ö", "<script>", "100%", "?x=#y"])
+      expect(parse(link(["runs", part])).parts).toEqual(["runs", part]);
   });
   it("keep what is searched for", () => expect(parse(link(["runs"], { q: "a&b=c" })).query.get("q")).toBe("a&b=c"));
   it("survive broken escapes", () => expect(parse("#/runs/%E0%A4%A").parts).toEqual(["runs", "%E0%A4%A"]));
@@ -21,7 +22,15 @@ describe("keys of content", () => {
 });
 
 describe("the DH editor", () => {
-  it("reads numbers as people type them", () => expect([numberOf("1,5"), numberOf(" -90 "), numberOf("\u221290"), numberOf(""), numberOf("-"), numberOf("1e400")]).toEqual([1.5, -90, -90, null, null, null]));
+  it("reads numbers as people type them", () =>
+    expect([
+      numberOf("1,5"),
+      numberOf(" -90 "),
+      numberOf("\u221290"),
+      numberOf(""),
+      numberOf("-"),
+      numberOf("1e400"),
+    ]).toEqual([1.5, -90, -90, null, null, null]));
   it("sends SI", () => {
     const document = documentOf("arm", newDh());
     expect(document?.model).toMatchObject({ format: "dh", convention: "modified" });

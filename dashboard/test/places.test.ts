@@ -3,12 +3,28 @@ import type { MeasurementSet, Posture } from "../src/api/types";
 import { loadOf, placesOf } from "../src/pure/places";
 
 const POSTURE: Posture = {
-  joint_origins: [[0, 0, 0], [1, 0, 0]], joint_axes: [[0, 1, 0], [0, 1, 0]],
-  flange_origin: [2, 0, 0], flange_axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+  joint_origins: [
+    [0, 0, 0],
+    [1, 0, 0],
+  ],
+  joint_axes: [
+    [0, 1, 0],
+    [0, 1, 0],
+  ],
+  flange_origin: [2, 0, 0],
+  flange_axes: [
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+  ],
 };
 const SET = {
-  units: { length: "mm", angle: "rad", force: "kN" }, load_point: [0, 0, 100], flange_targets: { tcp: [0, 0, 0] },
-  observations: [{ label: "1", joints: [0, 0], force: [0, 0, -1], readings: [{ target: "tcp", deflection: [0, 0, -1] }] }],
+  units: { length: "mm", angle: "rad", force: "kN" },
+  load_point: [0, 0, 100],
+  flange_targets: { tcp: [0, 0, 0] },
+  observations: [
+    { label: "1", joints: [0, 0], force: [0, 0, -1], readings: [{ target: "tcp", deflection: [0, 0, -1] }] },
+  ],
 } as unknown as MeasurementSet;
 
 describe("loads and targets in R0", () => {
@@ -21,9 +37,27 @@ describe("loads and targets in R0", () => {
   });
   it("are taken out of a tracker's frame", () => {
     // a quarter turn about z and a metre along x
-    const resolved = { rotation: [[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation: [1, 0, 0], flange_targets: {} };
-    const observation = { label: "1", joints: [0, 0], force: [1, 0, 0], readings: [{ target: "tcp", unloaded: [0, -1000, 0] }] };
-    const set = { ...SET, frame: { forces: "tracker" }, resolved_frame: resolved, observations: [observation] } as unknown as MeasurementSet;
+    const resolved = {
+      rotation: [
+        [0, -1, 0],
+        [1, 0, 0],
+        [0, 0, 1],
+      ],
+      translation: [1, 0, 0],
+      flange_targets: {},
+    };
+    const observation = {
+      label: "1",
+      joints: [0, 0],
+      force: [1, 0, 0],
+      readings: [{ target: "tcp", unloaded: [0, -1000, 0] }],
+    };
+    const set = {
+      ...SET,
+      frame: { forces: "tracker" },
+      resolved_frame: resolved,
+      observations: [observation],
+    } as unknown as MeasurementSet;
     expect(placesOf(set, set.observations[0]!, POSTURE).get("tcp")).toEqual([2, 0, 0]);
     const { force } = loadOf(set, set.observations[0]!, POSTURE);
     expect(force[0]).toBeCloseTo(0, 12);

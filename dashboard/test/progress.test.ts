@@ -11,5 +11,14 @@ describe("the time left", () => {
     expect(secondsLeft({ done: 5, at: 0 }, { done: 5, at: 900 }, 10)).toBeNull();
     expect(secondsLeft({ done: 5, at: 0 }, { done: 0, at: 900 }, 10)).toBeNull();
   });
-  it("is rough", () => expect([0.2, 7.4, 34, 89, 100, 5000, 7300].map(roughTime)).toEqual(["1 s", "7 s", "30 s", "90 s", "2 min", "83 min", "2 h"]));
+  it("is rough", () =>
+    expect([0.2, 7.4, 34, 89, 100, 5000, 7300].map(roughTime)).toEqual([
+      "1 s",
+      "7 s",
+      "30 s",
+      "90 s",
+      "2 min",
+      "83 min",
+      "2 h",
+    ]));
 });

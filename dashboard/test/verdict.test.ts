@@ -4,8 +4,17 @@ import { shownStiffness } from "../src/pure/stiffness";
 import { lowerLimit, stiffnessUncertainty, verdictOf } from "../src/pure/verdict";
 
 const joint = (part: Partial<JointResult>): JointResult => ({
-  name: "j", status: "identified", compliance: 1e-6, stiffness: 1e6, standard_uncertainty: 1e-8, compliance_interval: null,
-  stiffness_interval: [0.98e6, 1.02e6], one_sided: null, prior_to_data: null, reason: null, ...part,
+  name: "j",
+  status: "identified",
+  compliance: 1e-6,
+  stiffness: 1e6,
+  standard_uncertainty: 1e-8,
+  compliance_interval: null,
+  stiffness_interval: [0.98e6, 1.02e6],
+  one_sided: null,
+  prior_to_data: null,
+  reason: null,
+  ...part,
 });
 
 describe("verdicts", () => {
@@ -22,18 +31,32 @@ describe("verdicts", () => {
   ])("%# is %s", (given, verdict) => expect(verdictOf(given as JointResult)).toBe(verdict));
   it("u(k) = k² u(c)", () => expect(stiffnessUncertainty(joint({}))).toBeCloseTo(1e4));
   it("prefers the one-sided limit to the lower end of the interval", () => {
-    const one_sided = { compliance_at_least: 0, compliance_at_most: 1, stiffness_at_least: 3e6, stiffness_at_most: null };
+    const one_sided = {
+      compliance_at_least: 0,
+      compliance_at_most: 1,
+      stiffness_at_least: 3e6,
+      stiffness_at_most: null,
+    };
     expect([lowerLimit(joint({ one_sided })), lowerLimit(joint({}))]).toEqual([3e6, 0.98e6]);
   });
 });
 
 describe("stiffness in the unit that was chosen", () => {
   it("shows the digits of the uncertainty", () => {
-    expect(shownStiffness(joint({ stiffness: 1_234_567 }), "MNm")).toMatchObject({ value: "1.235", uncertainty: "0.015" });
-    expect(shownStiffness(joint({ stiffness: 1_234_567 }), "Nm")).toMatchObject({ value: "1\u202f235\u202f000", uncertainty: "15\u202f000" });
+    expect(shownStiffness(joint({ stiffness: 1_234_567 }), "MNm")).toMatchObject({
+      value: "1.235",
+      uncertainty: "0.015",
+    });
+    expect(shownStiffness(joint({ stiffness: 1_234_567 }), "Nm")).toMatchObject({
+      value: "1\u202f235\u202f000",
+      uncertainty: "15\u202f000",
+    });
   });
   it("gives only a limit where there is no value", () => {
-    const shown = shownStiffness(joint({ status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] }), "MNm");
+    const shown = shownStiffness(
+      joint({ status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] }),
+      "MNm",
+    );
     expect(shown).toMatchObject({ value: null, uncertainty: null, limit: "2.0", interval: { low: "2.0", high: null } });
   });
 });

@@ -1,4 +1,4 @@
-"""The page: static files that are built with the package, served under a strict content security policy."""
+"""The page and the documentation: static files, served under a strict content security policy."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI
-from fastapi.responses import FileResponse, PlainTextResponse, Response
+from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
 
 __all__ = ["install_page"]
 
 BUNDLE: Final = Path(__file__).parents[1] / "static"
+DOCS: Final = Path(__file__).parents[1] / "static-docs"
 
 SECURITY_HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -22,7 +23,15 @@ SECURITY_HEADERS: Final = {
 }
 """No inline code, no other host, no frame around the page."""
 
+_POLICY: Final = "Content-Security-Policy"
+DOCS_HEADERS: Final = SECURITY_HEADERS | {
+    _POLICY: SECURITY_HEADERS[_POLICY].replace("form-action 'none'", "form-action 'self'"),
+    "Cache-Control": "no-cache",
+}
+"""The same, but for the form that searches the documentation."""
+
 _NOT_BUILT = "The page is not built: install the package again (scripts/setup). The API is at /v1.\n"
+_NO_DOCS = "The documentation is not built: scripts/docs. The API is described at /openapi.json.\n"
 
 
 class _Assets(StaticFiles):
@@ -34,8 +43,17 @@ class _Assets(StaticFiles):
         return response
 
 
-def install_page(app: FastAPI, bundle: Path = BUNDLE) -> None:
-    """Serve the page at / and its files at /assets; unknown paths stay the API's to answer."""
+class _Docs(StaticFiles):
+    """Files of the documentation, which each installation may change."""
+
+    def file_response(self, *args: object, **kwargs: object) -> Response:
+        response = super().file_response(*args, **kwargs)  # type: ignore[arg-type]
+        response.headers.update(DOCS_HEADERS)
+        return response
+
+
+def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None:
+    """Serve the page at / and the documentation at /docs/; unknown paths stay the API's to answer."""
 
     def page() -> Response:
         if not (bundle / "index.html").is_file():
@@ -49,3 +67,19 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE) -> None:
     app.add_api_route("/favicon.svg", icon, include_in_schema=False)
     if (bundle / "assets").is_dir():
         app.mount("/assets", _Assets(directory=bundle / "assets"), name="assets")
+    _install_docs(app, docs)
+
+
+def _install_docs(app: FastAPI, docs: Path) -> None:
+    def enter() -> Response:
+        return RedirectResponse("docs/")  # relative: the Host header is anyone's
+
+    def index() -> Response:
+        if not (docs / "index.html").is_file():
+            return PlainTextResponse(_NO_DOCS, 404)
+        return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
+
+    app.add_api_route("/docs", enter, include_in_schema=False)
+    app.add_api_route("/docs/", index, include_in_schema=False)
+    if docs.is_dir():
+        app.mount("/docs", _Docs(directory=docs), name="docs")

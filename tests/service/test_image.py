@@ -19,6 +19,10 @@ NEEDED = [
     *PROJECT["project"]["license-files"],
     "pyproject.toml",
     "requirements.lock",
+    "requirements-docs.lock",
+    "docs",
+    "docker/README.md",
+    "CHANGELOG.md",
     "docker/build.lock",
 ]
 

@@ -1,8 +1,22 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../text";
 import type {
-  Comparison, ComparisonSummary, Health, Kinematics, MeasurementSet, MeasurementSetSummary, Page, Pair, PairSummary,
-  Problem, Robot, RobotDocument, RobotSource, RobotSummary, Run, RunSummary,
+  Comparison,
+  ComparisonSummary,
+  Health,
+  Kinematics,
+  MeasurementSet,
+  MeasurementSetSummary,
+  Page,
+  Pair,
+  PairSummary,
+  Problem,
+  Robot,
+  RobotDocument,
+  RobotSource,
+  RobotSummary,
+  Run,
+  RunSummary,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -21,7 +35,15 @@ interface Call {
 /** What was thrown, as problem details. */
 export function problemOf(error: unknown): Problem {
   if (error instanceof ApiError) return error.problem;
-  return { type: "about:blank", title: text.errors.unexpected, status: 0, detail: String(error), where: null, remedy: null, errors: [] };
+  return {
+    type: "about:blank",
+    title: text.errors.unexpected,
+    status: 0,
+    detail: String(error),
+    where: null,
+    remedy: null,
+    errors: [],
+  };
 }
 
 async function call<Answer>(method: string, path: string, { body, key, signal }: Call = {}): Promise<Answer> {
@@ -52,12 +74,28 @@ function isProblem(answer: unknown): answer is Problem {
 
 function unreachable(): Problem {
   const { unreachable: words } = text.errors;
-  return { type: "about:blank", title: words.title, status: 0, detail: words.detail, where: null, remedy: words.remedy, errors: [] };
+  return {
+    type: "about:blank",
+    title: words.title,
+    status: 0,
+    detail: words.detail,
+    where: null,
+    remedy: words.remedy,
+    errors: [],
+  };
 }
 
 function unreadable(status: number): Problem {
   const { unreadable: words } = text.errors;
-  return { type: "about:blank", title: words.title, status, detail: words.detail(status), where: null, remedy: words.remedy, errors: [] };
+  return {
+    type: "about:blank",
+    title: words.title,
+    status,
+    detail: words.detail(status),
+    where: null,
+    remedy: words.remedy,
+    errors: [],
+  };
 }
 
 function query(values: Record<string, string | number | null | undefined>): string {

@@ -14,7 +14,10 @@ export type Collection = "runs" | "comparisons";
  * reached, and when it can again: the browser tries by itself. Answers with how to stop.
  */
 export function follow(
-  collection: Collection, id: string, tell: (standing: Standing, ended: boolean) => void, away?: (isAway: boolean) => void,
+  collection: Collection,
+  id: string,
+  tell: (standing: Standing, ended: boolean) => void,
+  away?: (isAway: boolean) => void,
 ): () => void {
   const source = new EventSource(`/v1/${collection}/${encodeURIComponent(id)}/events`);
   const hear = (ended: boolean) => (event: MessageEvent<string>) => {

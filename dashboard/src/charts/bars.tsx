@@ -11,7 +11,15 @@ export interface Series {
 }
 
 /** Bars for the first series, narrower ones inside for the second, dots for the others. */
-export function Bars({ names, series, width, height = 300, label, unit, format = (v) => significant(v, 3) }: {
+export function Bars({
+  names,
+  series,
+  width,
+  height = 300,
+  label,
+  unit,
+  format = (v) => significant(v, 3),
+}: {
   names: string[];
   series: Series[];
   width: number;
@@ -30,11 +38,23 @@ export function Bars({ names, series, width, height = 300, label, unit, format =
       <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
       {series.map((one, s) => (
         <g class={`bars ${one.mark}`}>
-          {one.values.map((value, i) => value !== null && (
-            s < 2
-              ? <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} title={`${names[i]}, ${one.label}: ${format(value)} ${unit}`} />
-              : <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)}><title>{`${names[i]}, ${one.label}: ${format(value)} ${unit}`}</title></circle>
-          ))}
+          {one.values.map(
+            (value, i) =>
+              value !== null &&
+              (s < 2 ? (
+                <Bar
+                  x={place(i)}
+                  width={step * (s === 0 ? 0.78 : 0.42)}
+                  from={y(0)}
+                  to={y(value)}
+                  title={`${names[i]}, ${one.label}: ${format(value)} ${unit}`}
+                />
+              ) : (
+                <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)}>
+                  <title>{`${names[i]}, ${one.label}: ${format(value)} ${unit}`}</title>
+                </circle>
+              )),
+          )}
         </g>
       ))}
       <Names names={names} place={place} bottom={bottom} room={right - left} />
@@ -44,7 +64,11 @@ export function Bars({ names, series, width, height = 300, label, unit, format =
 
 function Bar({ x, width, from, to, title }: { x: number; width: number; from: number; to: number; title: string }) {
   const wide = Math.max(1, width);
-  return <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))}><title>{title}</title></rect>;
+  return (
+    <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))}>
+      <title>{title}</title>
+    </rect>
+  );
 }
 
 /** As many digits as the steps of the axis need. */
@@ -55,7 +79,15 @@ export function axisFormat(ticks: number[]): (value: number) => string {
 }
 
 /** A bar a joint, its share written at its end. */
-export function Shares({ shares, width, label }: { shares: { name: string; share: number; note: string }[]; width: number; label: string }) {
+export function Shares({
+  shares,
+  width,
+  label,
+}: {
+  shares: { name: string; share: number; note: string }[];
+  width: number;
+  label: string;
+}) {
   const longest = Math.max(0, ...shares.map(({ name }) => name.length));
   const left = Math.min(longest * 10 + 20, width < 480 ? 150 : 260);
   const room = Math.max(40, width - left - (shares.some(({ note }) => note) ? 150 : 80));
@@ -65,9 +97,18 @@ export function Shares({ shares, width, label }: { shares: { name: string; share
     <Chart width={width} height={shares.length * 44 + 8} label={label}>
       {shares.map(({ name, share, note }, i) => (
         <g class={`bars joint-${i % 6}`}>
-          <text class="row" x={left - 10} y={i * 44 + 31} text-anchor="end">{clip(name, Math.floor((left - 20) / 10))}</text>
-          <rect x={Math.min(place(0), place(share))} y={i * 44 + 10} height={30} width={Math.max(1.5, Math.abs(place(share) - place(0)))} />
-          <text class="row strong" x={Math.max(place(share), place(0)) + 10} y={i * 44 + 31}>{percent(share)} <tspan class="soft">{note}</tspan></text>
+          <text class="row" x={left - 10} y={i * 44 + 31} text-anchor="end">
+            {clip(name, Math.floor((left - 20) / 10))}
+          </text>
+          <rect
+            x={Math.min(place(0), place(share))}
+            y={i * 44 + 10}
+            height={30}
+            width={Math.max(1.5, Math.abs(place(share) - place(0)))}
+          />
+          <text class="row strong" x={Math.max(place(share), place(0)) + 10} y={i * 44 + 31}>
+            {percent(share)} <tspan class="soft">{note}</tspan>
+          </text>
         </g>
       ))}
     </Chart>
@@ -75,7 +116,14 @@ export function Shares({ shares, width, label }: { shares: { name: string; share
 }
 
 /** Stacked bars: what each joint adds, by configuration. */
-export function Stacks({ names, parts, width, height = 300, label, unit }: {
+export function Stacks({
+  names,
+  parts,
+  width,
+  height = 300,
+  label,
+  unit,
+}: {
   names: string[];
   /** For each configuration, what each joint adds. */
   parts: { name: string; values: number[] }[];
@@ -87,7 +135,10 @@ export function Stacks({ names, parts, width, height = 300, label, unit }: {
   const [left, right, bottom] = [56, width - 8, height - 34];
   const ends = names.map((_, i) => {
     const values = parts.map((part) => part.values[i] ?? 0);
-    return [values.filter((v) => v < 0).reduce((a, b) => a + b, 0), values.filter((v) => v > 0).reduce((a, b) => a + b, 0)];
+    return [
+      values.filter((v) => v < 0).reduce((a, b) => a + b, 0),
+      values.filter((v) => v > 0).reduce((a, b) => a + b, 0),
+    ];
   });
   const [low, high] = extent(ends.flat()) ?? [0, 1];
   const y = linear(low, high, bottom, 28);
@@ -103,7 +154,11 @@ export function Stacks({ names, parts, width, height = 300, label, unit }: {
           if (value < 0) down += value;
           else up += value;
           const title = `${name}, ${part.name}: ${significant(value, 3)} ${unit}`;
-          return <g class={`bars joint-${j % 6}`}><Bar x={left + (i + 0.5) * step} width={step * 0.78} from={y(from)} to={y(from + value)} title={title} /></g>;
+          return (
+            <g class={`bars joint-${j % 6}`}>
+              <Bar x={left + (i + 0.5) * step} width={step * 0.78} from={y(from)} to={y(from + value)} title={title} />
+            </g>
+          );
         });
       })}
       <Names names={names} place={(i) => left + (i + 0.5) * step} bottom={bottom} room={right - left} />

@@ -13,7 +13,14 @@ export interface LegendItem {
   mark: string;
 }
 
-export function Figure({ title, note, legend = [], table, children, tools }: {
+export function Figure({
+  title,
+  note,
+  legend = [],
+  table,
+  children,
+  tools,
+}: {
   title: string;
   note?: string;
   legend?: LegendItem[];
@@ -32,17 +39,33 @@ export function Figure({ title, note, legend = [], table, children, tools }: {
   return (
     <figure class="figure" ref={figure}>
       <figcaption>
-        <div><h3>{title}</h3>{note !== undefined && <p>{note}</p>}</div>
+        <div>
+          <h3>{title}</h3>
+          {note !== undefined && <p>{note}</p>}
+        </div>
         <div class="tools">
           {tools}
-          <button type="button" class="button quiet" onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>{text.figure.csv}</button>
-          <button type="button" class="button quiet" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>{text.figure.svg}</button>
+          <button type="button" class="button quiet" onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
+            {text.figure.csv}
+          </button>
+          <button type="button" class="button quiet" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
+            {text.figure.svg}
+          </button>
         </div>
       </figcaption>
       {legend.length > 0 && (
-        <ul class="legend">{legend.map((item) => <li><i class={`mark ${item.mark}`} aria-hidden="true" />{item.label}</li>)}</ul>
+        <ul class="legend">
+          {legend.map((item) => (
+            <li>
+              <i class={`mark ${item.mark}`} aria-hidden="true" />
+              {item.label}
+            </li>
+          ))}
+        </ul>
       )}
-      <div class="drawing" ref={box}>{width > 0 && children(width)}</div>
+      <div class="drawing" ref={box}>
+        {width > 0 && children(width)}
+      </div>
       <details>
         <summary>{text.figure.table}</summary>
         <DataTable table={table} caption={title} />
@@ -52,7 +75,17 @@ export function Figure({ title, note, legend = [], table, children, tools }: {
 }
 
 /** The drawing itself: a picture with a name for those who do not see it. */
-export function Chart({ width, height, label, children }: { width: number; height: number; label: string; children: ComponentChildren }) {
+export function Chart({
+  width,
+  height,
+  label,
+  children,
+}: {
+  width: number;
+  height: number;
+  label: string;
+  children: ComponentChildren;
+}) {
   return (
     <svg class="chart" role="img" aria-label={label} width={width} height={height} viewBox={`0 0 ${width} ${height}`}>
       {children}

@@ -24,7 +24,14 @@ export interface IntervalRow {
 const MARK_HEIGHT = 26;
 const ROW_GAP = 22;
 
-export function Intervals({ rows, width, label, unit, format, reference }: {
+export function Intervals({
+  rows,
+  width,
+  label,
+  unit,
+  format,
+  reference,
+}: {
   rows: IntervalRow[];
   width: number;
   label: string;
@@ -53,11 +60,22 @@ export function Intervals({ rows, width, label, unit, format, reference }: {
         return (
           <g>
             {i > 0 && <line class="between" x1={0} x2={width} y1={start} y2={start} />}
-            <text class="row" x={narrow ? 4 : left - 10} y={narrow ? start + 22 : middle + 5} text-anchor={narrow ? "start" : "end"}>
+            <text
+              class="row"
+              x={narrow ? 4 : left - 10}
+              y={narrow ? start + 22 : middle + 5}
+              text-anchor={narrow ? "start" : "end"}
+            >
               {clip(row.name, narrow ? 36 : 10)}
             </text>
             {spoken(row.marks).map((mark, k) => (
-              <Mark mark={mark} x={x} y={start + head + ROW_GAP / 2 + (k + 0.5) * MARK_HEIGHT} left={left + 8} right={right} />
+              <Mark
+                mark={mark}
+                x={x}
+                y={start + head + ROW_GAP / 2 + (k + 0.5) * MARK_HEIGHT}
+                left={left + 8}
+                right={right}
+              />
             ))}
           </g>
         );
@@ -72,9 +90,25 @@ function spoken(marks: IntervalMark[]): IntervalMark[] {
   return silent ? marks.slice(0, 1) : marks;
 }
 
-function Mark({ mark, x, y, left, right }: { mark: IntervalMark; x: (value: number) => number; y: number; left: number; right: number }) {
+function Mark({
+  mark,
+  x,
+  y,
+  left,
+  right,
+}: {
+  mark: IntervalMark;
+  x: (value: number) => number;
+  y: number;
+  left: number;
+  right: number;
+}) {
   if (mark.low === null && mark.value === null) {
-    return <text class={`instead ${mark.mark}`} x={left} y={y + 5}>{mark.instead}</text>;
+    return (
+      <text class={`instead ${mark.mark}`} x={left} y={y + 5}>
+        {mark.instead}
+      </text>
+    );
   }
   const from = mark.low !== null && mark.low > 0 ? x(mark.low) : left;
   const to = mark.high === null ? right : x(mark.high);
@@ -84,7 +118,9 @@ function Mark({ mark, x, y, left, right }: { mark: IntervalMark; x: (value: numb
       <title>{mark.label}</title>
       <line x1={from} x2={mark.high === null && mark.low !== null ? to - 6 : to} y1={y} y2={y} />
       {mark.low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
-      {mark.high !== null && mark.high !== mark.value && !hidden && <line class="end" x1={to} x2={to} y1={y - 7} y2={y + 7} />}
+      {mark.high !== null && mark.high !== mark.value && !hidden && (
+        <line class="end" x1={to} x2={to} y1={y - 7} y2={y + 7} />
+      )}
       {mark.high === null && mark.low !== null && <path class="head" d={`M${to + 8} ${y} l-15 -8 v16 z`} />}
       {mark.value !== null && <circle cx={x(mark.value)} cy={y} r={6.5} />}
     </g>

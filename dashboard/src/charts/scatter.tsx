@@ -11,7 +11,15 @@ export interface Dot {
   title: string;
 }
 
-export function Scatter({ names, dots, band, width, height = 280, label, unit }: {
+export function Scatter({
+  names,
+  dots,
+  band,
+  width,
+  height = 280,
+  label,
+  unit,
+}: {
   names: string[];
   dots: Dot[];
   /** Half width of the band, or null. */
@@ -31,7 +39,12 @@ export function Scatter({ names, dots, band, width, height = 280, label, unit }:
       {band !== null && <rect class="band" x={left} width={right - left} y={y(band)} height={y(-band) - y(band)} />}
       <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
       {dots.map((dot) => (
-        <circle class={`dot ${dot.mark}`} cx={place(dot.column) + shift(dot.mark) * Math.min(5, step / 4)} cy={y(dot.value)} r={Math.min(3.6, Math.max(1.5, step / 5))}>
+        <circle
+          class={`dot ${dot.mark}`}
+          cx={place(dot.column) + shift(dot.mark) * Math.min(5, step / 4)}
+          cy={y(dot.value)}
+          r={Math.min(3.6, Math.max(1.5, step / 5))}
+        >
           <title>{dot.title}</title>
         </circle>
       ))}

@@ -11,7 +11,15 @@ import { Busy, ProblemNote } from "./basics";
 const TURNED: number[] = [-0.9, 0.8];
 
 /** `start`: angles of the first look, rad. */
-export function Arm({ source, start, sliders = true }: { source: RobotSource; start: number[] | null; sliders?: boolean }) {
+export function Arm({
+  source,
+  start,
+  sliders = true,
+}: {
+  source: RobotSource;
+  start: number[] | null;
+  sliders?: boolean;
+}) {
   const [angles, setAngles] = useState<number[] | null>(start);
   const startKey = JSON.stringify(start);
   useEffect(() => setAngles(start), [startKey]);
@@ -38,9 +46,15 @@ export function Arm({ source, start, sliders = true }: { source: RobotSource; st
         <details class="sliders">
           <summary>{text.robots.sliders}</summary>
           {names.map((name, i) => (
-            <Slider name={name} value={current[i] ?? 0} change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))} />
+            <Slider
+              name={name}
+              value={current[i] ?? 0}
+              change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
+            />
           ))}
-          <button type="button" class="button" onClick={() => setAngles(names.map(() => 0))}>{text.robots.zero}</button>
+          <button type="button" class="button" onClick={() => setAngles(names.map(() => 0))}>
+            {text.robots.zero}
+          </button>
         </details>
       )}
     </div>
@@ -53,10 +67,18 @@ function Slider({ name, value, change }: { name: string; value: number; change: 
     <label class="slider">
       <bdi>{name}</bdi>
       <input
-        type="range" min={-180} max={180} step={1} value={Math.round(degrees(value))} aria-label={text.robots.angle(name)}
+        type="range"
+        min={-180}
+        max={180}
+        step={1}
+        value={Math.round(degrees(value))}
+        aria-label={text.robots.angle(name)}
         onInput={(event) => change(radians(Number(event.currentTarget.value)))}
       />
-      <output>{shown}{text.units.deg}</output>
+      <output>
+        {shown}
+        {text.units.deg}
+      </output>
     </label>
   );
 }

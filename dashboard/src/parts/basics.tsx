@@ -24,13 +24,20 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
   return (
     <div class="title">
       {kind !== undefined && <p class="kind">{kind}</p>}
-      <h1 ref={heading} tabIndex={-1}>{children}</h1>
+      <h1 ref={heading} tabIndex={-1}>
+        {children}
+      </h1>
     </div>
   );
 }
 
 export function Busy({ label = text.app.loading }: { label?: string }) {
-  return <p class="busy" role="status"><span class="spinner" aria-hidden="true" />{label}</p>;
+  return (
+    <p class="busy" role="status">
+      <span class="spinner" aria-hidden="true" />
+      {label}
+    </p>
+  );
 }
 
 /** A refusal: what, where, what to do. */
@@ -39,12 +46,31 @@ export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () =
     <div class="note bad" role="alert">
       <h3>{problem.title}</h3>
       <p>{problem.detail}</p>
-      {problem.where && <p><b>{text.errors.where}:</b> <code>{problem.where}</code></p>}
-      {problem.remedy && <p><b>{text.errors.remedy}:</b> {problem.remedy}</p>}
-      {problem.errors && problem.errors.length > 0 && (
-        <ul>{problem.errors.slice(0, 8).map((fault) => <li><code>{fault.where}</code> {fault.reason}{fault.remedy && `: ${fault.remedy}`}</li>)}</ul>
+      {problem.where && (
+        <p>
+          <b>{text.errors.where}:</b> <code>{problem.where}</code>
+        </p>
       )}
-      {retry && <button type="button" class="button" onClick={retry}>{text.app.retry}</button>}
+      {problem.remedy && (
+        <p>
+          <b>{text.errors.remedy}:</b> {problem.remedy}
+        </p>
+      )}
+      {problem.errors && problem.errors.length > 0 && (
+        <ul>
+          {problem.errors.slice(0, 8).map((fault) => (
+            <li>
+              <code>{fault.where}</code> {fault.reason}
+              {fault.remedy && `: ${fault.remedy}`}
+            </li>
+          ))}
+        </ul>
+      )}
+      {retry && (
+        <button type="button" class="button" onClick={retry}>
+          {text.app.retry}
+        </button>
+      )}
     </div>
   );
 }
@@ -63,28 +89,48 @@ export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
     <ul class="warnings">
       {[...kinds.values()].map((kind) => (
         <li class="note warn">
-          {kind.slice(0, SAID).map((warning) => <Seen warning={warning} />)}
+          {kind.slice(0, SAID).map((warning) => (
+            <Seen warning={warning} />
+          ))}
           {kind.length > SAID && (
             <details>
               <summary>{text.files.moreOfKind(kind.length - SAID)}</summary>
-              {kind.slice(SAID).map((warning) => <Seen warning={warning} />)}
+              {kind.slice(SAID).map((warning) => (
+                <Seen warning={warning} />
+              ))}
             </details>
           )}
-          <p class="remedy"><b>{text.errors.remedy}:</b> {kind[0]?.remedy}</p>
+          <p class="remedy">
+            <b>{text.errors.remedy}:</b> {kind[0]?.remedy}
+          </p>
         </li>
       ))}
     </ul>
   );
 }
 
-const Seen = ({ warning }: { warning: QualityWarning }) => <p>{warning.where && <code>{warning.where}</code>} {warning.message}</p>;
+const Seen = ({ warning }: { warning: QualityWarning }) => (
+  <p>
+    {warning.where && <code>{warning.where}</code>} {warning.message}
+  </p>
+);
 
 export function Empty({ title, hint, children }: { title: string; hint: string; children?: ComponentChildren }) {
-  return <div class="empty"><h3>{title}</h3><p>{hint}</p>{children}</div>;
+  return (
+    <div class="empty">
+      <h3>{title}</h3>
+      <p>{hint}</p>
+      {children}
+    </div>
+  );
 }
 
 /** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
-export function Show<Value>({ of, title, children }: {
+export function Show<Value>({
+  of,
+  title,
+  children,
+}: {
   of: Loading<Value>;
   title?: string;
   children: (value: Value) => ComponentChildren;
@@ -110,7 +156,12 @@ export interface Fact {
 export function Facts({ facts, wide = false }: { facts: Fact[]; wide?: boolean }) {
   return (
     <dl class={wide ? "facts wide" : "facts"}>
-      {facts.map(({ label, value }) => <div><dt>{label}</dt><dd>{value}</dd></div>)}
+      {facts.map(({ label, value }) => (
+        <div>
+          <dt>{label}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
     </dl>
   );
 }
@@ -123,7 +174,13 @@ interface ChoiceOption<Value extends string> {
 }
 
 /** One of a few, all in view: radio buttons that look like what they are for. */
-export function Choice<Value extends string>({ label, options, value, change, cards = false }: {
+export function Choice<Value extends string>({
+  label,
+  options,
+  value,
+  change,
+  cards = false,
+}: {
   label: string;
   options: ChoiceOption<Value>[];
   value: Value;
@@ -138,10 +195,17 @@ export function Choice<Value extends string>({ label, options, value, change, ca
         {options.map((option) => (
           <label class="option">
             <input
-              type="radio" name={name} value={option.value} checked={option.value === value}
-              disabled={option.disabled ?? false} onChange={() => change(option.value)}
+              type="radio"
+              name={name}
+              value={option.value}
+              checked={option.value === value}
+              disabled={option.disabled ?? false}
+              onChange={() => change(option.value)}
             />
-            <span><b>{option.label}</b>{option.hint !== undefined && <small>{option.hint}</small>}</span>
+            <span>
+              <b>{option.label}</b>
+              {option.hint !== undefined && <small>{option.hint}</small>}
+            </span>
           </label>
         ))}
       </div>
@@ -149,7 +213,15 @@ export function Choice<Value extends string>({ label, options, value, change, ca
   );
 }
 
-export function Toggle({ label, checked, change }: { label: string; checked: boolean; change: (checked: boolean) => void }) {
+export function Toggle({
+  label,
+  checked,
+  change,
+}: {
+  label: string;
+  checked: boolean;
+  change: (checked: boolean) => void;
+}) {
   return (
     <label class="toggle">
       <input type="checkbox" checked={checked} onChange={(event) => change(event.currentTarget.checked)} />
@@ -158,7 +230,13 @@ export function Toggle({ label, checked, change }: { label: string; checked: boo
   );
 }
 
-export function Select({ label, value, change, options, hint }: {
+export function Select({
+  label,
+  value,
+  change,
+  options,
+  hint,
+}: {
   label: string;
   value: string;
   change: (value: string) => void;
@@ -170,7 +248,11 @@ export function Select({ label, value, change, options, hint }: {
     <div class="field">
       <label for={id}>{label}</label>
       <select id={id} value={value} onChange={(event) => change(event.currentTarget.value)}>
-        {options.map((option) => <option value={option.value} selected={option.value === value}>{option.label}</option>)}
+        {options.map((option) => (
+          <option value={option.value} selected={option.value === value}>
+            {option.label}
+          </option>
+        ))}
       </select>
       {hint !== undefined && <small>{hint}</small>}
     </div>
@@ -178,11 +260,21 @@ export function Select({ label, value, change, options, hint }: {
 }
 
 /** Links between the parts of a view. */
-export function Tabs({ label, tabs, current }: { label: string; tabs: { href: string; label: string; id: string }[]; current: string }) {
+export function Tabs({
+  label,
+  tabs,
+  current,
+}: {
+  label: string;
+  tabs: { href: string; label: string; id: string }[];
+  current: string;
+}) {
   return (
     <nav class="tabs" aria-label={label}>
       {tabs.map((tab) => (
-        <a href={tab.href} aria-current={tab.id === current ? "page" : undefined}>{tab.label}</a>
+        <a href={tab.href} aria-current={tab.id === current ? "page" : undefined}>
+          {tab.label}
+        </a>
       ))}
     </nav>
   );

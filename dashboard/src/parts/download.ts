@@ -1,8 +1,19 @@
 /** Files that the page makes itself. */
 
 const STYLED = [
-  "fill", "fill-opacity", "stroke", "stroke-width", "stroke-dasharray", "stroke-opacity", "opacity", "font-size",
-  "font-weight", "font-family", "text-anchor", "dominant-baseline", "paint-order",
+  "fill",
+  "fill-opacity",
+  "stroke",
+  "stroke-width",
+  "stroke-dasharray",
+  "stroke-opacity",
+  "opacity",
+  "font-size",
+  "font-weight",
+  "font-family",
+  "text-anchor",
+  "dominant-baseline",
+  "paint-order",
 ];
 
 export function save(content: string, type: string, name: string): void {

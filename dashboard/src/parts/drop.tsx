@@ -1,7 +1,14 @@
 /** Where a file is dropped, or chosen with one tap. */
 import { useId, useState } from "preact/hooks";
 
-export function DropZone({ title, hint, button, accept, take, compact = false }: {
+export function DropZone({
+  title,
+  hint,
+  button,
+  accept,
+  take,
+  compact = false,
+}: {
   title: string;
   hint: string;
   button: string;
@@ -25,18 +32,26 @@ export function DropZone({ title, hint, button, accept, take, compact = false }:
   return (
     <div
       class={`drop${over ? " over" : ""}${compact ? " compact" : ""}`}
-      onDragOver={(event) => { event.preventDefault(); setOver(true); }}
-      onDragLeave={() => setOver(false)} onDrop={dropped}
+      onDragOver={(event) => {
+        event.preventDefault();
+        setOver(true);
+      }}
+      onDragLeave={() => setOver(false)}
+      onDrop={dropped}
     >
       {!compact && (
         <>
-          <svg viewBox="0 0 48 48" aria-hidden="true"><path d="M24 32V10M15 19l9-9 9 9M8 30v8h32v-8" /></svg>
+          <svg viewBox="0 0 48 48" aria-hidden="true">
+            <path d="M24 32V10M15 19l9-9 9 9M8 30v8h32v-8" />
+          </svg>
           <p class="lead">{title}</p>
           <p>{hint}</p>
         </>
       )}
       <input class="hidden" id={id} type="file" accept={accept} onChange={chosen} />
-      <label class={compact ? "button" : "button primary"} for={id}>{button}</label>
+      <label class={compact ? "button" : "button primary"} for={id}>
+        {button}
+      </label>
     </div>
   );
 }

@@ -16,7 +16,17 @@ interface Job {
   progress?: Progress | null;
 }
 
-export function Going({ collection, job, cancel, ended }: { collection: Collection; job: Job; cancel: () => Promise<unknown>; ended: () => void }) {
+export function Going({
+  collection,
+  job,
+  cancel,
+  ended,
+}: {
+  collection: Collection;
+  job: Job;
+  cancel: () => Promise<unknown>;
+  ended: () => void;
+}) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
   const [away, setAway] = useState(false);
   useEffect(() => follow(collection, job.id, (now, end) => (end ? ended() : set(now)), setAway), [collection, job.id]);
@@ -28,8 +38,16 @@ export function Going({ collection, job, cancel, ended }: { collection: Collecti
       <Busy label={text.states[standing.state] ?? text.app.loading} />
       <Bar standing={standing} />
       {!stuck && <Left standing={standing} />}
-      {stuck ? <p class="note" role="alert">{stuck}</p> : <p>{text.run.started}</p>}
-      <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>{stop.busy ? text.run.cancelling : text.run.cancel}</button>
+      {stuck ? (
+        <p class="note" role="alert">
+          {stuck}
+        </p>
+      ) : (
+        <p>{text.run.started}</p>
+      )}
+      <button type="button" class="button" disabled={stop.busy} onClick={stop.run}>
+        {stop.busy ? text.run.cancelling : text.run.cancel}
+      </button>
       {stop.problem && <ProblemNote problem={stop.problem} />}
     </section>
   );
@@ -39,7 +57,12 @@ export function Going({ collection, job, cancel, ended }: { collection: Collecti
 export function Bar({ standing: { progress } }: { standing: Standing }) {
   if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
   const label = text.run.progressOf(progress.done, progress.total, progress.unit);
-  return <span class="progress"><progress aria-label={text.run.progress} value={progress.done} max={progress.total} /><small>{label}</small></span>;
+  return (
+    <span class="progress">
+      <progress aria-label={text.run.progress} value={progress.done} max={progress.total} />
+      <small>{label}</small>
+    </span>
+  );
 }
 
 /** How far something came that was cancelled. */
@@ -57,7 +80,11 @@ function useNoWorker(done: number): boolean {
   const [none, set] = useState(false);
   useEffect(() => {
     set(false);
-    const look = () => void api.health().then((health) => set(health.workers === 0), () => set(false));
+    const look = () =>
+      void api.health().then(
+        (health) => set(health.workers === 0),
+        () => set(false),
+      );
     const timer = setInterval(look, LOOK_MS);
     return () => clearInterval(timer);
   }, [done]);

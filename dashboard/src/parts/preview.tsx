@@ -34,7 +34,18 @@ function encoders({ encoders: given }: FileFacts): string {
 
 function targets({ targets: given }: FileFacts) {
   if (given.length === 0) return text.files.notSaid;
-  return <>{given.length}: {given.slice(0, 6).map((target, i) => <>{i > 0 && ", "}<Name>{target}</Name></>)}{given.length > 6 && " …"}</>;
+  return (
+    <>
+      {given.length}:{" "}
+      {given.slice(0, 6).map((target, i) => (
+        <>
+          {i > 0 && ", "}
+          <Name>{target}</Name>
+        </>
+      ))}
+      {given.length > 6 && " …"}
+    </>
+  );
 }
 
 function load({ forces }: FileFacts): string {

@@ -15,17 +15,30 @@ export interface Table {
   rows: Cell[][];
 }
 
-export const heading = (column: Column): string => (column.unit === undefined ? column.title : `${column.title} [${column.unit}]`);
+export const heading = (column: Column): string =>
+  column.unit === undefined ? column.title : `${column.title} [${column.unit}]`;
 
 export function DataTable({ table, caption }: { table: Table; caption: string }) {
   return (
     <Scroll label={caption}>
       <table>
         <caption class="hidden">{caption}</caption>
-        <thead><tr>{table.columns.map((column, i) => <th scope="col" class={numeric(table, i) ? "number" : undefined}>{heading(column)}</th>)}</tr></thead>
+        <thead>
+          <tr>
+            {table.columns.map((column, i) => (
+              <th scope="col" class={numeric(table, i) ? "number" : undefined}>
+                {heading(column)}
+              </th>
+            ))}
+          </tr>
+        </thead>
         <tbody>
           {table.rows.map((row) => (
-            <tr>{row.map((cell, i) => <td class={numeric(table, i) ? "number" : undefined}>{shown(cell, table.columns[i])}</td>)}</tr>
+            <tr>
+              {row.map((cell, i) => (
+                <td class={numeric(table, i) ? "number" : undefined}>{shown(cell, table.columns[i])}</td>
+              ))}
+            </tr>
           ))}
         </tbody>
       </table>
@@ -38,7 +51,11 @@ const numeric = (table: Table, column: number): boolean => table.rows.some((row)
 
 /** A box that scrolls sideways by itself, by keyboard too. */
 export function Scroll({ label, children }: { label: string; children: ComponentChildren }) {
-  return <div class="scroll" tabIndex={0} role="region" aria-label={label}>{children}</div>;
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label={label}>
+      {children}
+    </div>
+  );
 }
 
 function shown(cell: Cell, column: Column | undefined): string {

@@ -78,7 +78,12 @@ export function factsOf(set: Fields): Facts {
     joints: joints?.length ?? null,
     targets: [...new Set(readings.map((r) => r["target"]).filter((t): t is string => typeof t === "string"))],
     readings: readings.length,
-    forces: unit && range(observations.map((o) => vector(o["force"])), unit.force),
+    forces:
+      unit &&
+      range(
+        observations.map((o) => vector(o["force"])),
+        unit.force,
+      ),
     sigma: unit && typeof noise === "number" ? noise * unit.length : null,
     noise: isFields(given["instrument"]) ? "instrument" : readings.some(statesNoise) ? "readings" : null,
     framed: isFields(set["frame"]),
@@ -87,7 +92,8 @@ export function factsOf(set: Fields): Facts {
   };
 }
 
-const statesNoise = (reading: Fields): boolean => Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
+const statesNoise = (reading: Fields): boolean =>
+  Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
 
 function unitsOf(value: unknown): Units | null {
   if (!isFields(value)) return null;

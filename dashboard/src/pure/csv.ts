@@ -19,6 +19,9 @@ export function csv(head: string[], rows: Cell[][]): string {
 
 /** A file name of what is safe in any file system. */
 export function fileName(title: string, extension: string): string {
-  const plain = title.normalize("NFKD").replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[-.]+|[-.]+$/g, "");
+  const plain = title
+    .normalize("NFKD")
+    .replace(/[^A-Za-z0-9._-]+/g, "-")
+    .replace(/^[-.]+|[-.]+$/g, "");
   return `${plain.slice(0, 80).toLowerCase() || "jointstiff"}.${extension}`;
 }

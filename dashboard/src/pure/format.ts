@@ -31,7 +31,8 @@ export function fixed(value: number, decimals: number): string {
 export function significant(value: number, digits = 3): string {
   if (value === 0 || !Number.isFinite(value)) return fixed(value, 0);
   const exponent = Math.floor(Math.log10(Math.abs(Number(value.toPrecision(digits)))));
-  if (exponent < -4 || exponent > 7) return `${fixed(value / 10 ** exponent, digits - 1)}\u00d710${superscript(exponent)}`;
+  if (exponent < -4 || exponent > 7)
+    return `${fixed(value / 10 ** exponent, digits - 1)}\u00d710${superscript(exponent)}`;
   return fixed(value, digits - 1 - exponent);
 }
 

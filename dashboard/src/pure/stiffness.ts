@@ -18,7 +18,8 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const { factor } = STIFFNESS_UNITS[unit];
   const u = stiffnessUncertainty(joint);
   const decimals = u === null ? null : decimalsFor(u * factor);
-  const show = (value: number) => (decimals === null ? significant(value * factor, 3) : fixed(value * factor, decimals));
+  const show = (value: number) =>
+    decimals === null ? significant(value * factor, 3) : fixed(value * factor, decimals);
   const open = joint.stiffness_interval?.[1] === null;
   const limit = lowerLimit(joint);
   return {

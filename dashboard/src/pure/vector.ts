@@ -14,7 +14,11 @@ export const cross = (a: Vector, b: Vector): Vector => [
 ];
 
 /** A vector turned by a matrix, given row by row. */
-export const turned = (rows: readonly Vector[], v: Vector): Vector => [dot(rows[0] ?? [1, 0, 0], v), dot(rows[1] ?? [0, 1, 0], v), dot(rows[2] ?? [0, 0, 1], v)];
+export const turned = (rows: readonly Vector[], v: Vector): Vector => [
+  dot(rows[0] ?? [1, 0, 0], v),
+  dot(rows[1] ?? [0, 1, 0], v),
+  dot(rows[2] ?? [0, 0, 1], v),
+];
 
 /** A point in the flange frame, in R0; `axes` are the flange's axes in R0. */
 export function fromFlange(origin: Vector, axes: readonly Vector[], point: Vector): Vector {

@@ -38,8 +38,18 @@ export class Arm {
     posture.joint_axes.forEach((axis, j) => {
       const origin = posture.joint_origins[j] ?? [0, 0, 0];
       const drum = thick(j + 1) * 1.5;
-      this.#span(this.#drums[j], subtract(origin, times(axis, drum * 0.9)), add(origin, times(axis, drum * 0.9)), drum * 0.86);
-      this.#span(this.#lines[j], subtract(origin, times(axis, reach * 0.13)), add(origin, times(axis, reach * 0.13)), reach * 0.0035);
+      this.#span(
+        this.#drums[j],
+        subtract(origin, times(axis, drum * 0.9)),
+        add(origin, times(axis, drum * 0.9)),
+        drum * 0.86,
+      );
+      this.#span(
+        this.#lines[j],
+        subtract(origin, times(axis, reach * 0.13)),
+        add(origin, times(axis, reach * 0.13)),
+        reach * 0.0035,
+      );
     });
   }
 

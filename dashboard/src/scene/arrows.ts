@@ -1,6 +1,14 @@
 /** Many arrows in two draw calls: shafts and heads as instances. */
 import {
-  type Color, ConeGeometry, CylinderGeometry, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3,
+  type Color,
+  ConeGeometry,
+  CylinderGeometry,
+  Group,
+  InstancedMesh,
+  Matrix4,
+  MeshLambertMaterial,
+  Quaternion,
+  Vector3,
 } from "three";
 import type { Vector } from "../pure/vector";
 

@@ -14,7 +14,11 @@ export class Orbit {
   #radius = 1;
   readonly #pointers = new Map<number, [number, number]>();
 
-  constructor(readonly camera: PerspectiveCamera, canvas: HTMLCanvasElement, readonly changed: () => void) {
+  constructor(
+    readonly camera: PerspectiveCamera,
+    canvas: HTMLCanvasElement,
+    readonly changed: () => void,
+  ) {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       this.#pointers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -46,7 +50,9 @@ export class Orbit {
     const [x, y, z] = this.#center;
     const level = Math.cos(this.#elevation) * distance;
     this.camera.position.set(
-      x + level * Math.cos(this.#azimuth), y + level * Math.sin(this.#azimuth), z + Math.sin(this.#elevation) * distance,
+      x + level * Math.cos(this.#azimuth),
+      y + level * Math.sin(this.#azimuth),
+      z + Math.sin(this.#elevation) * distance,
     );
     this.camera.lookAt(x, y, z);
     this.camera.near = distance / 100;

@@ -3,7 +3,15 @@
  * then; each frame's script time is a `performance` measure named FRAME.
  */
 import {
-  Color, DirectionalLight, GridHelper, HemisphereLight, LineBasicMaterial, PerspectiveCamera, Scene, SRGBColorSpace, Vector3,
+  Color,
+  DirectionalLight,
+  GridHelper,
+  HemisphereLight,
+  LineBasicMaterial,
+  PerspectiveCamera,
+  Scene,
+  SRGBColorSpace,
+  Vector3,
   WebGLRenderer,
 } from "three";
 import type { Posture } from "../api/types";
@@ -118,8 +126,10 @@ export class Stage {
     this.#arm.set(show.posture, this.#reach);
     this.#arm.axes.visible = show.axes;
     const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.007);
-    if (before?.measured !== show.measured || before.factor !== show.factor) this.#measured.set(show.measured, show.factor, thin * 2.4); // the predicted one shows inside it
-    if (before?.predicted !== show.predicted || before.factor !== show.factor) this.#predicted.set(show.predicted, show.factor, thin);
+    if (before?.measured !== show.measured || before.factor !== show.factor)
+      this.#measured.set(show.measured, show.factor, thin * 2.4); // the predicted one shows inside it
+    if (before?.predicted !== show.predicted || before.factor !== show.factor)
+      this.#predicted.set(show.predicted, show.factor, thin);
     this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.009);
   }
 

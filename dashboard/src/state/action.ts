@@ -10,7 +10,9 @@ export interface Action<Arguments extends unknown[]> {
 }
 
 /** A second start while the first goes on does nothing: gloves tap twice. */
-export function useAction<Arguments extends unknown[]>(act: (...args: Arguments) => Promise<unknown>): Action<Arguments> {
+export function useAction<Arguments extends unknown[]>(
+  act: (...args: Arguments) => Promise<unknown>,
+): Action<Arguments> {
   const [busy, setBusy] = useState(false);
   const [problem, setProblem] = useState<Problem | null>(null);
   const going = useRef(false);

@@ -16,10 +16,7 @@ export function useNames(): Loading<Names> {
 }
 
 async function loadNames(signal: AbortSignal): Promise<Names> {
-  const [robots, sets] = await Promise.all([
-    every(api.robots, {}, 1000, signal),
-    every(api.sets, {}, 1000, signal),
-  ]);
+  const [robots, sets] = await Promise.all([every(api.robots, {}, 1000, signal), every(api.sets, {}, 1000, signal)]);
   const robotNames = new Map(robots.map((robot) => [robot.id, robot.name]));
   const setNames = new Map(sets.map((set) => [set.id, set.name]));
   return {

@@ -18,17 +18,34 @@ export function CompareView({ kind }: { kind: string }) {
   return (
     <>
       <Title plain={words.title}>{words.title}</Title>
-      <Tabs label={words.tabs} current={kind} tabs={KINDS.map((id) => ({ id, label: words[id], href: link(["compare", id]) }))} />
+      <Tabs
+        label={words.tabs}
+        current={kind}
+        tabs={KINDS.map((id) => ({ id, label: words[id], href: link(["compare", id]) }))}
+      />
       <Show of={names}>
-        {(known) => (known.sets.length === 0
-          ? <Empty title={text.robots.setsNone} hint={words.noSets}><a class="button primary" href="#/">{text.app.measure}</a></Empty>
-          : kind === "pairs" ? <StartPair names={known} /> : kind === "trend" ? <StartTrend names={known} /> : <StartMethods names={known} />)}
+        {(known) =>
+          known.sets.length === 0 ? (
+            <Empty title={text.robots.setsNone} hint={words.noSets}>
+              <a class="button primary" href="#/">
+                {text.app.measure}
+              </a>
+            </Empty>
+          ) : kind === "pairs" ? (
+            <StartPair names={known} />
+          ) : kind === "trend" ? (
+            <StartTrend names={known} />
+          ) : (
+            <StartMethods names={known} />
+          )
+        }
       </Show>
     </>
   );
 }
 
-const setOptions = (names: Names) => names.sets.map((set) => ({ value: set.id, label: `${set.name} (${names.robot(set.robot_id)})` }));
+const setOptions = (names: Names) =>
+  names.sets.map((set) => ({ value: set.id, label: `${set.name} (${names.robot(set.robot_id)})` }));
 
 function StartMethods({ names }: { names: Names }) {
   const [set, setSet] = useState(parse(location.hash).query.get("set") ?? names.sets[0]?.id ?? "");
@@ -46,7 +63,9 @@ function StartMethods({ names }: { names: Names }) {
         <Select label={words.set} value={set} change={setSet} options={setOptions(names)} />
         <Toggle label={words.resample} checked={resample} change={setResample} />
         {start.problem && <ProblemNote problem={start.problem} />}
-        <button type="button" class="button primary" disabled={start.busy || !set} onClick={start.run}>{start.busy ? words.going : words.go}</button>
+        <button type="button" class="button primary" disabled={start.busy || !set} onClick={start.run}>
+          {start.busy ? words.going : words.go}
+        </button>
       </section>
       <Earlier names={names} />
     </>
@@ -59,12 +78,26 @@ function Earlier({ names }: { names: Names }) {
   return (
     <section>
       <h2>{words.earlier}</h2>
-      <ul class="rows">{found.items.map((item: ComparisonSummary) => (
-        <li class="item"><a class="main" href={link(["compare", "methods", item.id])}>
-          <span class="what"><Name>{names.set(item.measurement_set_id)}</Name><small><Name>{names.robot(item.robot_id)}</Name></small></span>
-          <span class="when"><When time={item.created_at} /></span><span class="standing"><State state={item.state} /></span>
-        </a></li>
-      ))}</ul>
+      <ul class="rows">
+        {found.items.map((item: ComparisonSummary) => (
+          <li class="item">
+            <a class="main" href={link(["compare", "methods", item.id])}>
+              <span class="what">
+                <Name>{names.set(item.measurement_set_id)}</Name>
+                <small>
+                  <Name>{names.robot(item.robot_id)}</Name>
+                </small>
+              </span>
+              <span class="when">
+                <When time={item.created_at} />
+              </span>
+              <span class="standing">
+                <State state={item.state} />
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
     </section>
   );
 }
@@ -92,7 +125,9 @@ function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: 
 }
 
 function StartPair({ names }: { names: Names }) {
-  const runs = valueOf(useLoad((signal) => api.runs({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))?.items ?? [];
+  const runs =
+    valueOf(useLoad((signal) => api.runs({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
+      ?.items ?? [];
   const options = sideOptions(names, runs);
   const newest = names.sets[0];
   const same = names.sets.find((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id) ?? names.sets[1];
@@ -116,7 +151,9 @@ function StartPair({ names }: { names: Names }) {
         <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
         {start.problem && <ProblemNote problem={start.problem} />}
         {!possible && <p class="soft">{words.twoSets}</p>}
-        <button type="button" class="button primary" disabled={start.busy || !possible} onClick={start.run}>{start.busy ? words.going : words.go}</button>
+        <button type="button" class="button primary" disabled={start.busy || !possible} onClick={start.run}>
+          {start.busy ? words.going : words.go}
+        </button>
       </section>
       <EarlierPairs names={names} />
     </>
@@ -129,12 +166,28 @@ function EarlierPairs({ names }: { names: Names }) {
   return (
     <section>
       <h2>{words.earlier}</h2>
-      <ul class="rows">{found.items.map((item: PairSummary) => (
-        <li class="item"><a class="main" href={link(["compare", "pairs", item.id])}>
-          <span class="what"><span><Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name></span><small><Name>{names.robot(item.robot_id)}</Name></small></span>
-          <span class="when"><When time={item.created_at} /></span><span class="standing"><State state={item.state} /></span>
-        </a></li>
-      ))}</ul>
+      <ul class="rows">
+        {found.items.map((item: PairSummary) => (
+          <li class="item">
+            <a class="main" href={link(["compare", "pairs", item.id])}>
+              <span class="what">
+                <span>
+                  <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
+                </span>
+                <small>
+                  <Name>{names.robot(item.robot_id)}</Name>
+                </small>
+              </span>
+              <span class="when">
+                <When time={item.created_at} />
+              </span>
+              <span class="standing">
+                <State state={item.state} />
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
     </section>
   );
 }
@@ -143,12 +196,21 @@ function StartTrend({ names }: { names: Names }) {
   return (
     <section class="card form">
       <p>{words.trendIntro}</p>
-      <ul class="rows">{names.robots.map((robot) => (
-        <li class="item"><a class="main" href={link(["compare", "trend", robot.id])}>
-          <span class="what"><Name>{robot.name}</Name><small>{text.robots.joints(robot.joints.length)}</small></span>
-          <span class="how">{text.robots.sets}: {names.sets.filter((set) => set.robot_id === robot.id).length}</span>
-        </a></li>
-      ))}</ul>
+      <ul class="rows">
+        {names.robots.map((robot) => (
+          <li class="item">
+            <a class="main" href={link(["compare", "trend", robot.id])}>
+              <span class="what">
+                <Name>{robot.name}</Name>
+                <small>{text.robots.joints(robot.joints.length)}</small>
+              </span>
+              <span class="how">
+                {text.robots.sets}: {names.sets.filter((set) => set.robot_id === robot.id).length}
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
     </section>
   );
 }

@@ -20,26 +20,51 @@ import { markOf } from "./run_stiffness";
 const words = text.compare;
 
 export function ComparisonView({ id }: { id: string }) {
-  const loaded = useLoad(async (signal) => {
-    const comparison = await api.comparison(id, signal);
-    return { comparison, set: await api.set(comparison.request.measurement_set_id, signal) };
-  }, [id]);
-  return <Show of={loaded} title={words.methods}>{({ comparison, set }) => <Page comparison={comparison} set={set} ended={loaded.reload} />}</Show>;
+  const loaded = useLoad(
+    async (signal) => {
+      const comparison = await api.comparison(id, signal);
+      return { comparison, set: await api.set(comparison.request.measurement_set_id, signal) };
+    },
+    [id],
+  );
+  return (
+    <Show of={loaded} title={words.methods}>
+      {({ comparison, set }) => <Page comparison={comparison} set={set} ended={loaded.reload} />}
+    </Show>
+  );
 }
 
 function Page({ comparison, set, ended }: { comparison: Comparison; set: MeasurementSet; ended: () => void }) {
   return (
     <>
       <div class="head">
-        <Title kind={words.methods} plain={words.of(set.name)}><Name>{set.name}</Name></Title>
-        <p class="meta">{!goesOn(comparison.state) && <State state={comparison.state} />}<a href={link(["sets", set.id])}>{text.sets.kind}</a><When time={comparison.provenance.created_at} /></p>
+        <Title kind={words.methods} plain={words.of(set.name)}>
+          <Name>{set.name}</Name>
+        </Title>
+        <p class="meta">
+          {!goesOn(comparison.state) && <State state={comparison.state} />}
+          <a href={link(["sets", set.id])}>{text.sets.kind}</a>
+          <When time={comparison.provenance.created_at} />
+        </p>
       </div>
-      {goesOn(comparison.state) && <Going collection="comparisons" job={comparison} cancel={() => api.cancelComparison(comparison.id)} ended={ended} />}
+      {goesOn(comparison.state) && (
+        <Going
+          collection="comparisons"
+          job={comparison}
+          cancel={() => api.cancelComparison(comparison.id)}
+          ended={ended}
+        />
+      )}
       {comparison.state === "cancelled" && <Cancelled progress={comparison.progress} />}
       {comparison.error && <ProblemNote problem={comparison.error} />}
       {comparison.result && (
         <>
-          {comparison.result.warnings.length > 0 && <><h2>{text.run.warnings(comparison.result.warnings.length)}</h2><Warnings warnings={comparison.result.warnings} /></>}
+          {comparison.result.warnings.length > 0 && (
+            <>
+              <h2>{text.run.warnings(comparison.result.warnings.length)}</h2>
+              <Warnings warnings={comparison.result.warnings} />
+            </>
+          )}
           <TableTwo entries={comparison.result.entries} />
           <Methods entries={comparison.result.entries} level={percent(comparison.request.confidence ?? 0.95)} />
         </>
@@ -52,24 +77,45 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
 function entryName(fit: ComparedFit): string {
   const short = text.methodShort[fit.method] ?? fit.method;
   if (fit.weighting !== "characteristic_length") return short;
-  return fit.characteristic_length ? `${short} ${words.lengthOf(significant(fit.characteristic_length, 2))}` : `${short} L`;
+  return fit.characteristic_length
+    ? `${short} ${words.lengthOf(significant(fit.characteristic_length, 2))}`
+    : `${short} L`;
 }
 
-const jointNames = (entries: ComparedFit[]): string[] => [...new Set(entries.flatMap((entry) => entry.joints.map((joint) => joint.name)))];
+const jointNames = (entries: ComparedFit[]): string[] => [
+  ...new Set(entries.flatMap((entry) => entry.joints.map((joint) => joint.name))),
+];
 
 function TableTwo({ entries }: { entries: ComparedFit[] }) {
   const { unit } = useSettings();
   const joints = jointNames(entries);
   return (
     <section class="card">
-      <h2>{words.tableTitle} <small class="soft">{STIFFNESS_UNITS[unit].label}</small></h2>
+      <h2>
+        {words.tableTitle} <small class="soft">{STIFFNESS_UNITS[unit].label}</small>
+      </h2>
       <p class="soft">{words.tableNote}</p>
       <Scroll label={words.tableTitle}>
         <table class="two">
           <thead>
-            <tr><th scope="col">{text.runs.method}</th>{joints.map((joint) => <th scope="col"><Name>{joint}</Name></th>)}<th scope="col">{words.compensation}</th><th scope="col">{words.rms} [{text.units.mm}]</th></tr>
+            <tr>
+              <th scope="col">{text.runs.method}</th>
+              {joints.map((joint) => (
+                <th scope="col">
+                  <Name>{joint}</Name>
+                </th>
+              ))}
+              <th scope="col">{words.compensation}</th>
+              <th scope="col">
+                {words.rms} [{text.units.mm}]
+              </th>
+            </tr>
           </thead>
-          <tbody>{entries.map((fit) => <Row fit={fit} joints={joints} unit={unit} />)}</tbody>
+          <tbody>
+            {entries.map((fit) => (
+              <Row fit={fit} joints={joints} unit={unit} />
+            ))}
+          </tbody>
         </table>
       </Scroll>
     </section>
@@ -79,14 +125,25 @@ function TableTwo({ entries }: { entries: ComparedFit[] }) {
 function Row({ fit, joints, unit }: { fit: ComparedFit; joints: string[]; unit: StiffnessUnit }) {
   return (
     <tr class={fit.positive ? "positive" : "free"}>
-      <th scope="row"><span title={text.methods[fit.method]}>{entryName(fit)}</span><small class="soft">{fit.positive ? text.options.constrained : text.options.unconstrained}</small></th>
-      {fit.error
-        ? <td colSpan={joints.length + 2}>{words.notPossible}: {fit.error.detail}</td>
-        : <>
-            {joints.map((name) => <td class="number"><Cell fit={fit} name={name} unit={unit} /></td>)}
-            <td class="number">{fit.compensation === null ? "–" : percent(fit.compensation)}</td>
-            <td class="number">{fit.rms_residual === null ? "–" : fixed(fit.rms_residual * 1e3, 3)}</td>
-          </>}
+      <th scope="row">
+        <span title={text.methods[fit.method]}>{entryName(fit)}</span>
+        <small class="soft">{fit.positive ? text.options.constrained : text.options.unconstrained}</small>
+      </th>
+      {fit.error ? (
+        <td colSpan={joints.length + 2}>
+          {words.notPossible}: {fit.error.detail}
+        </td>
+      ) : (
+        <>
+          {joints.map((name) => (
+            <td class="number">
+              <Cell fit={fit} name={name} unit={unit} />
+            </td>
+          ))}
+          <td class="number">{fit.compensation === null ? "–" : percent(fit.compensation)}</td>
+          <td class="number">{fit.rms_residual === null ? "–" : fixed(fit.rms_residual * 1e3, 3)}</td>
+        </>
+      )}
     </tr>
   );
 }
@@ -98,8 +155,14 @@ function Cell({ fit, name, unit }: { fit: ComparedFit; name: string; unit: Stiff
     const decimals = decimalsFor(draws.stiffness_deviation * factor);
     return (
       <span class={draws.stiffness_mean < 0 ? "bad" : undefined}>
-        {fixed(draws.stiffness_mean * factor, decimals)} <span class="soft spread">& {fixed(draws.stiffness_deviation * factor, decimals)}</span>
-        {draws.share_negative > 0 && <small class="bad"> {percent(draws.share_negative)} {words.anyNegative}</small>}
+        {fixed(draws.stiffness_mean * factor, decimals)}{" "}
+        <span class="soft spread">& {fixed(draws.stiffness_deviation * factor, decimals)}</span>
+        {draws.share_negative > 0 && (
+          <small class="bad">
+            {" "}
+            {percent(draws.share_negative)} {words.anyNegative}
+          </small>
+        )}
       </span>
     );
   }
@@ -111,7 +174,12 @@ function Value({ joint, unit }: { joint: JointResult; unit: StiffnessUnit }) {
   const shown = shownStiffness(joint, unit);
   if (shown.value === null) return <span class="soft">{shown.limit === null ? "–" : `> ${shown.limit}`}</span>;
   const negative = joint.stiffness !== null && joint.stiffness < 0;
-  return <span class={negative ? "bad" : undefined}>{shown.value}{shown.uncertainty !== null && <span class="soft spread"> ({shown.uncertainty})</span>}</span>;
+  return (
+    <span class={negative ? "bad" : undefined}>
+      {shown.value}
+      {shown.uncertainty !== null && <span class="soft spread"> ({shown.uncertainty})</span>}
+    </span>
+  );
 }
 
 function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) {
@@ -121,15 +189,37 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
   if (entries.every((fit) => fit.error)) return null;
   const rows = jointNames(entries).map((name) => ({
     name,
-    marks: chosen.flatMap((fit, i) => fit.joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, `method-${i}`, unit))),
+    marks: chosen.flatMap((fit, i) =>
+      fit.joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, `method-${i}`, unit)),
+    ),
   }));
   return (
     <Figure
-      title={words.chartTitle} note={text.run.stiffnessNote(level)} table={table(entries, unit)}
+      title={words.chartTitle}
+      note={text.run.stiffnessNote(level)}
+      table={table(entries, unit)}
       legend={chosen.map((fit, i) => ({ label: entryName(fit), mark: `method-${i}` }))}
-      tools={<Choice label={text.start.method} value={constraint} change={setConstraint} options={[{ value: "positive", label: text.options.constrained }, { value: "unconstrained", label: text.options.unconstrained }]} />}
+      tools={
+        <Choice
+          label={text.start.method}
+          value={constraint}
+          change={setConstraint}
+          options={[
+            { value: "positive", label: text.options.constrained },
+            { value: "unconstrained", label: text.options.unconstrained },
+          ]}
+        />
+      }
     >
-      {(width) => <Intervals rows={rows} width={width} label={words.chartTitle} unit={STIFFNESS_UNITS[unit].label} format={axisStiffness(unit)} />}
+      {(width) => (
+        <Intervals
+          rows={rows}
+          width={width}
+          label={words.chartTitle}
+          unit={STIFFNESS_UNITS[unit].label}
+          format={axisStiffness(unit)}
+        />
+      )}
     </Figure>
   );
 }
@@ -139,12 +229,26 @@ function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
   const scaled = (value: number | null | undefined) => (value === null || value === undefined ? null : value * factor);
   return {
     columns: [
-      { title: text.runs.method }, { title: text.options.constrained }, { title: text.run.joint }, { title: text.run.value, unit: column },
-      { title: text.run.low, unit: column }, { title: text.run.high, unit: column }, { title: words.compensation }, { title: words.rms, unit: text.units.mm },
+      { title: text.runs.method },
+      { title: text.options.constrained },
+      { title: text.run.joint },
+      { title: text.run.value, unit: column },
+      { title: text.run.low, unit: column },
+      { title: text.run.high, unit: column },
+      { title: words.compensation },
+      { title: words.rms, unit: text.units.mm },
     ],
-    rows: entries.flatMap((fit) => fit.joints.map((joint) => [
-      entryName(fit), fit.positive ? text.options.constrained : text.options.unconstrained, joint.name, scaled(joint.stiffness),
-      scaled(joint.stiffness_interval?.[0]), scaled(joint.stiffness_interval?.[1]), fit.compensation, fit.rms_residual === null ? null : fit.rms_residual * 1e3,
-    ])),
+    rows: entries.flatMap((fit) =>
+      fit.joints.map((joint) => [
+        entryName(fit),
+        fit.positive ? text.options.constrained : text.options.unconstrained,
+        joint.name,
+        scaled(joint.stiffness),
+        scaled(joint.stiffness_interval?.[0]),
+        scaled(joint.stiffness_interval?.[1]),
+        fit.compensation,
+        fit.rms_residual === null ? null : fit.rms_residual * 1e3,
+      ]),
+    ),
   };
 }

@@ -24,10 +24,27 @@ const EMPTY: Row = { a: "0", alpha: "0", d: "0", theta: "0" };
 
 /** A six-axis arm to begin with: what is drawn is an arm, and its numbers are to be replaced. */
 export function newDh(): DhTable {
-  const rows: [number, number, number, number][] = [[0, 0, 675, 0], [350, -90, 0, -90], [1150, 0, 0, 0], [41, -90, 1200, 0], [0, 90, 0, 0], [0, -90, 215, 0]];
+  const rows: [number, number, number, number][] = [
+    [0, 0, 675, 0],
+    [350, -90, 0, -90],
+    [1150, 0, 0, 0],
+    [41, -90, 1200, 0],
+    [0, 90, 0, 0],
+    [0, -90, 215, 0],
+  ];
   return resized({
-    convention: "modified", length: "mm", angle: "deg", mapped: false, matrix: [], offset: [],
-    rows: rows.map(([a, alpha, d, theta]) => ({ a: String(a), alpha: String(alpha), d: String(d), theta: String(theta) })),
+    convention: "modified",
+    length: "mm",
+    angle: "deg",
+    mapped: false,
+    matrix: [],
+    offset: [],
+    rows: rows.map(([a, alpha, d, theta]) => ({
+      a: String(a),
+      alpha: String(alpha),
+      d: String(d),
+      theta: String(theta),
+    })),
   });
 }
 
@@ -44,12 +61,24 @@ export function documentOf(name: string, table: DhTable): RobotDocument | null {
     const value = numberOf(typed);
     return value === null ? NaN : unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
   };
-  const rows = table.rows.map((row) => ({ a: si("a", row.a), alpha: si("alpha", row.alpha), d: si("d", row.d), theta: si("theta", row.theta) }));
+  const rows = table.rows.map((row) => ({
+    a: si("a", row.a),
+    alpha: si("alpha", row.alpha),
+    d: si("d", row.d),
+    theta: si("theta", row.theta),
+  }));
   const matrix = table.matrix.map((line) => line.map((typed) => numberOf(typed) ?? NaN));
   const offset = table.offset.map((typed) => si("theta", typed));
-  const numbers = [...rows.flatMap((row) => Object.values(row)), ...(table.mapped ? [...matrix.flat(), ...offset] : [])];
+  const numbers = [
+    ...rows.flatMap((row) => Object.values(row)),
+    ...(table.mapped ? [...matrix.flat(), ...offset] : []),
+  ];
   if (numbers.some(Number.isNaN)) return null;
-  return { name, model: { format: "dh", convention: table.convention, rows }, joint_map: table.mapped ? { matrix, offset } : null };
+  return {
+    name,
+    model: { format: "dh", convention: table.convention, rows },
+    joint_map: table.mapped ? { matrix, offset } : null,
+  };
 }
 
 /** The joint map as large as the table: new joints stand for themselves. */
@@ -65,25 +94,65 @@ function resized(table: DhTable): DhTable {
 export function DhEditor({ table, change }: { table: DhTable; change: (table: DhTable) => void }) {
   const words = text.robots;
   const set = (part: Partial<DhTable>) => change({ ...table, ...part });
-  const put = (i: number, column: Column, typed: string) => set({ rows: table.rows.map((row, k) => (k === i ? { ...row, [column]: typed } : row)) });
+  const put = (i: number, column: Column, typed: string) =>
+    set({ rows: table.rows.map((row, k) => (k === i ? { ...row, [column]: typed } : row)) });
   return (
     <>
       <div class="row">
-        <Choice label={words.convention} value={table.convention} change={(convention) => set({ convention })}
-          options={(["modified", "standard"] as const).map((value) => ({ value, label: words.conventions[value] ?? value }))} />
-        <Choice label={words.lengthUnit} value={table.length} change={(length) => set({ length })} options={[{ value: "mm", label: "mm" }, { value: "m", label: "m" }]} />
-        <Choice label={words.angleUnit} value={table.angle} change={(angle) => set({ angle })} options={[{ value: "deg", label: "°" }, { value: "rad", label: "rad" }]} />
+        <Choice
+          label={words.convention}
+          value={table.convention}
+          change={(convention) => set({ convention })}
+          options={(["modified", "standard"] as const).map((value) => ({
+            value,
+            label: words.conventions[value] ?? value,
+          }))}
+        />
+        <Choice
+          label={words.lengthUnit}
+          value={table.length}
+          change={(length) => set({ length })}
+          options={[
+            { value: "mm", label: "mm" },
+            { value: "m", label: "m" },
+          ]}
+        />
+        <Choice
+          label={words.angleUnit}
+          value={table.angle}
+          change={(angle) => set({ angle })}
+          options={[
+            { value: "deg", label: "°" },
+            { value: "rad", label: "rad" },
+          ]}
+        />
       </div>
       <h3>{words.rowsTitle}</h3>
       <Scroll label={words.rowsTitle}>
         <table class="inputs">
-          <thead><tr><th scope="col" aria-label={text.run.joint} />{COLUMNS.map((column) => <th scope="col">{words.column[column]} <small>{column === "a" || column === "d" ? table.length : table.angle === "deg" ? "°" : "rad"}</small></th>)}</tr></thead>
+          <thead>
+            <tr>
+              <th scope="col" aria-label={text.run.joint} />
+              {COLUMNS.map((column) => (
+                <th scope="col">
+                  {words.column[column]}{" "}
+                  <small>{column === "a" || column === "d" ? table.length : table.angle === "deg" ? "°" : "rad"}</small>
+                </th>
+              ))}
+            </tr>
+          </thead>
           <tbody>
             {table.rows.map((row, i) => (
               <tr>
                 <th scope="row">{i + 1}</th>
                 {COLUMNS.map((column) => (
-                  <td><NumberInput label={words.cell(words.column[column] ?? column, i + 1)} value={row[column]} change={(typed) => put(i, column, typed)} /></td>
+                  <td>
+                    <NumberInput
+                      label={words.cell(words.column[column] ?? column, i + 1)}
+                      value={row[column]}
+                      change={(typed) => put(i, column, typed)}
+                    />
+                  </td>
                 ))}
               </tr>
             ))}
@@ -91,8 +160,22 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
         </table>
       </Scroll>
       <div class="row">
-        <button type="button" class="button" disabled={table.rows.length >= 32} onClick={() => change(resized({ ...table, rows: [...table.rows, EMPTY] }))}>{words.addRow}</button>
-        <button type="button" class="button" disabled={table.rows.length <= 1} onClick={() => change(resized({ ...table, rows: table.rows.slice(0, -1) }))}>{words.removeRow}</button>
+        <button
+          type="button"
+          class="button"
+          disabled={table.rows.length >= 32}
+          onClick={() => change(resized({ ...table, rows: [...table.rows, EMPTY] }))}
+        >
+          {words.addRow}
+        </button>
+        <button
+          type="button"
+          class="button"
+          disabled={table.rows.length <= 1}
+          onClick={() => change(resized({ ...table, rows: table.rows.slice(0, -1) }))}
+        >
+          {words.removeRow}
+        </button>
       </div>
       <details open={table.mapped} onToggle={(event) => set({ mapped: event.currentTarget.open })}>
         <summary>{words.jointMap}</summary>
@@ -105,17 +188,36 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
 
 function JointMap({ table, change }: { table: DhTable; change: (part: Partial<DhTable>) => void }) {
   const words = text.robots;
-  const put = (i: number, j: number, typed: string) => change({ matrix: table.matrix.map((line, k) => (k === i ? line.map((old, l) => (l === j ? typed : old)) : line)) });
+  const put = (i: number, j: number, typed: string) =>
+    change({ matrix: table.matrix.map((line, k) => (k === i ? line.map((old, l) => (l === j ? typed : old)) : line)) });
   return (
     <Scroll label={words.jointMap}>
       <table class="inputs">
-        <thead><tr><th scope="col" aria-label={text.run.joint} />{table.rows.map((_, j) => <th scope="col">{j + 1}</th>)}<th scope="col">{words.offset}</th></tr></thead>
+        <thead>
+          <tr>
+            <th scope="col" aria-label={text.run.joint} />
+            {table.rows.map((_, j) => (
+              <th scope="col">{j + 1}</th>
+            ))}
+            <th scope="col">{words.offset}</th>
+          </tr>
+        </thead>
         <tbody>
           {table.matrix.map((line, i) => (
             <tr>
               <th scope="row">{i + 1}</th>
-              {line.map((typed, j) => <td><NumberInput label={words.mapCell(i + 1, j + 1)} value={typed} change={(next) => put(i, j, next)} /></td>)}
-              <td><NumberInput label={words.offsetCell(i + 1)} value={table.offset[i] ?? "0"} change={(next) => change({ offset: table.offset.map((old, k) => (k === i ? next : old)) })} /></td>
+              {line.map((typed, j) => (
+                <td>
+                  <NumberInput label={words.mapCell(i + 1, j + 1)} value={typed} change={(next) => put(i, j, next)} />
+                </td>
+              ))}
+              <td>
+                <NumberInput
+                  label={words.offsetCell(i + 1)}
+                  value={table.offset[i] ?? "0"}
+                  change={(next) => change({ offset: table.offset.map((old, k) => (k === i ? next : old)) })}
+                />
+              </td>
             </tr>
           ))}
         </tbody>
@@ -128,8 +230,14 @@ function NumberInput({ label, value, change }: { label: string; value: string; c
   const bad = numberOf(value) === null;
   return (
     <input
-      type="text" inputMode="decimal" aria-label={label} aria-invalid={bad} title={bad ? text.robots.number : undefined} value={value}
-      onInput={(event) => change(event.currentTarget.value)} onFocus={(event) => event.currentTarget.select()}
+      type="text"
+      inputMode="decimal"
+      aria-label={label}
+      aria-invalid={bad}
+      title={bad ? text.robots.number : undefined}
+      value={value}
+      onInput={(event) => change(event.currentTarget.value)}
+      onFocus={(event) => event.currentTarget.select()}
     />
   );
 }

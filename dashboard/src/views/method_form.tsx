@@ -17,8 +17,15 @@ export interface Options {
 }
 
 export const initialOptions: Options = {
-  method: "partial_pose", positive: true, huber: false, complementary: false, resample: false, repetitions: 1000, size: 10,
-  confidence: "0.95", elasticity: "joints",
+  method: "partial_pose",
+  positive: true,
+  huber: false,
+  complementary: false,
+  resample: false,
+  repetitions: 1000,
+  size: 10,
+  confidence: "0.95",
+  elasticity: "joints",
 };
 
 const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
@@ -37,17 +44,30 @@ export function requestOf(set: string, options: Options): Record<string, unknown
   };
 }
 
-export function MethodForm({ options, change, facts }: { options: Options; change: (options: Options) => void; facts: Facts | null }) {
+export function MethodForm({
+  options,
+  change,
+  facts,
+}: {
+  options: Options;
+  change: (options: Options) => void;
+  facts: Facts | null;
+}) {
   const set = (part: Partial<Options>) => change({ ...options, ...part });
   const few = facts !== null && facts.targets.length < 3;
   return (
     <>
       <Choice
-        cards label={text.start.method} value={options.method} change={(method) => set({ method })}
+        cards
+        label={text.start.method}
+        value={options.method}
+        change={(method) => set({ method })}
         options={METHODS.map((value) => {
           const lacking = few && value !== "partial_pose";
           return {
-            value, label: text.methods[value] ?? value, disabled: lacking,
+            value,
+            label: text.methods[value] ?? value,
+            disabled: lacking,
             hint: lacking ? text.methodLacks(facts.targets.length) : (text.methodHints[value] ?? ""),
           };
         })}
@@ -57,20 +77,39 @@ export function MethodForm({ options, change, facts }: { options: Options; chang
         <div class="grid">
           <Toggle label={text.options.positive} checked={options.positive} change={(positive) => set({ positive })} />
           <Toggle label={text.options.huber} checked={options.huber} change={(huber) => set({ huber })} />
-          <Toggle label={text.options.complementary} checked={options.complementary} change={(complementary) => set({ complementary })} />
+          <Toggle
+            label={text.options.complementary}
+            checked={options.complementary}
+            change={(complementary) => set({ complementary })}
+          />
           <Toggle label={text.options.resample} checked={options.resample} change={(resample) => set({ resample })} />
           {options.resample && (
             <>
-              <Count label={text.options.repetitions} value={options.repetitions} most={100_000} change={(repetitions) => set({ repetitions })} />
-              <Count label={text.options.size} value={options.size} most={Math.max(1, facts?.observations ?? 10_000)} change={(size) => set({ size })} />
+              <Count
+                label={text.options.repetitions}
+                value={options.repetitions}
+                most={100_000}
+                change={(repetitions) => set({ repetitions })}
+              />
+              <Count
+                label={text.options.size}
+                value={options.size}
+                most={Math.max(1, facts?.observations ?? 10_000)}
+                change={(size) => set({ size })}
+              />
             </>
           )}
           <Select
-            label={text.options.elasticity} hint={text.options.elasticityHint} value={options.elasticity}
-            change={(elasticity) => set({ elasticity })} options={Object.entries(text.elasticities).map(([value, label]) => ({ value, label }))}
+            label={text.options.elasticity}
+            hint={text.options.elasticityHint}
+            value={options.elasticity}
+            change={(elasticity) => set({ elasticity })}
+            options={Object.entries(text.elasticities).map(([value, label]) => ({ value, label }))}
           />
           <Choice
-            label={text.options.confidence} value={options.confidence} change={(confidence) => set({ confidence })}
+            label={text.options.confidence}
+            value={options.confidence}
+            change={(confidence) => set({ confidence })}
             options={["0.9", "0.95", "0.99"].map((value) => ({ value, label: `${Math.round(Number(value) * 100)} %` }))}
           />
         </div>
@@ -79,13 +118,31 @@ export function MethodForm({ options, change, facts }: { options: Options; chang
   );
 }
 
-function Count({ label, value, most, change }: { label: string; value: number; most: number; change: (value: number) => void }) {
+function Count({
+  label,
+  value,
+  most,
+  change,
+}: {
+  label: string;
+  value: number;
+  most: number;
+  change: (value: number) => void;
+}) {
   const take = (entered: number) => {
     if (Number.isInteger(entered) && entered >= 1 && entered <= most) change(entered);
   };
   return (
-    <label class="field"><span>{label}</span>
-      <input type="number" inputMode="numeric" min={1} max={most} value={value} onInput={(event) => take(Number(event.currentTarget.value))} />
+    <label class="field">
+      <span>{label}</span>
+      <input
+        type="number"
+        inputMode="numeric"
+        min={1}
+        max={most}
+        value={value}
+        onInput={(event) => take(Number(event.currentTarget.value))}
+      />
     </label>
   );
 }

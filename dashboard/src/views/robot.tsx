@@ -15,7 +15,11 @@ import { RunList } from "./run_list";
 
 export function RobotView({ id }: { id: string }) {
   const loaded = useLoad((signal) => api.robot(id, signal), [id]);
-  return <Show of={loaded} title={text.start.robot}>{(robot) => <RobotPage robot={robot} />}</Show>;
+  return (
+    <Show of={loaded} title={text.start.robot}>
+      {(robot) => <RobotPage robot={robot} />}
+    </Show>
+  );
 }
 
 function RobotPage({ robot }: { robot: Robot }) {
@@ -25,21 +29,41 @@ function RobotPage({ robot }: { robot: Robot }) {
   return (
     <>
       <div class="head">
-        <Title kind={text.start.robot} plain={robot.name}><Name>{robot.name}</Name></Title>
+        <Title kind={text.start.robot} plain={robot.name}>
+          <Name>{robot.name}</Name>
+        </Title>
         <div class="actions">
-          <a class="button primary" href={link([], { robot: robot.id })}>{text.robots.use}</a>
-          <a class="button" href={link(["compare", "trend", robot.id])}>{text.robots.trend}</a>
+          <a class="button primary" href={link([], { robot: robot.id })}>
+            {text.robots.use}
+          </a>
+          <a class="button" href={link(["compare", "trend", robot.id])}>
+            {text.robots.trend}
+          </a>
         </div>
       </div>
       <div class="flow">
-        <section class="card"><Arm source={{ robot_id: robot.id }} start={null} /></section>
-        <section class="card"><h2>{text.robots.facts}</h2><Kinematics robot={robot} /></section>
+        <section class="card">
+          <Arm source={{ robot_id: robot.id }} start={null} />
+        </section>
+        <section class="card">
+          <h2>{text.robots.facts}</h2>
+          <Kinematics robot={robot} />
+        </section>
       </div>
       <section>
         <h2>{text.robots.setsOf}</h2>
-        {sets.length > 0 ? <SetList names={names} sets={sets} /> : <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint} />}
+        {sets.length > 0 ? (
+          <SetList names={names} sets={sets} />
+        ) : (
+          <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint} />
+        )}
       </section>
-      {runs && runs.length > 0 && <section><h2>{text.robots.runsOf}</h2><RunList runs={runs.slice(0, 20)} names={names} /></section>}
+      {runs && runs.length > 0 && (
+        <section>
+          <h2>{text.robots.runsOf}</h2>
+          <RunList runs={runs.slice(0, 20)} names={names} />
+        </section>
+      )}
     </>
   );
 }
@@ -51,14 +75,34 @@ function Kinematics({ robot }: { robot: Robot }) {
   const limit = (value: number | null) => (value === null ? words.unlimited : fixed(degrees(value), 0));
   return (
     <>
-      <Facts facts={[
-        { label: words.description, value: robot.model.format === "dh" ? `${words.dh}, ${words.conventions[robot.model.convention]}` : words.urdf },
-        { label: words.wrist, value: wrist.spherical ? words.spherical : miss === null ? words.noCentre : words.notSpherical(`${fixed(miss * 1e3, 2)} ${text.units.mm}`) },
-      ]} />
-      <DataTable caption={words.limits} table={{
-        columns: [{ title: text.run.joint }, { title: words.lower, unit: text.units.deg }, { title: words.upper, unit: text.units.deg }],
-        rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
-      }} />
+      <Facts
+        facts={[
+          {
+            label: words.description,
+            value:
+              robot.model.format === "dh" ? `${words.dh}, ${words.conventions[robot.model.convention]}` : words.urdf,
+          },
+          {
+            label: words.wrist,
+            value: wrist.spherical
+              ? words.spherical
+              : miss === null
+                ? words.noCentre
+                : words.notSpherical(`${fixed(miss * 1e3, 2)} ${text.units.mm}`),
+          },
+        ]}
+      />
+      <DataTable
+        caption={words.limits}
+        table={{
+          columns: [
+            { title: text.run.joint },
+            { title: words.lower, unit: text.units.deg },
+            { title: words.upper, unit: text.units.deg },
+          ],
+          rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
+        }}
+      />
     </>
   );
 }

@@ -24,7 +24,10 @@ export function RobotNewView() {
     if (!urdf.urdf || !urdf.base || !urdf.flange) return null;
     return { name: name.trim() || words.namePlaceholder, model: { format: "urdf", ...urdf }, joint_map: null };
   }, [name, format, dh, urdf]);
-  const source = useMemo(() => document && { robot: { ...document, name: "drawn" } }, [document && JSON.stringify({ ...document, name: "" })]);
+  const source = useMemo(
+    () => document && { robot: { ...document, name: "drawn" } },
+    [document && JSON.stringify({ ...document, name: "" })],
+  );
   const save = useAction(async () => {
     if (!document) return;
     const named = { ...document, name: name.trim() };
@@ -36,12 +39,24 @@ export function RobotNewView() {
       <Title plain={words.add}>{words.add}</Title>
       <div class="flow editor">
         <section class="card">
-          <label class="field"><span>{words.name}</span>
-            <input type="text" maxLength={200} value={name} placeholder={words.namePlaceholder} onInput={(event) => setName(event.currentTarget.value)} />
+          <label class="field">
+            <span>{words.name}</span>
+            <input
+              type="text"
+              maxLength={200}
+              value={name}
+              placeholder={words.namePlaceholder}
+              onInput={(event) => setName(event.currentTarget.value)}
+            />
           </label>
           <Choice
-            label={words.description} value={format} change={setFormat}
-            options={[{ value: "dh", label: words.dh }, { value: "urdf", label: words.urdf }]}
+            label={words.description}
+            value={format}
+            change={setFormat}
+            options={[
+              { value: "dh", label: words.dh },
+              { value: "urdf", label: words.urdf },
+            ]}
           />
           {format === "dh" ? <DhEditor table={dh} change={setDh} /> : <UrdfEditor given={urdf} change={setUrdf} />}
         </section>
@@ -50,7 +65,12 @@ export function RobotNewView() {
           {source ? <Arm source={source} start={null} /> : <p class="stage blank">{text.start.armHere}</p>}
           {save.problem && <ProblemNote problem={save.problem} />}
           <div class="go">
-            <button type="button" class="button primary big" disabled={!document || !name.trim() || save.busy} onClick={save.run}>
+            <button
+              type="button"
+              class="button primary big"
+              disabled={!document || !name.trim() || save.busy}
+              onClick={save.run}
+            >
               {save.busy ? words.saving : words.save}
             </button>
           </div>

@@ -13,11 +13,19 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
     <>
       <div class="head">
         <Title plain={title}>{title}</Title>
-        <div class="actions"><a class="button primary" href="#/robots/new">{text.robots.add}</a></div>
+        <div class="actions">
+          <a class="button primary" href="#/robots/new">
+            {text.robots.add}
+          </a>
+        </div>
       </div>
       <Tabs
-        label={text.robots.tabs} current={list}
-        tabs={[{ id: "robots", label: text.robots.title, href: "#/robots" }, { id: "sets", label: text.robots.sets, href: "#/sets" }]}
+        label={text.robots.tabs}
+        current={list}
+        tabs={[
+          { id: "robots", label: text.robots.title, href: "#/robots" },
+          { id: "sets", label: text.robots.sets, href: "#/sets" },
+        ]}
       />
       <Show of={names}>{(known) => (list === "robots" ? <Robots names={known} /> : <Sets names={known} />)}</Show>
     </>
@@ -26,16 +34,29 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
 
 function Robots({ names: { robots, sets } }: { names: Names }) {
   if (robots.length === 0) {
-    return <Empty title={text.robots.none} hint={text.robots.noneHint}><a class="button primary" href="#/robots/new">{text.robots.add}</a></Empty>;
+    return (
+      <Empty title={text.robots.none} hint={text.robots.noneHint}>
+        <a class="button primary" href="#/robots/new">
+          {text.robots.add}
+        </a>
+      </Empty>
+    );
   }
   return (
     <ul class="rows">
       {robots.map((robot) => (
         <li class="item">
           <a class="main" href={link(["robots", robot.id])}>
-            <span class="what"><Name>{robot.name}</Name><small>{text.robots.joints(robot.joints.length)}</small></span>
-            <span class="how">{text.robots.sets}: {sets.filter((set) => set.robot_id === robot.id).length}</span>
-            <span class="when"><When time={robot.created_at} /></span>
+            <span class="what">
+              <Name>{robot.name}</Name>
+              <small>{text.robots.joints(robot.joints.length)}</small>
+            </span>
+            <span class="how">
+              {text.robots.sets}: {sets.filter((set) => set.robot_id === robot.id).length}
+            </span>
+            <span class="when">
+              <When time={robot.created_at} />
+            </span>
           </a>
         </li>
       ))}
@@ -45,7 +66,13 @@ function Robots({ names: { robots, sets } }: { names: Names }) {
 
 function Sets({ names }: { names: Names }) {
   if (names.sets.length === 0) {
-    return <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint}><a class="button primary" href="#/">{text.app.measure}</a></Empty>;
+    return (
+      <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint}>
+        <a class="button primary" href="#/">
+          {text.app.measure}
+        </a>
+      </Empty>
+    );
   }
   return <SetList names={names} sets={names.sets} />;
 }
@@ -56,10 +83,22 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
       {sets.map((set) => (
         <li class="item">
           <a class="main" href={link(["sets", set.id])}>
-            <span class="what"><Name>{set.name}</Name><small><Name>{names?.robot(set.robot_id) ?? ""}</Name></small></span>
-            <span class="how">{text.sets.observations(set.observation_count)}<small>{text.files.encoders[set.encoders]}</small></span>
-            <span class="when"><When time={set.created_at} /></span>
-            <span class="standing">{set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}</span>
+            <span class="what">
+              <Name>{set.name}</Name>
+              <small>
+                <Name>{names?.robot(set.robot_id) ?? ""}</Name>
+              </small>
+            </span>
+            <span class="how">
+              {text.sets.observations(set.observation_count)}
+              <small>{text.files.encoders[set.encoders]}</small>
+            </span>
+            <span class="when">
+              <When time={set.created_at} />
+            </span>
+            <span class="standing">
+              {set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}
+            </span>
           </a>
         </li>
       ))}

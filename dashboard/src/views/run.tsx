@@ -18,11 +18,14 @@ import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
 export function RunView({ id, part }: { id: string; part: string }) {
-  const loaded = useLoad(async (signal): Promise<RunContext> => {
-    const run = await api.run(id, signal);
-    const set = await api.set(run.request.measurement_set_id, signal);
-    return { run, set, robot: await api.robot(set.robot_id, signal) };
-  }, [id]);
+  const loaded = useLoad(
+    async (signal): Promise<RunContext> => {
+      const run = await api.run(id, signal);
+      const set = await api.set(run.request.measurement_set_id, signal);
+      return { run, set, robot: await api.robot(set.robot_id, signal) };
+    },
+    [id],
+  );
   return (
     <Show of={loaded} title={text.run.kind}>
       {(context) => (
@@ -52,18 +55,41 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
   return (
     <>
       <div class="head">
-        <Title kind={text.run.kind} plain={set.name}><Name>{set.name}</Name></Title>
+        <Title kind={text.run.kind} plain={set.name}>
+          <Name>{set.name}</Name>
+        </Title>
         <p class="meta">
           {!goesOn(run.state) && <State state={run.state} />}
-          <span>{text.methods[run.request.method ?? ""]}, {run.request.positive === false ? text.options.unconstrained : text.options.constrained}{isElastic(run) && `, ${text.elasticities[run.request.elasticity ?? ""] ?? ""}`}</span>
-          <a href={link(["robots", robot.id])}><Name>{robot.name}</Name></a>
+          <span>
+            {text.methods[run.request.method ?? ""]},{" "}
+            {run.request.positive === false ? text.options.unconstrained : text.options.constrained}
+            {isElastic(run) && `, ${text.elasticities[run.request.elasticity ?? ""] ?? ""}`}
+          </span>
+          <a href={link(["robots", robot.id])}>
+            <Name>{robot.name}</Name>
+          </a>
           <When time={run.provenance.created_at} />
         </p>
         <div class="actions">
-          <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>{text.run.repeat}</button>
-          <button type="button" class="button" onClick={share}>{text.run.share}</button>
-          <button type="button" class="button" title={text.run.downloadHint} onClick={() => save(JSON.stringify(run, null, 2), "application/json", fileName(`run-${run.id}`, "json"))}>{text.run.download}</button>
-          {!goesOn(run.state) && <button type="button" class="button quiet" disabled={remove.busy} onClick={remove.run}>{text.run.delete}</button>}
+          <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
+            {text.run.repeat}
+          </button>
+          <button type="button" class="button" onClick={share}>
+            {text.run.share}
+          </button>
+          <button
+            type="button"
+            class="button"
+            title={text.run.downloadHint}
+            onClick={() => save(JSON.stringify(run, null, 2), "application/json", fileName(`run-${run.id}`, "json"))}
+          >
+            {text.run.download}
+          </button>
+          {!goesOn(run.state) && (
+            <button type="button" class="button quiet" disabled={remove.busy} onClick={remove.run}>
+              {text.run.delete}
+            </button>
+          )}
         </div>
       </div>
       {repeat.problem && <ProblemNote problem={repeat.problem} />}
@@ -73,26 +99,43 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
 }
 
 function restore(id: string): void {
-  api.restoreRun(id).then(() => go(link(["runs", id])), (error: unknown) => toast(problemOf(error).detail));
+  api.restoreRun(id).then(
+    () => go(link(["runs", id])),
+    (error: unknown) => toast(problemOf(error).detail),
+  );
 }
 
 function Body({ context, part, ended }: { context: RunContext; part: string; ended: () => void }) {
   const { run } = context;
-  if (goesOn(run.state)) return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
+  if (goesOn(run.state))
+    return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
   if (run.state === "cancelled") return <Cancelled progress={run.progress} />;
-  if (run.error) return <><h2>{text.run.failed}</h2><ProblemNote problem={run.error} /></>;
+  if (run.error)
+    return (
+      <>
+        <h2>{text.run.failed}</h2>
+        <ProblemNote problem={run.error} />
+      </>
+    );
   if (!run.result) return null;
   const views = text.run.views;
   const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
-    id, label: views[id], href: link(id === "result" ? ["runs", run.id] : ["runs", run.id, id]),
+    id,
+    label: views[id],
+    href: link(id === "result" ? ["runs", run.id] : ["runs", run.id, id]),
   }));
   return (
     <>
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
-      {part === "deflection" ? <DeflectionPart context={context} result={run.result} />
-        : part === "robot" ? <RobotPart context={context} result={run.result} />
-        : part === "evidence" ? <EvidencePart context={context} result={run.result} />
-        : <StiffnessPart context={context} result={run.result} />}
+      {part === "deflection" ? (
+        <DeflectionPart context={context} result={run.result} />
+      ) : part === "robot" ? (
+        <RobotPart context={context} result={run.result} />
+      ) : part === "evidence" ? (
+        <EvidencePart context={context} result={run.result} />
+      ) : (
+        <StiffnessPart context={context} result={run.result} />
+      )}
     </>
   );
 }

@@ -20,7 +20,11 @@ export function byObservation(residuals: Residual[]): { name: string; before: nu
   const sums = new Map<string, { before: number; after: number; count: number }>();
   for (const { observation, deflection, residual } of residuals) {
     const sum = sums.get(observation) ?? { before: 0, after: 0, count: 0 };
-    sums.set(observation, { before: sum.before + norm(deflection), after: sum.after + norm(residual), count: sum.count + 1 });
+    sums.set(observation, {
+      before: sum.before + norm(deflection),
+      after: sum.after + norm(residual),
+      count: sum.count + 1,
+    });
   }
   return [...sums].map(([name, { before, after, count }]) => ({ name, before: before / count, after: after / count }));
 }
@@ -31,7 +35,9 @@ export function DeflectionPart({ context, result }: { context: RunContext; resul
     <>
       <BeforeAfter result={result} run={context.run} others={others} />
       <Overlay run={context.run} shown={others} change={setOthers} />
-      {result.contributions && result.contributions.length > 0 && <Parts result={result} contributions={result.contributions} />}
+      {result.contributions && result.contributions.length > 0 && (
+        <Parts result={result} contributions={result.contributions} />
+      )}
       <Residuals result={result} />
     </>
   );
@@ -44,7 +50,11 @@ function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; oth
   const own = words.afterBy(text.methodShort[run.request.method ?? ""] ?? "");
   const more = others.map((other, i) => {
     const after = new Map(byObservation(other.result?.residuals ?? []).map((row) => [row.name, row.after * 1e3]));
-    return { mark: MARKS[i] ?? "other-1", label: words.afterBy(text.methodShort[other.request.method ?? ""] ?? ""), values: names.map((name) => after.get(name) ?? null) };
+    return {
+      mark: MARKS[i] ?? "other-1",
+      label: words.afterBy(text.methodShort[other.request.method ?? ""] ?? ""),
+      values: names.map((name) => after.get(name) ?? null),
+    };
   });
   const series = [
     { mark: "measured", label: words.before, values: rows.map((row) => row.before * 1e3) },
@@ -53,7 +63,9 @@ function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; oth
   ];
   return (
     <Figure
-      title={words.title} note={words.note} legend={series}
+      title={words.title}
+      note={words.note}
+      legend={series}
       table={{
         columns: [{ title: words.configuration }, ...series.map((one) => ({ title: one.label, unit: text.units.mm }))],
         rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
@@ -66,22 +78,40 @@ function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; oth
 
 /** Newest run of each other method on the same readings, and with the same constraint. */
 function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs: Run[]) => void }) {
-  const found = valueOf(useLoad(async (signal) => {
-    const page = await api.runs({ measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 }, signal);
-    const newest = new Map<string, string>();
-    for (const item of page.items) {
-      if (item.method !== run.request.method && item.positive === (run.request.positive !== false) && !newest.has(item.method)) newest.set(item.method, item.id);
-    }
-    return [...newest];
-  }, [run.id]));
+  const found = valueOf(
+    useLoad(
+      async (signal) => {
+        const page = await api.runs(
+          { measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 },
+          signal,
+        );
+        const newest = new Map<string, string>();
+        for (const item of page.items) {
+          if (
+            item.method !== run.request.method &&
+            item.positive === (run.request.positive !== false) &&
+            !newest.has(item.method)
+          )
+            newest.set(item.method, item.id);
+        }
+        return [...newest];
+      },
+      [run.id],
+    ),
+  );
   if (!found) return null;
-  const toggle = async (id: string, on: boolean) => change(on ? [...shown, await api.run(id)].slice(0, MARKS.length) : shown.filter((other) => other.id !== id));
+  const toggle = async (id: string, on: boolean) =>
+    change(on ? [...shown, await api.run(id)].slice(0, MARKS.length) : shown.filter((other) => other.id !== id));
   return (
     <fieldset class="overlay">
       <legend>{text.deflection.overlay}</legend>
       {found.length === 0 && <p class="soft">{text.deflection.overlayNone}</p>}
       {found.map(([method, id]) => (
-        <Toggle label={text.methods[method] ?? method} checked={shown.some((other) => other.id === id)} change={(on) => void toggle(id, on)} />
+        <Toggle
+          label={text.methods[method] ?? method}
+          checked={shown.some((other) => other.id === id)}
+          change={(on) => void toggle(id, on)}
+        />
       ))}
     </fieldset>
   );
@@ -91,16 +121,23 @@ function Parts({ result, contributions }: { result: RunResult; contributions: Co
   const words = text.deflection;
   const labels = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
   const names = contributions.map((one) => one.joint);
-  const parts = contributions.map((one) => ({ name: one.joint, values: one.by_observation.map((value) => value * 1e3) }));
+  const parts = contributions.map((one) => ({
+    name: one.joint,
+    values: one.by_observation.map((value) => value * 1e3),
+  }));
   return (
     <Figure
-      title={words.byConfiguration} note={words.byConfigurationNote} legend={names.map((name, j) => ({ label: name, mark: `joint-${j % 6}` }))}
+      title={words.byConfiguration}
+      note={words.byConfigurationNote}
+      legend={names.map((name, j) => ({ label: name, mark: `joint-${j % 6}` }))}
       table={{
         columns: [{ title: words.configuration }, ...names.map((name) => ({ title: name, unit: text.units.mm }))],
         rows: labels.map((label, i) => [label, ...parts.map((part) => part.values[i] ?? null)]),
       }}
     >
-      {(width) => <Stacks names={labels} parts={parts} width={width} label={words.byConfiguration} unit={text.units.mm} />}
+      {(width) => (
+        <Stacks names={labels} parts={parts} width={width} label={words.byConfiguration} unit={text.units.mm} />
+      )}
     </Figure>
   );
 }
@@ -110,21 +147,36 @@ function Residuals({ result }: { result: RunResult }) {
   const names = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
   const column = new Map(names.map((name, i) => [name, i]));
   const band = result.sigma === null ? null : 1.96 * Math.SQRT2 * result.sigma * 1e6;
-  const dots = result.residuals.flatMap((r) => AXES.map((axis, k) => ({
-    column: column.get(r.observation) ?? 0, value: (r.residual[k] ?? 0) * 1e6, mark: axis,
-    title: `${r.observation}, ${r.target}, ${axis}: ${significant((r.residual[k] ?? 0) * 1e6, 3)} ${text.units.micrometre}`,
-  })));
+  const dots = result.residuals.flatMap((r) =>
+    AXES.map((axis, k) => ({
+      column: column.get(r.observation) ?? 0,
+      value: (r.residual[k] ?? 0) * 1e6,
+      mark: axis,
+      title: `${r.observation}, ${r.target}, ${axis}: ${significant((r.residual[k] ?? 0) * 1e6, 3)} ${text.units.micrometre}`,
+    })),
+  );
   const um = text.units.micrometre;
   return (
     <Figure
-      title={words.residuals} note={words.residualsNote}
-      legend={[...AXES.map((axis) => ({ label: axis, mark: axis })), ...(band === null ? [] : [{ label: `${words.band} = ${significant(band, 2)} ${um}`, mark: "band" }])]}
+      title={words.residuals}
+      note={words.residualsNote}
+      legend={[
+        ...AXES.map((axis) => ({ label: axis, mark: axis })),
+        ...(band === null ? [] : [{ label: `${words.band} = ${significant(band, 2)} ${um}`, mark: "band" }]),
+      ]}
       table={{
         columns: [
-          { title: words.configuration }, { title: words.target },
-          ...AXES.map((axis) => ({ title: `${words.length} ${axis}`, unit: um })), ...AXES.map((axis) => ({ title: `${words.residual} ${axis}`, unit: um })),
+          { title: words.configuration },
+          { title: words.target },
+          ...AXES.map((axis) => ({ title: `${words.length} ${axis}`, unit: um })),
+          ...AXES.map((axis) => ({ title: `${words.residual} ${axis}`, unit: um })),
         ],
-        rows: result.residuals.map((r) => [r.observation, r.target, ...r.deflection.map((v) => v * 1e6), ...r.residual.map((v) => v * 1e6)]),
+        rows: result.residuals.map((r) => [
+          r.observation,
+          r.target,
+          ...r.deflection.map((v) => v * 1e6),
+          ...r.residual.map((v) => v * 1e6),
+        ]),
       }}
     >
       {(width) => <Scatter names={names} dots={dots} band={band} width={width} label={words.residuals} unit={um} />}

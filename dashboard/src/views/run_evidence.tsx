@@ -18,7 +18,9 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
   return (
     <div class="evidence">
       <Identifiable result={result} elastic={elastic} />
-      {!elastic && <AdviceList advice={result.identifiability.advice ?? []} weakest={result.identifiability.weakest ?? []} />}
+      {!elastic && (
+        <AdviceList advice={result.identifiability.advice ?? []} weakest={result.identifiability.weakest ?? []} />
+      )}
       <SingularValues result={result} elastic={elastic} />
       <Goodness result={result} />
       <Certificate result={result} />
@@ -34,16 +36,33 @@ function Identifiable({ result: { identifiability: found }, elastic }: { result:
     <section class="card">
       <h2>{words.identifiability}</h2>
       {elastic && <p class="soft">{words.jointsAlone}</p>}
-      <Facts facts={[
-        { label: words.rank, value: <b class="figure-value">{words.rankOf(found.rank, found.parameters)}</b> },
-        { label: words.condition, value: <b class="figure-value">{found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3)}</b> },
-        ...found.combinations.map((group) => ({ label: words.combinations, value: <Name>{group.join(" + ")}</Name> })),
-      ]} />
+      <Facts
+        facts={[
+          { label: words.rank, value: <b class="figure-value">{words.rankOf(found.rank, found.parameters)}</b> },
+          {
+            label: words.condition,
+            value: (
+              <b class="figure-value">
+                {found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3)}
+              </b>
+            ),
+          },
+          ...found.combinations.map((group) => ({
+            label: words.combinations,
+            value: <Name>{group.join(" + ")}</Name>,
+          })),
+        ]}
+      />
       {indices.length > 0 && (
         <>
           <h3>{words.observability}</h3>
           <p class="soft">{words.observabilityNote}</p>
-          <Facts facts={indices.map(([name, value]) => ({ label: words.indices[name] ?? name, value: significant(value, 2) }))} />
+          <Facts
+            facts={indices.map(([name, value]) => ({
+              label: words.indices[name] ?? name,
+              value: significant(value, 2),
+            }))}
+          />
         </>
       )}
     </section>
@@ -55,17 +74,31 @@ function AdviceList({ advice, weakest }: { advice: Advice[]; weakest: string[] }
     <section class="card">
       <h2>{words.advice}</h2>
       {advice.length === 0 && weakest.length === 0 && <p>{words.adviceNone}</p>}
-      {weakest.map((sentence) => <p class="note warn">{sentence}</p>)}
+      {weakest.map((sentence) => (
+        <p class="note warn">{sentence}</p>
+      ))}
       <ul class="advice">
         {advice.map((one) => (
           <li>
-            <h3><Name>{one.joint}</Name></h3>
+            <h3>
+              <Name>{one.joint}</Name>
+            </h3>
             <p>{one.message}</p>
-            <Facts facts={[
-              { label: words.posture, value: `${one.joints.map((angle) => fixed(degrees(angle), 0)).join(", ")} ${text.units.deg}` },
-              { label: words.pull, value: `${fixed(norm(one.force), 0)} ${text.units.newton} (${one.force.map((f) => fixed(f, 0)).join(", ")})` },
-              ...(one.uncertainty_ratio === null ? [] : [{ label: text.run.uncertainty, value: words.adviceRatio(percent(one.uncertainty_ratio)) }]),
-            ]} />
+            <Facts
+              facts={[
+                {
+                  label: words.posture,
+                  value: `${one.joints.map((angle) => fixed(degrees(angle), 0)).join(", ")} ${text.units.deg}`,
+                },
+                {
+                  label: words.pull,
+                  value: `${fixed(norm(one.force), 0)} ${text.units.newton} (${one.force.map((f) => fixed(f, 0)).join(", ")})`,
+                },
+                ...(one.uncertainty_ratio === null
+                  ? []
+                  : [{ label: text.run.uncertainty, value: words.adviceRatio(percent(one.uncertainty_ratio)) }]),
+              ]}
+            />
           </li>
         ))}
       </ul>
@@ -76,19 +109,34 @@ function AdviceList({ advice, weakest }: { advice: Advice[]; weakest: string[] }
 function SingularValues({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
   const several = found.stages.length > 1;
   const names = [words.stages.arm, words.stages.wrist];
-  const values = found.stages.flatMap((stage, s) => stage.singular_values.map((value, i) => ({
-    name: several ? `${names[s] ?? words.stage(s + 1)} ${i + 1}` : `s${i + 1}`, value,
-  }))).filter(({ value }) => value > 0);
+  const values = found.stages
+    .flatMap((stage, s) =>
+      stage.singular_values.map((value, i) => ({
+        name: several ? `${names[s] ?? words.stage(s + 1)} ${i + 1}` : `s${i + 1}`,
+        value,
+      })),
+    )
+    .filter(({ value }) => value > 0);
   if (values.length === 0) return null;
   return (
     <Figure
-      title={words.singular} note={elastic ? `${words.singularNote} ${words.jointsAlone}` : words.singularNote}
-      table={{ columns: [{ title: words.singular }, { title: text.run.value }], rows: values.map(({ name, value }) => [name, value]) }}
+      title={words.singular}
+      note={elastic ? `${words.singularNote} ${words.jointsAlone}` : words.singularNote}
+      table={{
+        columns: [{ title: words.singular }, { title: text.run.value }],
+        rows: values.map(({ name, value }) => [name, value]),
+      }}
     >
       {(width) => (
         <Intervals
-          rows={values.map(({ name, value }) => ({ name, marks: [{ mark: "positive", value, low: null, high: value, label: `${name}: ${significant(value, 3)}` }] }))}
-          width={width} label={words.singular} unit={text.units.none} format={(v) => (v < 0.01 ? powerOfTen(Math.round(Math.log10(v))) : String(Number(v.toPrecision(2))))}
+          rows={values.map(({ name, value }) => ({
+            name,
+            marks: [{ mark: "positive", value, low: null, high: value, label: `${name}: ${significant(value, 3)}` }],
+          }))}
+          width={width}
+          label={words.singular}
+          unit={text.units.none}
+          format={(v) => (v < 0.01 ? powerOfTen(Math.round(Math.log10(v))) : String(Number(v.toPrecision(2))))}
         />
       )}
     </Figure>
@@ -100,13 +148,23 @@ function Goodness({ result }: { result: RunResult }) {
   return (
     <section class="card">
       <h2>{words.goodness}</h2>
-      <Facts facts={[
-        { label: words.chiSquare, value: significant(goodness.chi_square, 4) },
-        { label: words.freedom, value: significant(goodness.degrees_of_freedom, 4) },
-        ...(goodness.test ? [{ label: words.pValue, value: pValue(goodness.test.p_value) }] : []),
-        { label: words.sigma, value: result.sigma === null ? "–" : `${significant(result.sigma * 1e6, 3)} ${text.units.micrometre}, ${goodness.sigma_source === "given" ? words.sigmaGiven : words.sigmaResiduals}` },
-        ...(complementary ? [{ label: words.complementary, value: words.complementaryNote(percent(complementary.largest_ratio)) }] : []),
-      ]} />
+      <Facts
+        facts={[
+          { label: words.chiSquare, value: significant(goodness.chi_square, 4) },
+          { label: words.freedom, value: significant(goodness.degrees_of_freedom, 4) },
+          ...(goodness.test ? [{ label: words.pValue, value: pValue(goodness.test.p_value) }] : []),
+          {
+            label: words.sigma,
+            value:
+              result.sigma === null
+                ? "–"
+                : `${significant(result.sigma * 1e6, 3)} ${text.units.micrometre}, ${goodness.sigma_source === "given" ? words.sigmaGiven : words.sigmaResiduals}`,
+          },
+          ...(complementary
+            ? [{ label: words.complementary, value: words.complementaryNote(percent(complementary.largest_ratio)) }]
+            : []),
+        ]}
+      />
     </section>
   );
 }
@@ -117,12 +175,17 @@ function Certificate({ result: { certificate } }: { result: RunResult }) {
     <section class="card">
       <h2>{words.certificate}</h2>
       <p class="soft">{words.certificateNote}</p>
-      <Facts facts={[
-        { label: words.primal, value: small(certificate.primal) },
-        { label: words.dual, value: small(certificate.dual) },
-        { label: words.complementarity, value: small(certificate.complementarity) },
-        { label: words.solvedBy, value: certificate.solved_by.map((solver) => words.solvers[solver] ?? solver).join(", ") },
-      ]} />
+      <Facts
+        facts={[
+          { label: words.primal, value: small(certificate.primal) },
+          { label: words.dual, value: small(certificate.dual) },
+          { label: words.complementarity, value: small(certificate.complementarity) },
+          {
+            label: words.solvedBy,
+            value: certificate.solved_by.map((solver) => words.solvers[solver] ?? solver).join(", "),
+          },
+        ]}
+      />
     </section>
   );
 }
@@ -131,30 +194,66 @@ function Suspicious({ result }: { result: RunResult }) {
   return (
     <section class="card">
       <h2>{words.suspicious}</h2>
-      <DataTable caption={words.suspicious} table={{
-        columns: [{ title: text.deflection.configuration }, { title: text.deflection.target }, { title: words.weight, show: (v) => fixed(v, 2) }, { title: words.norm, show: (v) => fixed(v, 1) }],
-        rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
-      }} />
+      <DataTable
+        caption={words.suspicious}
+        table={{
+          columns: [
+            { title: text.deflection.configuration },
+            { title: text.deflection.target },
+            { title: words.weight, show: (v) => fixed(v, 2) },
+            { title: words.norm, show: (v) => fixed(v, 1) },
+          ],
+          rows: (result.robust?.suspicious ?? []).map((s) => [s.observation, s.target, s.weight, s.residual_norm]),
+        }}
+      />
     </section>
   );
 }
 
 function Provenance({ context: { run, set, robot } }: { context: RunContext }) {
   const { provenance } = run;
-  const took = provenance.started_at && provenance.ended_at ? (Date.parse(provenance.ended_at) - Date.parse(provenance.started_at)) / 1e3 : null;
+  const took =
+    provenance.started_at && provenance.ended_at
+      ? (Date.parse(provenance.ended_at) - Date.parse(provenance.started_at)) / 1e3
+      : null;
   return (
     <section class="card wide">
       <h2>{words.provenance}</h2>
-      <Facts wide facts={[
-        { label: words.set, value: <a href={link(["sets", set.id])}><Name>{set.name}</Name></a> },
-        { label: words.robot, value: <a href={link(["robots", robot.id])}><Name>{robot.name}</Name></a> },
-        { label: words.created, value: <When time={provenance.created_at} /> },
-        ...(took === null ? [] : [{ label: words.took, value: `${significant(took, 2)} s` }]),
-        { label: words.identifier, value: <code>{run.id}</code> },
-        { label: words.input, value: <code>{provenance.input_hash}</code> },
-        { label: words.versions, value: Object.entries(provenance.versions).map(([name, version]) => `${name} ${version}`).join(", ") },
-      ]} />
-      <details><summary>{words.request}</summary><pre tabIndex={0}>{JSON.stringify(run.request, null, 2)}</pre></details>
+      <Facts
+        wide
+        facts={[
+          {
+            label: words.set,
+            value: (
+              <a href={link(["sets", set.id])}>
+                <Name>{set.name}</Name>
+              </a>
+            ),
+          },
+          {
+            label: words.robot,
+            value: (
+              <a href={link(["robots", robot.id])}>
+                <Name>{robot.name}</Name>
+              </a>
+            ),
+          },
+          { label: words.created, value: <When time={provenance.created_at} /> },
+          ...(took === null ? [] : [{ label: words.took, value: `${significant(took, 2)} s` }]),
+          { label: words.identifier, value: <code>{run.id}</code> },
+          { label: words.input, value: <code>{provenance.input_hash}</code> },
+          {
+            label: words.versions,
+            value: Object.entries(provenance.versions)
+              .map(([name, version]) => `${name} ${version}`)
+              .join(", "),
+          },
+        ]}
+      />
+      <details>
+        <summary>{words.request}</summary>
+        <pre tabIndex={0}>{JSON.stringify(run.request, null, 2)}</pre>
+      </details>
     </section>
   );
 }

@@ -35,11 +35,17 @@ function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Pos
   const room = useMemo(() => roomOf(postures), [postures]);
   const byObservation = useMemo(() => arrowsOf(set, postures, result), [set, postures, result]);
   const together = useMemo<Arrows>(
-    () => ({ measured: byObservation.flatMap((a) => a.measured), predicted: byObservation.flatMap((a) => a.predicted) }),
+    () => ({
+      measured: byObservation.flatMap((a) => a.measured),
+      predicted: byObservation.flatMap((a) => a.predicted),
+    }),
     [byObservation],
   );
   const [factor, setFactor] = useState(() => magnification(together, room));
-  const step = useCallback((by: number) => setIndex((i) => (i + by + postures.length) % postures.length), [postures.length]);
+  const step = useCallback(
+    (by: number) => setIndex((i) => (i + by + postures.length) % postures.length),
+    [postures.length],
+  );
   useStepKeys(step);
   const posture = postures[index];
   const observation = set.observations[index];
@@ -56,30 +62,67 @@ function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Pos
       <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} />
       <div class="controls">
         <div class="stepper">
-          <button type="button" class="button" aria-label={words.previous} onClick={() => step(-1)}>‹</button>
+          <button type="button" class="button" aria-label={words.previous} onClick={() => step(-1)}>
+            ‹
+          </button>
           <label>
-            <span><bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small></span>
+            <span>
+              <bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small>
+            </span>
             <input
-              type="range" min={0} max={postures.length - 1} step={1} value={index} aria-label={words.configuration}
-              aria-valuetext={observation.label} onInput={(event) => setIndex(Number(event.currentTarget.value))}
+              type="range"
+              min={0}
+              max={postures.length - 1}
+              step={1}
+              value={index}
+              aria-label={words.configuration}
+              aria-valuetext={observation.label}
+              onInput={(event) => setIndex(Number(event.currentTarget.value))}
             />
           </label>
-          <button type="button" class="button" aria-label={words.next} onClick={() => step(1)}>›</button>
+          <button type="button" class="button" aria-label={words.next} onClick={() => step(1)}>
+            ›
+          </button>
         </div>
         <ul class="legend">
-          <li><i class="mark load" aria-hidden="true" />{words.load}: {loadText(set, show)}</li>
-          <li><i class="mark measured" aria-hidden="true" />{words.measured}</li>
-          <li><i class="mark predicted" aria-hidden="true" />{words.predicted}</li>
+          <li>
+            <i class="mark load" aria-hidden="true" />
+            {words.load}: {loadText(set, show)}
+          </li>
+          <li>
+            <i class="mark measured" aria-hidden="true" />
+            {words.measured}
+          </li>
+          <li>
+            <i class="mark predicted" aria-hidden="true" />
+            {words.predicted}
+          </li>
         </ul>
         <div class="magnify">
-          <button type="button" class="button" aria-label={words.scaleDown} onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}>−</button>
+          <button
+            type="button"
+            class="button"
+            aria-label={words.scaleDown}
+            onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}
+          >
+            −
+          </button>
           <output>{words.magnified(fixed(factor, 0))}</output>
-          <button type="button" class="button" aria-label={words.scaleUp} onClick={() => setFactor((f) => roundStep(f * 1.8, 1))}>+</button>
+          <button
+            type="button"
+            class="button"
+            aria-label={words.scaleUp}
+            onClick={() => setFactor((f) => roundStep(f * 1.8, 1))}
+          >
+            +
+          </button>
         </div>
         <div class="toggles">
           <Toggle label={words.all} checked={all} change={setAll} />
           <Toggle label={words.axes} checked={axes} change={setAxes} />
-          <button type="button" class="button" onClick={() => setResets((n) => n + 1)}>{words.reset}</button>
+          <button type="button" class="button" onClick={() => setResets((n) => n + 1)}>
+            {words.reset}
+          </button>
         </div>
         <p class="soft">{words.hint}</p>
         <details>
@@ -121,7 +164,8 @@ function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): 
 
 function grouped(residuals: Residual[]): Map<string, Residual[]> {
   const groups = new Map<string, Residual[]>();
-  for (const residual of residuals) groups.set(residual.observation, [...(groups.get(residual.observation) ?? []), residual]);
+  for (const residual of residuals)
+    groups.set(residual.observation, [...(groups.get(residual.observation) ?? []), residual]);
   return groups;
 }
 
@@ -149,7 +193,9 @@ function DeflectionTable({ label, result }: { label: string; result: RunResult }
           ...axes.map((a) => ({ title: `${words.measured} ${a}`, unit: text.units.mm, show })),
           ...axes.map((a) => ({ title: `${words.predicted} ${a}`, unit: text.units.mm, show })),
         ],
-        rows: result.residuals.filter((r) => r.observation === label).map((r) => [r.target, ...mm(r.deflection), ...mm(r.predicted)]),
+        rows: result.residuals
+          .filter((r) => r.observation === label)
+          .map((r) => [r.target, ...mm(r.deflection), ...mm(r.predicted)]),
       }}
     />
   );

@@ -18,7 +18,10 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   const names = valueOf(useNames());
   const { runs, more, problem, load, take, put } = useRunPages(state);
   useEffect(() => {
-    const kept = new URLSearchParams({ ...(search ? { q: search } : {}), ...(state === "all" ? {} : { state }) }).toString();
+    const kept = new URLSearchParams({
+      ...(search ? { q: search } : {}),
+      ...(state === "all" ? {} : { state }),
+    }).toString();
     history.replaceState(null, "", `#/runs${kept && `?${kept}`}`); // the search can be shared
   }, [search, state]);
   const found = useMemo(() => runs?.filter((run) => matches(run, search, names)) ?? [], [runs, search, names]);
@@ -28,12 +31,18 @@ export function RunsView({ query }: { query: URLSearchParams }) {
     take(run.id);
     api.deleteRun(run.id).then(
       () => toast(text.runs.deleted(name), { label: text.runs.undo, run: () => restore(run) }),
-      (error: unknown) => { put(run); toast(problemOf(error).detail); },
+      (error: unknown) => {
+        put(run);
+        toast(problemOf(error).detail);
+      },
     );
   };
   const restore = (run: RunSummary) => {
     api.restoreRun(run.id).then(
-      () => { put(run); toast(text.runs.restored); },
+      () => {
+        put(run);
+        toast(text.runs.restored);
+      },
       (error: unknown) => toast(problemOf(error).detail),
     );
   };
@@ -44,36 +53,76 @@ export function RunsView({ query }: { query: URLSearchParams }) {
       <div class="filters">
         <label class="field search">
           <span>{text.runs.search}</span>
-          <input type="search" value={search} placeholder={text.runs.searchHint} onInput={(event) => setSearch(event.currentTarget.value)} />
+          <input
+            type="search"
+            value={search}
+            placeholder={text.runs.searchHint}
+            onInput={(event) => setSearch(event.currentTarget.value)}
+          />
         </label>
         <Choice
-          label={text.runs.state} value={state} change={setState}
-          options={FILTERS.map((value) => ({ value, label: value === "all" ? text.app.all : (text.states[value] ?? value) }))}
+          label={text.runs.state}
+          value={state}
+          change={setState}
+          options={FILTERS.map((value) => ({
+            value,
+            label: value === "all" ? text.app.all : (text.states[value] ?? value),
+          }))}
         />
       </div>
       {problem && <ProblemNote problem={problem} retry={load} />}
       {runs === null && !problem && <Busy />}
-      {runs && runs.length > 0 && <p class="soft" role="status">{text.runs.count(found.length, runs.length)}</p>}
+      {runs && runs.length > 0 && (
+        <p class="soft" role="status">
+          {text.runs.count(found.length, runs.length)}
+        </p>
+      )}
       {runs && found.length > 0 && <RunList runs={found} names={names} remove={remove} />}
-      {runs && runs.length === 0 && (state === "all"
-        ? <Empty title={text.runs.none} hint={text.runs.noneHint}><a class="button primary" href="#/">{text.app.measure}</a></Empty>
-        : <Empty title={text.runs.noMatch} hint={text.runs.noMatchHint} />)}
+      {runs &&
+        runs.length === 0 &&
+        (state === "all" ? (
+          <Empty title={text.runs.none} hint={text.runs.noneHint}>
+            <a class="button primary" href="#/">
+              {text.app.measure}
+            </a>
+          </Empty>
+        ) : (
+          <Empty title={text.runs.noMatch} hint={text.runs.noMatchHint} />
+        ))}
       {runs && runs.length > 0 && found.length === 0 && (
         <Empty title={text.runs.noMatch} hint={text.runs.noMatchHint}>
-          <button type="button" class="button" onClick={() => setSearch("")}>{text.runs.clear}</button>
+          <button type="button" class="button" onClick={() => setSearch("")}>
+            {text.runs.clear}
+          </button>
         </Empty>
       )}
-      {more && <button type="button" class="button" onClick={more}>{text.app.more}</button>}
+      {more && (
+        <button type="button" class="button" onClick={more}>
+          {text.app.more}
+        </button>
+      )}
     </>
   );
 }
 
 function matches(run: RunSummary, search: string, names: Names | null): boolean {
   const heap = [
-    names?.set(run.measurement_set_id), names?.robot(run.robot_id), text.methods[run.method], text.methodShort[run.method],
-    text.states[run.state], run.elasticity === "joints" ? "" : text.elasticities[run.elasticity], run.positive ? text.options.constrained : text.options.unconstrained, run.id, run.created_at,
-  ].join("\n").toLowerCase();
-  return search.toLowerCase().split(/\s+/).every((word) => heap.includes(word));
+    names?.set(run.measurement_set_id),
+    names?.robot(run.robot_id),
+    text.methods[run.method],
+    text.methodShort[run.method],
+    text.states[run.state],
+    run.elasticity === "joints" ? "" : text.elasticities[run.elasticity],
+    run.positive ? text.options.constrained : text.options.unconstrained,
+    run.id,
+    run.created_at,
+  ]
+    .join("\n")
+    .toLowerCase();
+  return search
+    .toLowerCase()
+    .split(/\s+/)
+    .every((word) => heap.includes(word));
 }
 
 /** The listing page by page. */
@@ -85,7 +134,10 @@ function useRunPages(state: Filter) {
   const ask = (cursor: string | null, hear: (page: Page<RunSummary>) => void) => {
     setProblem(null);
     api.runs({ ...filters, limit: 100, cursor }).then(
-      (page) => { hear(page); setNext(page.next); },
+      (page) => {
+        hear(page);
+        setNext(page.next);
+      },
       (error: unknown) => setProblem(problemOf(error)),
     );
   };
@@ -98,10 +150,12 @@ function useRunPages(state: Filter) {
     };
   }, [state]);
   return {
-    runs, problem,
+    runs,
+    problem,
     load: () => ask(null, (page) => setRuns(page.items)),
     more: next === null ? null : () => ask(next, (page) => setRuns((before) => [...(before ?? []), ...page.items])),
     take: (id: string) => setRuns((before) => before?.filter((run) => run.id !== id) ?? null),
-    put: (run: RunSummary) => setRuns((before) => [...(before ?? []), run].sort((a, b) => (a.created_at < b.created_at ? 1 : -1))),
+    put: (run: RunSummary) =>
+      setRuns((before) => [...(before ?? []), run].sort((a, b) => (a.created_at < b.created_at ? 1 : -1))),
   };
 }

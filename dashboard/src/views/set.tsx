@@ -13,7 +13,11 @@ import { RunList } from "./run_list";
 
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad((signal) => api.set(id, signal), [id]);
-  return <Show of={loaded} title={text.sets.kind}>{(set) => <SetPage set={set} />}</Show>;
+  return (
+    <Show of={loaded} title={text.sets.kind}>
+      {(set) => <SetPage set={set} />}
+    </Show>
+  );
 }
 
 function SetPage({ set }: { set: MeasurementSet }) {
@@ -22,24 +26,40 @@ function SetPage({ set }: { set: MeasurementSet }) {
   return (
     <>
       <div class="head">
-        <Title kind={text.sets.kind} plain={set.name}><Name>{set.name}</Name></Title>
+        <Title kind={text.sets.kind} plain={set.name}>
+          <Name>{set.name}</Name>
+        </Title>
         <p class="meta">
-          <a href={link(["robots", set.robot_id])}><Name>{names?.robot(set.robot_id) ?? "…"}</Name></a>
+          <a href={link(["robots", set.robot_id])}>
+            <Name>{names?.robot(set.robot_id) ?? "…"}</Name>
+          </a>
           <When time={set.created_at} />
         </p>
         <div class="actions">
-          <a class="button primary" href={link([], { set: set.id })}>{text.sets.identify}</a>
-          <a class="button" href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</a>
+          <a class="button primary" href={link([], { set: set.id })}>
+            {text.sets.identify}
+          </a>
+          <a class="button" href={link(["compare", "methods"], { set: set.id })}>
+            {text.sets.compare}
+          </a>
         </div>
       </div>
       <div class="flow">
-        <section class="card"><h2>{text.files.understood}</h2><Preview facts={factsOf(set as never)} /></section>
+        <section class="card">
+          <h2>{text.files.understood}</h2>
+          <Preview facts={factsOf(set as never)} />
+        </section>
         <section class="card">
           <h2>{text.sets.findings}</h2>
           {set.warnings.length > 0 ? <Warnings warnings={set.warnings} /> : <p class="note good">{text.files.clean}</p>}
         </section>
       </div>
-      {runs && runs.length > 0 && <section><h2>{text.sets.runs}</h2><RunList runs={runs} names={names} /></section>}
+      {runs && runs.length > 0 && (
+        <section>
+          <h2>{text.sets.runs}</h2>
+          <RunList runs={runs} names={names} />
+        </section>
+      )}
     </>
   );
 }

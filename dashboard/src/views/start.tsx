@@ -46,7 +46,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
 
   const stored = useStored(campaign, chosenRobot, storedId);
   const set = stored.set;
-  const facts = set ? factsOf(set as never) : campaign?.facts ?? null;
+  const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
   const source = useMemo<RobotSource | null>(() => {
     if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
     const id = storedId ? set?.robot_id : chosenRobot;
@@ -63,21 +63,35 @@ export function StartView({ query }: { query: URLSearchParams }) {
       <Title plain={text.app.measure}>{text.start.title}</Title>
       <div class="flow">
         <section class="card" aria-labelledby="step-file">
-          <h2 id="step-file"><span class="step">1</span>{text.files.title}</h2>
+          <h2 id="step-file">
+            <span class="step">1</span>
+            {text.files.title}
+          </h2>
           <DropZone
-            title={text.files.drop} hint={text.files.dropHint} accept=".json,application/json" compact={opened !== null || storedId !== ""}
-            button={opened || storedId ? text.files.another : text.files.choose} take={(file) => void take(file)}
+            title={text.files.drop}
+            hint={text.files.dropHint}
+            accept=".json,application/json"
+            compact={opened !== null || storedId !== ""}
+            button={opened || storedId ? text.files.another : text.files.choose}
+            take={(file) => void take(file)}
           />
-          {known && known.sets.length > 0 && (opened === null) && (
+          {known && known.sets.length > 0 && opened === null && (
             <Select
-              label={text.files.stored} value={storedId} change={setStoredId}
-              options={[{ value: "", label: text.files.storedNone }, ...known.sets.map((s) => ({ value: s.id, label: `${s.name} (${known.robot(s.robot_id)})` }))]}
+              label={text.files.stored}
+              value={storedId}
+              change={setStoredId}
+              options={[
+                { value: "", label: text.files.storedNone },
+                ...known.sets.map((s) => ({ value: s.id, label: `${s.name} (${known.robot(s.robot_id)})` })),
+              ]}
             />
           )}
           {opened && "fault" in opened && <FileFault name={opened.name} fault={opened.fault} />}
           {facts && (
             <>
-              <h3 class="file"><bdi>{facts.name ?? (opened ? opened.name : "")}</bdi></h3>
+              <h3 class="file">
+                <bdi>{facts.name ?? (opened ? opened.name : "")}</bdi>
+              </h3>
               <Preview facts={facts} />
             </>
           )}
@@ -88,26 +102,42 @@ export function StartView({ query }: { query: URLSearchParams }) {
         </section>
 
         <section class="card" aria-labelledby="step-robot">
-          <h2 id="step-robot"><span class="step">2</span>{text.start.robot}</h2>
+          <h2 id="step-robot">
+            <span class="step">2</span>
+            {text.start.robot}
+          </h2>
           {!storedId && (
             <div class="row">
               <Select
-                label={text.start.robot} value={chosenRobot} change={setRobot}
+                label={text.start.robot}
+                value={chosenRobot}
+                change={setRobot}
                 {...(campaign && !chosenRobot ? { hint: text.start.needRobot } : {})}
                 options={[
                   { value: "", label: text.start.pick },
-                  ...(campaign?.robot ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }] : []),
+                  ...(campaign?.robot
+                    ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
+                    : []),
                   ...(known?.robots ?? []).map((r) => ({ value: r.id, label: r.name })),
                 ]}
               />
-              <a class="button" href="#/robots/new">{text.start.addRobot}</a>
+              <a class="button" href="#/robots/new">
+                {text.start.addRobot}
+              </a>
             </div>
           )}
-          {source ? <Arm source={source} start={facts?.firstJoints ?? null} /> : <p class="stage blank">{text.start.armHere}</p>}
+          {source ? (
+            <Arm source={source} start={facts?.firstJoints ?? null} />
+          ) : (
+            <p class="stage blank">{text.start.armHere}</p>
+          )}
         </section>
 
         <section class="card wide" aria-labelledby="step-method">
-          <h2 id="step-method"><span class="step">3</span>{text.start.method}</h2>
+          <h2 id="step-method">
+            <span class="step">3</span>
+            {text.start.method}
+          </h2>
           <MethodForm options={options} change={setOptions} facts={facts} />
         </section>
         <div class={set ? "gobar wide ready" : "gobar wide"}>
@@ -116,11 +146,16 @@ export function StartView({ query }: { query: URLSearchParams }) {
             <button type="button" class="button primary big" disabled={!set || identify.busy} onClick={identify.run}>
               {identify.busy ? text.start.going : text.start.go}
             </button>
-            {!set && !stored.busy && <span class="soft">{campaign && !chosenRobot ? text.start.robotFirst : text.start.notReady}</span>}
+            {!set && !stored.busy && (
+              <span class="soft">{campaign && !chosenRobot ? text.start.robotFirst : text.start.notReady}</span>
+            )}
           </div>
         </div>
       </div>
-      <section aria-labelledby="recent"><h2 id="recent">{text.start.recent}</h2><Recent /></section>
+      <section aria-labelledby="recent">
+        <h2 id="recent">{text.start.recent}</h2>
+        <Recent />
+      </section>
     </>
   );
 }
@@ -139,15 +174,24 @@ function FileFault({ name, fault }: { name: string; fault: string }) {
   return (
     <div class="note bad" role="alert">
       <h3>{title}</h3>
-      <p><bdi>{name}</bdi></p>
-      <p><b>{text.errors.remedy}:</b> {remedy}</p>
+      <p>
+        <bdi>{name}</bdi>
+      </p>
+      <p>
+        <b>{text.errors.remedy}:</b> {remedy}
+      </p>
     </div>
   );
 }
 
 function Findings({ set }: { set: MeasurementSet }) {
   if (set.warnings.length === 0) return <p class="note good">{text.files.clean}</p>;
-  return <><h3>{text.files.findings(set.warnings.length)}</h3><Warnings warnings={set.warnings} /></>;
+  return (
+    <>
+      <h3>{text.files.findings(set.warnings.length)}</h3>
+      <Warnings warnings={set.warnings} />
+    </>
+  );
 }
 
 interface Stored {
@@ -179,9 +223,10 @@ function useStored(campaign: Campaign | null, robot: string, setId: string): Sto
 }
 
 async function store(campaign: Campaign, robot: string): Promise<MeasurementSet> {
-  const robotId = robot === FROM_FILE && campaign.robot
-    ? (await api.addRobot(campaign.robot, contentKey("robot", campaign.robot))).id
-    : robot;
+  const robotId =
+    robot === FROM_FILE && campaign.robot
+      ? (await api.addRobot(campaign.robot, contentKey("robot", campaign.robot))).id
+      : robot;
   const document = { ...campaign.set, robot_id: robotId };
   return api.addSet(document, contentKey("set", document));
 }

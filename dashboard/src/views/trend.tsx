@@ -29,7 +29,10 @@ async function load(robot: string, method: Method, signal: AbortSignal): Promise
     every(api.runs, { robot_id: robot, method, elasticity: "joints", state: "succeeded" }, 200, signal),
     every(api.sets, { robot_id: robot }, 500, signal),
   ]);
-  const chosen = items.filter((item) => item.positive).slice(0, MOST).reverse();
+  const chosen = items
+    .filter((item) => item.positive)
+    .slice(0, MOST)
+    .reverse();
   const runs = await Promise.all(chosen.map((item) => api.run(item.id, signal)));
   const known = new Map(sets.map((set) => [set.id, set]));
   return runs.map((run) => {
@@ -46,16 +49,37 @@ export function TrendView({ robot: id }: { robot: string }) {
     <Show of={robot} title={text.compare.trend}>
       {({ name, joints }) => (
         <>
-          <Title kind={text.compare.trend} plain={words.title(name)}><Name>{name}</Name></Title>
-          <p class="meta"><a href={link(["robots", id])}>{text.start.robot}</a></p>
-          <Choice label={words.method} value={method} change={setMethod} options={METHODS.map((value) => ({ value, label: text.methods[value] ?? value }))} />
+          <Title kind={text.compare.trend} plain={words.title(name)}>
+            <Name>{name}</Name>
+          </Title>
+          <p class="meta">
+            <a href={link(["robots", id])}>{text.start.robot}</a>
+          </p>
+          <Choice
+            label={words.method}
+            value={method}
+            change={setMethod}
+            options={METHODS.map((value) => ({ value, label: text.methods[value] ?? value }))}
+          />
           <Show of={runs}>
-            {(timed) => (timed.length === 0
-              ? <Empty title={words.none} hint={words.noneHint}><a class="button primary" href={link([], { robot: id })}>{text.app.measure}</a></Empty>
-              : <>
+            {(timed) =>
+              timed.length === 0 ? (
+                <Empty title={words.none} hint={words.noneHint}>
+                  <a class="button primary" href={link([], { robot: id })}>
+                    {text.app.measure}
+                  </a>
+                </Empty>
+              ) : (
+                <>
                   {timed.length === 1 && <p class="note">{words.one}</p>}
-                  <div class="multiples">{joints.map((joint) => <JointTrend name={joint.name} timed={timed} />)}</div>
-                </>)}
+                  <div class="multiples">
+                    {joints.map((joint) => (
+                      <JointTrend name={joint.name} timed={timed} />
+                    ))}
+                  </div>
+                </>
+              )
+            }
           </Show>
         </>
       )}
@@ -72,33 +96,67 @@ function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
   });
   const scaled = (value: number | null | undefined) => (value === null || value === undefined ? null : value * factor);
   const points = found.map(({ run, set, encoders, joint }) => ({
-    time: Date.parse(run.provenance.created_at), value: scaled(joint.stiffness), low: scaled(joint.stiffness_interval?.[0]),
+    time: Date.parse(run.provenance.created_at),
+    value: scaled(joint.stiffness),
+    low: scaled(joint.stiffness_interval?.[0]),
     high: joint.stiffness_interval ? scaled(joint.stiffness_interval[1]) : scaled(joint.stiffness),
-    mark: encoders === "secondary" ? "method-0" : "method-1", title: `${set}: ${shown(joint, unit)}`,
+    mark: encoders === "secondary" ? "method-0" : "method-1",
+    title: `${set}: ${shown(joint, unit)}`,
   }));
   const kinds = new Set(found.map((one) => one.encoders));
   return (
     <Figure
-      title={name} note={changeOf(found)}
-      legend={kinds.size > 1 ? [{ label: text.files.encoders["motor"] ?? "", mark: "method-1" }, { label: text.files.encoders["secondary"] ?? "", mark: "method-0" }] : []}
+      title={name}
+      note={changeOf(found)}
+      legend={
+        kinds.size > 1
+          ? [
+              { label: text.files.encoders["motor"] ?? "", mark: "method-1" },
+              { label: text.files.encoders["secondary"] ?? "", mark: "method-0" },
+            ]
+          : []
+      }
       table={{
-        columns: [{ title: words.run }, { title: text.runs.set }, { title: words.encoders }, { title: text.runs.when }, { title: text.run.value, unit: column }, { title: text.run.low, unit: column }, { title: text.run.high, unit: column }],
-        rows: found.map(({ run, set, encoders, joint }) => [run.id.slice(0, 8), set, encoders, run.provenance.created_at, scaled(joint.stiffness), scaled(joint.stiffness_interval?.[0]), scaled(joint.stiffness_interval?.[1])]),
+        columns: [
+          { title: words.run },
+          { title: text.runs.set },
+          { title: words.encoders },
+          { title: text.runs.when },
+          { title: text.run.value, unit: column },
+          { title: text.run.low, unit: column },
+          { title: text.run.high, unit: column },
+        ],
+        rows: found.map(({ run, set, encoders, joint }) => [
+          run.id.slice(0, 8),
+          set,
+          encoders,
+          run.provenance.created_at,
+          scaled(joint.stiffness),
+          scaled(joint.stiffness_interval?.[0]),
+          scaled(joint.stiffness_interval?.[1]),
+        ]),
       }}
     >
-      {(width) => (points.some((p) => p.value !== null || p.low !== null)
-        ? <Trend points={points} width={width} label={words.joint(name)} unit={label} />
-        : <p class="soft">{text.verdicts["unobservable"]}</p>)}
+      {(width) =>
+        points.some((p) => p.value !== null || p.low !== null) ? (
+          <Trend points={points} width={width} label={words.joint(name)} unit={label} />
+        ) : (
+          <p class="soft">{text.verdicts["unobservable"]}</p>
+        )
+      }
     </Figure>
   );
 }
 
-const shown = (joint: JointResult, unit: StiffnessUnit): string => shownStiffness(joint, unit).value ?? text.run.noValue;
+const shown = (joint: JointResult, unit: StiffnessUnit): string =>
+  shownStiffness(joint, unit).value ?? text.run.noValue;
 
 /** First to last run with the same encoders: by how much, and whether the intervals allow that nothing happened. */
 function changeOf(found: { joint: JointResult; encoders: string }[]): string {
   const same = found.filter((one) => one.encoders === found.at(-1)?.encoders);
-  const known = same.map((one) => one.joint).filter((joint) => joint.stiffness !== null && joint.stiffness > 0 && joint.stiffness_interval);
+  const known = same
+    .map((one) => one.joint)
+    .filter((joint) => joint.stiffness !== null && joint.stiffness > 0 && joint.stiffness_interval);
   const [first, last] = [known[0], known.at(-1)];
   if (!first?.stiffness || !last?.stiffness || first === last) return "";
   const change = last.stiffness / first.stiffness - 1;

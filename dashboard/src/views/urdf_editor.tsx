@@ -20,7 +20,8 @@ interface Links {
 export function linksOf(urdf: string): Links | null {
   const document = new DOMParser().parseFromString(urdf, "text/xml");
   if (document.querySelector("parsererror")) return null;
-  const names = (selector: string, attribute: string) => [...document.querySelectorAll(selector)].map((e) => e.getAttribute(attribute) ?? "");
+  const names = (selector: string, attribute: string) =>
+    [...document.querySelectorAll(selector)].map((e) => e.getAttribute(attribute) ?? "");
   const all = names("robot > link", "name");
   const [parents, children] = [new Set(names("joint > parent", "link")), new Set(names("joint > child", "link"))];
   const leaves = all.filter((link) => !parents.has(link));
@@ -41,16 +42,39 @@ export function UrdfEditor({ given, change }: { given: UrdfText; change: (given:
   const options = (links?.all ?? []).map((name) => ({ value: name, label: name }));
   return (
     <>
-      <DropZone compact title="" hint="" button={words.urdfChoose} accept=".urdf,.xml,application/xml,text/xml" take={(file) => void file.text().then(take)} />
-      <label class="field"><span>{words.urdfPaste}</span>
-        <textarea rows={10} spellcheck={false} value={given.urdf} onInput={(event) => take(event.currentTarget.value)} />
+      <DropZone
+        compact
+        title=""
+        hint=""
+        button={words.urdfChoose}
+        accept=".urdf,.xml,application/xml,text/xml"
+        take={(file) => void file.text().then(take)}
+      />
+      <label class="field">
+        <span>{words.urdfPaste}</span>
+        <textarea
+          rows={10}
+          spellcheck={false}
+          value={given.urdf}
+          onInput={(event) => take(event.currentTarget.value)}
+        />
         <small>{words.urdfHint}</small>
       </label>
       {given.urdf && !links && <p class="note warn">{words.urdfBad}</p>}
       {links && (
         <div class="row">
-          <Select label={words.base} value={given.base} change={(base) => change({ ...given, base })} options={options} />
-          <Select label={words.flange} value={given.flange} change={(flange) => change({ ...given, flange })} options={options} />
+          <Select
+            label={words.base}
+            value={given.base}
+            change={(base) => change({ ...given, base })}
+            options={options}
+          />
+          <Select
+            label={words.flange}
+            value={given.flange}
+            change={(flange) => change({ ...given, flange })}
+            options={options}
+          />
         </div>
       )}
     </>

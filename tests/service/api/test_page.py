@@ -39,15 +39,17 @@ def test_unknown_paths_and_files_outside_the_bundle_are_the_apis_to_refuse(clien
         assert answer.headers["content-type"].startswith("application/problem+json")
 
 
-def test_a_page_that_was_not_built_says_so(tmp_path):
+def test_a_page_and_documentation_that_were_not_built_say_so(tmp_path):
     app = FastAPI()
-    install_page(app, tmp_path)
+    install_page(app, tmp_path, tmp_path / "docs")
 
-    async def ask():
+    async def ask(path):
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://page") as client:
-            return await client.get("/")
+            return await client.get(path)
 
     with ThreadPoolExecutor(1) as own_loop:  # the browser's tests leave one running in this thread
-        answer = own_loop.submit(lambda: asyncio.run(ask())).result()
-    assert answer.status_code == 503
-    assert "scripts/setup" in answer.text
+        page, docs = (own_loop.submit(lambda p=p: asyncio.run(ask(p))).result() for p in ("/", "/docs/"))
+    assert page.status_code == 503
+    assert "scripts/setup" in page.text
+    assert docs.status_code == 404
+    assert "scripts/docs" in docs.text

@@ -1,0 +1,82 @@
+"""Write the pages that are made from the code before Sphinx reads the others: Python and HTTP reference."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from http_reference import messages_page, operations_page
+
+from jointstiff.service.app import create_app
+from jointstiff.service.store import Store
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+__all__ = ["python_pages", "setup"]
+
+ROOMS = ("jointstiff.solver", "jointstiff.service.library", "jointstiff.simulator", "jointstiff.schemas")
+"""Packages that Python code uses from outside, with the packages in them."""
+
+_INDEX = """# Python reference
+
+Each page shows the public names of one package, which its `__init__` exports.
+
+```{{toctree}}
+{names}
+```
+"""
+_PAGE = """# {name}
+
+```{{eval-rst}}
+.. automodule:: {name}
+```
+"""
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register with Sphinx."""
+    app.connect("config-inited", lambda app, _: _write(Path(app.srcdir) / "reference"))
+    app.connect("autodoc-process-docstring", _protect)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def python_pages() -> dict[str, str]:
+    """Return the pages of the Python reference by name: one a package, and their index."""
+    names = [name for room in ROOMS for name in _packages(room)]
+    pages = {name: _PAGE.format(name=name) for name in names}
+    return pages | {"python": _INDEX.format(names="\n".join(names))}
+
+
+def _packages(name: str) -> list[str]:
+    """Return the package and the packages in it."""
+    package = importlib.import_module(name)
+    return [name, *(one.name for one in pkgutil.iter_modules(package.__path__, f"{name}.") if one.ispkg)]
+
+
+def _write(folder: Path) -> None:
+    with Store.open("sqlite://") as store:
+        document = create_app(store).openapi()
+    pages = python_pages() | {"http": operations_page(document), "messages": messages_page(document)}
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.md"):
+        if old.stem not in pages:
+            old.unlink()
+    for name, text in pages.items():
+        path = folder / f"{name}.md"
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def _protect(
+    _app: Sphinx, _what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
+    """Keep absolute values in docstrings, such as |F|, from being read as markup."""
+    lines[:] = [
+        "`".join(
+            part.replace("|", r"\|") if index % 2 == 0 else part for index, part in enumerate(line.split("`"))
+        )
+        for line in lines
+    ]

@@ -1,0 +1,107 @@
+"""The commands and the code of the guides, run as a reader would run them, in the order of the page."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+from support.browsing import post
+from support.guide_files import ROOT, blocks_of, write_files
+
+GUIDES = (
+    "README.md",
+    "docs/first-campaign.md",
+    "docs/two-encoders.md",
+    "docs/import.md",
+    "docs/elastic-links.md",
+    "docs/geometry.md",
+)
+BEFORE = {
+    "docs/elastic-links.md": "jointstiff simulate campaign.json",
+    "docs/geometry.md": "rm robot.json",
+}
+"""Commands that bring the folder to where a guide begins."""
+
+PLACEHOLDER = '"measurement_set_id": "…"'
+"""What a guide writes for the id of a stored set."""
+
+NOT_RUN = {
+    "scripts/run ": "sets an environment up; test_cli.py runs its program, jointstiff demo",
+    "scripts/test ": "would run this test again",
+    "jointstiff serve": "does not end; the service of this test is one",
+}
+"""Beginnings of lines that are left out, with the reason."""
+
+
+@pytest.fixture(scope="module")
+def service(services):
+    return services("sqlite")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_files(tmp_path)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    (tmp_path / ".curlrc").write_text("fail-with-body\nnoproxy = *\n")
+    return tmp_path
+
+
+def run(language: str, text: str, folder: Path, url: str) -> None:
+    command = ["bash", "-euo", "pipefail", "-c", text] if language == "sh" else [sys.executable, "-c", text]
+    environment = os.environ | {
+        "PATH": f"{Path(sys.prefix, 'bin')}:{os.environ['PATH']}",
+        "CURL_HOME": str(folder),
+        "JOINTSTIFF_SERVER": url,
+        "NO_PROXY": "*",
+        "COLUMNS": "120",
+    }
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
+    )
+    assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+
+
+def runnable(text: str, url: str, ids: list[str]) -> str:
+    """Return a block with this service's address and ids, without the lines that are not run."""
+    lines = [line for line in text.splitlines() if not line.startswith(tuple(NOT_RUN))]
+    text = "\n".join(lines)
+    for address in ("http://127.0.0.1:8000", "http://localhost:8000", "localhost:8000"):
+        text = text.replace(address, url)
+    for identifier in ids:
+        text = text.replace(PLACEHOLDER, f'"measurement_set_id": "{identifier}"', 1)
+    return text
+
+
+def post_sets(folder: Path, url: str) -> list[str]:
+    ids = []
+    with httpx.Client(base_url=url, timeout=60.0) as client:
+        for name in ("motor", "secondary"):
+            campaign = json.loads((folder / f"{name}.json").read_text())
+            robot = post(client, "/v1/robots", campaign["robot"])["id"]
+            readings = campaign["measurement_set"] | {"robot_id": robot}
+            ids.append(post(client, "/v1/measurement-sets", readings)["id"])
+    return ids
+
+
+@pytest.mark.timeout(1200)  # each command is a process of its own
+@pytest.mark.parametrize("guide", GUIDES)
+def test_commands_and_code_of_a_guide_work(guide, folder, service):
+    blocks = blocks_of(guide)
+    assert blocks, "a guide without commands needs no test"
+    needs_ids = any(PLACEHOLDER in text for _, text in blocks)
+    ids = post_sets(folder, service.url) if needs_ids else []
+    if guide in BEFORE:
+        run("sh", BEFORE[guide], folder, service.url)
+    for language, text in blocks:
+        run(language, runnable(text, service.url, ids), folder, service.url)
+
+
+def test_lines_that_are_not_run_are_still_there():
+    texts = "\n".join(text for guide in GUIDES for _, text in blocks_of(guide))
+    assert [start for start in NOT_RUN if f"\n{start}" not in f"\n{texts}"] == []
+    assert (ROOT / "scripts" / "run").is_file()

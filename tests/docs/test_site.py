@@ -1,0 +1,71 @@
+"""The documentation site: its reference covers the API, and its pages hold no inline code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from jointstiff.service.app import create_app
+from jointstiff.service.store import Store
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+
+from external_code import externalise, inline_code  # noqa: E402
+from http_reference import messages_page, operations_page  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def document():
+    with Store.open("sqlite://") as store:
+        return create_app(store).openapi()
+
+
+def test_the_reference_has_every_operation_and_message(document):
+    operations, messages = operations_page(document), messages_page(document)
+    for path, verbs in document["paths"].items():
+        for verb in verbs:
+            assert f"### {verb.upper()} {path}\n" in operations
+    for name in document["components"]["schemas"]:
+        assert f"## {name}\n" in messages
+
+
+def test_the_reference_gives_units_defaults_and_bounds(document):
+    run = messages_page(document).split("## RunRequest\n")[-1].split("\n## ")[0]
+    fields = {line.split("`")[1]: line for line in run.splitlines() if line.startswith("| `")}
+    assert "| number (0.001 – 1000) or null | m |" in fields["characteristic_length"]
+    assert '| `"partial_pose"` |' in fields["method"]
+
+
+def test_inline_code_of_a_page_becomes_files(tmp_path):
+    page = tmp_path / "reference" / "page.html"
+    page.parent.mkdir()
+    page.write_text(
+        "<html><head><style>p {color: red}</style></head><body>"
+        '<svg style="opacity: 50%"></svg><script>go();</script></body></html>'
+    )
+    sheet = tmp_path / "_static" / "theme.css"
+    sheet.parent.mkdir()
+    sheet.write_text("""a{b:url('data:image/svg+xml;charset=utf-8,<svg fill="%23fff"/>')}""")
+    externalise(tmp_path)
+    html = page.read_text()
+    assert list(inline_code(html)) == []
+    files = {path.suffix: path.read_text() for path in (tmp_path / "_static" / "external").iterdir()}
+    assert files[".js"] == "go();"
+    assert files[".svg"] == '<svg fill="#fff"/>'
+    assert 'src="../_static/external/' in html
+    assert "data:" not in sheet.read_text()
+
+
+def test_a_handler_in_a_page_fails_the_build(tmp_path):
+    (tmp_path / "page.html").write_text('<html><head></head><body><a onclick="go()">x</a></body></html>')
+    with pytest.raises(ValueError, match="onclick"):
+        externalise(tmp_path)
+
+
+def test_every_guide_is_on_the_map():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    assert pages <= set(index.split())
