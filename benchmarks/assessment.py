@@ -26,7 +26,8 @@ from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.identification import Settings, identify
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Assessment, Estimate, assess, judge, predict
 from jointstiff.solver.inference.alternatives import better_alternative
 from jointstiff.solver.integrity import inspect

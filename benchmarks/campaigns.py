@@ -19,7 +19,7 @@ from jointstiff.simulator.campaign import (
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import Bounds
-from jointstiff.solver.identification import Settings
+from jointstiff.solver.fitting import Settings
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot, read_urdf
 

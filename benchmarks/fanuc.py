@@ -14,7 +14,7 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
 from jointstiff.service.conversion import ReadingArrays, build_robot, dh_kinematics, to_measurements
 from jointstiff.solver.convex import Bounds
-from jointstiff.solver.identification import Settings
+from jointstiff.solver.fitting import Settings
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.resampling import (
     GramBlocks,

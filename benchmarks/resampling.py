@@ -14,7 +14,7 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import Bounds
-from jointstiff.solver.identification import Method, Settings
+from jointstiff.solver.fitting import Method, Settings
 from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
 
 __all__ = ["run"]

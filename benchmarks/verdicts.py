@@ -12,7 +12,8 @@ from benchmarks.designs import Design
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import Bounds
-from jointstiff.solver.identification import Method, Settings, identify
+from jointstiff.solver.fitting import Method, Settings
+from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot

@@ -9,8 +9,6 @@ from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunOptions
 
-__all__ = ["Campaign"]
-
 
 class Campaign(Message):
     """One robot, one measurement set of it, and how to identify."""

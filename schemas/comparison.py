@@ -12,18 +12,6 @@ from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import JointResult, Method, Resampling, ResamplingResult, Weighting
 
-__all__ = [
-    "PAPER_METHODS",
-    "ComparedFit",
-    "ComparedMethod",
-    "Comparison",
-    "ComparisonOptions",
-    "ComparisonRequest",
-    "ComparisonResult",
-    "ComparisonSummary",
-    "Constraint",
-]
-
 MAX_METHODS = 8
 MAX_FITS = 400_000
 """Of one comparison: their numbers are kept until it ends, and put together in memory."""

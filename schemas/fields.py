@@ -7,30 +7,6 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-__all__ = [
-    "MAX_NAME_LENGTH",
-    "Compliance",
-    "Dimensionless",
-    "Identifier",
-    "Message",
-    "Metres",
-    "MixedSquares",
-    "Name",
-    "Newtons",
-    "Page",
-    "Point",
-    "Quantity",
-    "Radians",
-    "Square3",
-    "SquareMetres",
-    "SquareRadians",
-    "StatedUnit",
-    "Stiffness",
-    "Timestamp",
-    "TranslationalCompliance",
-    "Vector3",
-]
-
 MAX_NAME_LENGTH = 200
 MAX_MAGNITUDE = 1e12
 """No quantity of this field comes near it in any unit we accept, and its squares stay finite."""

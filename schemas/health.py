@@ -8,8 +8,6 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Message
 
-__all__ = ["Health"]
-
 
 class Health(Message):
     """Answer of the health endpoint."""

@@ -9,18 +9,6 @@ from pydantic import Field
 from jointstiff.schemas.fields import Message, Name
 from jointstiff.schemas.measurement import MAX_TARGETS, Units
 
-__all__ = [
-    "MAX_PREVIEW_ROWS",
-    "ColumnMeaning",
-    "DecimalMark",
-    "Delimiter",
-    "FilePreview",
-    "ImportOptions",
-    "ImportPreview",
-    "State",
-    "TableFormat",
-]
-
 MAX_PREVIEW_ROWS = 5
 MAX_HEADER_CELLS = 256
 

@@ -10,8 +10,6 @@ from jointstiff.schemas.fields import Message, Name, Vector3
 from jointstiff.schemas.importing import ImportOptions, ImportPreview
 from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, Noise
 
-__all__ = ["ImportAnswer", "ImportRequest"]
-
 
 class ImportRequest(ImportOptions):
     """How the files are written, and what no file tells of a measurement set."""

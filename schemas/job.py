@@ -9,8 +9,6 @@ from pydantic import Field
 from jointstiff.schemas.fields import Identifier, Message, Timestamp
 from jointstiff.schemas.problem import Problem
 
-__all__ = ["Job", "JobState", "Progress", "Provenance"]
-
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
 

@@ -19,8 +19,6 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.robot import MAX_JOINTS, RobotDocument
 
-__all__ = ["Kinematics", "KinematicsRequest", "Posture"]
-
 MAX_POSTURES = 1_000
 
 

@@ -11,21 +11,6 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.run import Certificate, JointResult, RunOptions
 
-__all__ = [
-    "AvoidedDeflection",
-    "ConfigurationShare",
-    "DeflectionShare",
-    "OrderedJoint",
-    "OrderedResult",
-    "Pair",
-    "PairOptions",
-    "PairRequest",
-    "PairResult",
-    "PairSide",
-    "PairSummary",
-    "PairedJoint",
-]
-
 
 class PairSide(Message):
     """One side of a pair: a measurement set, or a run."""

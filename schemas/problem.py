@@ -6,8 +6,6 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Message
 
-__all__ = ["Problem", "ProblemItem"]
-
 
 class ProblemItem(Message):
     """One fault in a request."""

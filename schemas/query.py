@@ -10,18 +10,6 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
 from jointstiff.schemas.run import Elasticity, Method, Weighting
 
-__all__ = [
-    "MAX_PAGE",
-    "ComparisonQuery",
-    "GeometryQuery",
-    "PageQuery",
-    "PairQuery",
-    "RobotQuery",
-    "RunQuery",
-    "SetQuery",
-    "WaitQuery",
-]
-
 MAX_PAGE = 100
 MAX_WAIT_SECONDS = 60
 

@@ -8,21 +8,6 @@ from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Metres, Name, Quantity, Radians, Timestamp
 
-__all__ = [
-    "MAX_JOINTS",
-    "DhModel",
-    "DhRow",
-    "GeometryModel",
-    "Joint",
-    "JointMap",
-    "Robot",
-    "RobotDocument",
-    "RobotRequest",
-    "RobotSummary",
-    "UrdfModel",
-    "Wrist",
-]
-
 MAX_JOINTS = 32
 MAX_URDF_CHARACTERS = 2 * 1024 * 1024
 

@@ -30,8 +30,6 @@ from jointstiff.service.jobs import KINDS, Enqueue, Parts
 from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
-__all__ = ["create_app"]
-
 CONCURRENT_REQUESTS: Final = 8
 """Requests worked on at once; others wait."""
 

@@ -21,9 +21,6 @@ from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers import Ledger, Supervisor
 
-__all__ = ["ServerError", "run_server"]
-
-
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""
 

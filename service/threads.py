@@ -6,8 +6,6 @@ import os
 from types import MappingProxyType
 from typing import Final
 
-__all__ = ["ONE_THREAD", "use_one_thread"]
-
 ONE_THREAD: Final = MappingProxyType(
     dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 )

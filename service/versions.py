@@ -7,8 +7,6 @@ from functools import lru_cache
 from importlib.metadata import version
 from types import MappingProxyType
 
-__all__ = ["JOINTSTIFF_VERSION", "versions"]
-
 JOINTSTIFF_VERSION = version("jointstiff")
 
 _DISTRIBUTIONS = MappingProxyType(

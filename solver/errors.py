@@ -17,17 +17,6 @@ from __future__ import annotations
 
 from functools import partial
 
-__all__ = [
-    "InputError",
-    "JointstiffError",
-    "MeasurementError",
-    "NotObservableError",
-    "RequestError",
-    "RobotError",
-    "SolverError",
-    "UnsupportedMethodError",
-]
-
 
 class JointstiffError(Exception):
     """A failure that says where it happened, why, and what to do about it."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Finding", "FindingCode", "Severity", "length_text"]
-
 Severity = Literal["error", "warning", "note"]
 
 FindingCode = Literal[

@@ -12,11 +12,9 @@ from jointstiff.solver.fitting import (
     DecoupledPartialPose,
     Iteration,
     LengthOfLeastCondition,
-    Method,
     MethodAccumulator,
     PartialPose,
     Settings,
-    Weighting,
     fit_once,
     iterate_to_convergence,
     neglected_shift,
@@ -27,8 +25,6 @@ from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import ComplementaryStiffness, refuse_unless_posed, regressor_blocks
 from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist, find_wrist
-
-__all__ = ["Method", "Settings", "Weighting", "identify", "refuse_unsupported", "spherical_wrist"]
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:

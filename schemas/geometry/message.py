@@ -12,23 +12,6 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
-__all__ = [
-    "MAX_GEOMETRY_POSITIONS",
-    "MAX_GEOMETRY_READINGS",
-    "MAX_GEOMETRY_TARGETS",
-    "BaseRule",
-    "BaseTargetReadings",
-    "FlangeRule",
-    "Geometry",
-    "GeometryNoise",
-    "GeometryRequest",
-    "GeometrySummary",
-    "GeometryUnits",
-    "JointSweep",
-    "TrackedPosition",
-    "TrackerSheet",
-]
-
 MAX_GEOMETRY_TARGETS = 8
 MAX_GEOMETRY_POSITIONS = 600
 """Of all sweeps together: each has an angle of its own, and the fit takes their number cubed."""

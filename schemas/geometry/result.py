@@ -21,29 +21,6 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.robot import DhRow, RobotDocument
 
-__all__ = [
-    "AxisPlace",
-    "BaseFrameResult",
-    "Drift",
-    "FlangeTarget",
-    "GeometryFinding",
-    "GeometryGoodness",
-    "GeometryResult",
-    "IdentifiedAxis",
-    "IdentifiedDh",
-    "LinkComparison",
-    "NearlyParallel",
-    "PoseEvidence",
-    "Rigid",
-    "SweepEvidence",
-    "SweptTarget",
-    "WristCentre",
-    "WristDistance",
-    "WristEstimate",
-    "WristResult",
-]
-
-
 Square6 = Annotated[
     list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
 ]

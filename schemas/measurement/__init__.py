@@ -14,14 +14,13 @@ from jointstiff.schemas.measurement.measurement_set import (
     MeasurementSetHeader,
     MeasurementSetRequest,
     MeasurementSetSummary,
-    Noise,
     Observation,
     QualityWarning,
     Reading,
     Units,
     WarningCode,
 )
-from jointstiff.schemas.measurement.noise import Instrument, Matrix3, Sigma, Uncertainty
+from jointstiff.schemas.measurement.noise import Instrument, Matrix3, Noise, Sigma, Uncertainty
 
 __all__ = [
     "MAX_OBSERVATIONS",

@@ -8,9 +8,6 @@ from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Metres, Name, Vector3
 
-__all__ = ["Frame", "ResolvedFrame", "Rotation"]
-
-
 Rotation = tuple[Vector3, Vector3, Vector3]
 
 

@@ -11,24 +11,6 @@ from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
 from jointstiff.schemas.measurement.noise import Matrix3, Noise, Sigma, refuse_two_kinds
 from jointstiff.schemas.robot import MAX_JOINTS
 
-__all__ = [
-    "MAX_OBSERVATIONS",
-    "MAX_TARGETS",
-    "EncoderReading",
-    "MeasurementSet",
-    "MeasurementSetDocument",
-    "MeasurementSetHeader",
-    "MeasurementSetRequest",
-    "MeasurementSetSummary",
-    "Noise",
-    "Observation",
-    "QualityWarning",
-    "Reading",
-    "Severity",
-    "StoredMeasurementSet",
-    "Units",
-]
-
 MAX_OBSERVATIONS = 10_000
 MAX_TARGETS = 16
 

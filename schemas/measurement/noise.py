@@ -8,8 +8,6 @@ from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import Dimensionless, Message, Quantity, Vector3
 
-__all__ = ["Instrument", "Matrix3", "Noise", "Sigma", "Uncertainty", "refuse_two_kinds"]
-
 Sigma = Annotated[float, Field(strict=True, ge=1e-9, le=1e3)]
 """Standard uncertainty of a length, in the set's unit of length."""
 

@@ -6,8 +6,6 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Compliance, Message, Name, Newtons, Point, Radians
 
-__all__ = ["Advice", "Identifiability", "ObservabilityIndices", "StageIdentifiability"]
-
 
 class StageIdentifiability(Message):
     """Of one stage of a method, over the joints that it sees."""

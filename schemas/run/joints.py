@@ -8,8 +8,6 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
-__all__ = ["JointResult", "OneSidedBounds"]
-
 
 class OneSidedBounds(Message):
     """Each holds by itself at the run's confidence; both together hold at less."""

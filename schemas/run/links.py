@@ -16,18 +16,6 @@ from jointstiff.schemas.fields import (
     TranslationalCompliance,
 )
 
-__all__ = [
-    "CrossValidation",
-    "Elasticity",
-    "ElementShare",
-    "LinkCertificate",
-    "LinkCompliance",
-    "LinksResult",
-    "ModelSelection",
-    "PrincipalCompliance",
-    "ScoredModel",
-]
-
 Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 
 

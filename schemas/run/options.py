@@ -11,8 +11,6 @@ from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.links import CrossValidation, Elasticity
 from jointstiff.schemas.run.resampling import Resampling
 
-__all__ = ["Method", "RunOptions", "StiffnessPrior", "Weighting"]
-
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
 

@@ -8,8 +8,6 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
-__all__ = ["ResampledCompensation", "ResampledJoint", "Resampling", "ResamplingResult"]
-
 MAX_REPETITIONS = 100_000
 
 

@@ -24,22 +24,6 @@ from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
 from jointstiff.schemas.run.resampling import ResamplingResult
 
-__all__ = [
-    "Certificate",
-    "ComplementaryStiffness",
-    "Contribution",
-    "EncoderResidual",
-    "Goodness",
-    "Residual",
-    "RobustLoss",
-    "Run",
-    "RunRequest",
-    "RunResult",
-    "RunSummary",
-    "SigmaTest",
-    "SuspiciousReading",
-]
-
 
 class RunRequest(RunOptions):
     """A run as it is posted."""

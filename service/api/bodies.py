@@ -19,8 +19,6 @@ from jointstiff.service.api.limits import SMALL_BYTES, refuse_structure
 from jointstiff.service.conversion import MalformedError, parse
 from jointstiff.service.store import IdempotencyKey
 
-__all__ = ["BodyRoute", "Key", "large_bodies", "understood"]
-
 MAX_KEY_LENGTH: Final = 255
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]

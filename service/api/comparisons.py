@@ -11,8 +11,6 @@ from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import comparison_csv
 
-__all__ = ["router"]
-
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The table, RFC 4180.", "content": {"text/csv": {}}}
 }

@@ -15,8 +15,6 @@ from jointstiff.service.problems import http_problem, invalid_request, problem_o
 from jointstiff.service.store import StoreError
 from jointstiff.solver.errors import JointstiffError
 
-__all__ = ["install_error_handlers"]
-
 _REMEDIES: Final = {
     404: "see /openapi.json for the addresses there are",
     405: "see /openapi.json for what this address takes",

@@ -14,8 +14,6 @@ from fastapi.sse import ServerSentEvent
 from jointstiff.service.jobs import AnyJobs, Job
 from jointstiff.service.store import NotFoundError, Standing, StoreUnavailableError
 
-__all__ = ["Followers"]
-
 _TURN_SECONDS: Final = 0.1
 """Pause between two looks at the jobs that are followed."""
 _PAUSE_PER_LOOK: Final = 4

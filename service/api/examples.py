@@ -7,8 +7,6 @@ from typing import Any, Final
 from fastapi import Body
 from fastapi.openapi.models import Example
 
-__all__ = ["IMPORTS", "JOBS", "MEASUREMENT_SETS", "ROBOTS", "shown"]
-
 
 def shown(examples: dict[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
     """Return the declaration of a JSON body with its examples."""

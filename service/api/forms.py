@@ -14,8 +14,6 @@ from jointstiff.service.api.limits import SMALL_BYTES
 from jointstiff.service.conversion import MAX_SET_BYTES
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["MAX_FILES", "read_form"]
-
 MAX_FILES: Final = 64
 _MAX_TEXTS: Final = 8
 """Fields without a file name; more than one is refused by its name."""

@@ -12,8 +12,6 @@ from jointstiff.service.jobs import KINDS
 from jointstiff.service.store import SILENT_SECONDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
-__all__ = ["router"]
-
 router = APIRouter(tags=["health"])
 
 

@@ -19,8 +19,6 @@ from jointstiff.service.importing import SourceFile
 from jointstiff.service.resources import import_files
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["router"]
-
 _NAME: Final = TypeAdapter(Name)
 
 _DEFAULTS: Final = ImportRequest()

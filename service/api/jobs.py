@@ -27,8 +27,6 @@ from jointstiff.service.api.parts import (
 from jointstiff.service.jobs import AnyKind, Jobs, Stepped
 from jointstiff.service.store import OPEN_STATES, IdempotencyKey, NotFoundError, StoreUnavailableError
 
-__all__ = ["JobId", "answer", "job_routes"]
-
 JobId = Annotated[str, Path(max_length=64)]
 Wait = Annotated[WaitQuery, Query()]
 Route = TypeVar("Route", bound=Callable[..., Any])

@@ -9,8 +9,6 @@ from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import to_kinematics
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/v1/kinematics", tags=["robots"], route_class=BodyRoute)
 
 

@@ -14,8 +14,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from jointstiff.service.conversion import MAX_SET_BYTES
 from jointstiff.service.jobs import KINDS
 
-__all__ = ["LARGE_BODIES", "SMALL_BYTES", "BodyLimits", "refuse_structure"]
-
 SMALL_BYTES: Final = 64 * 1024
 """Largest body of an address without a limit of its own; parsed at once, as that takes a millisecond."""
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024

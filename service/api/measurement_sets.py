@@ -14,8 +14,6 @@ from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.resources import assembled
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], route_class=BodyRoute)
 
 

@@ -9,8 +9,6 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
 
-__all__ = ["install_page"]
-
 BUNDLE: Final = Path(__file__).parents[1] / "static"
 DOCS: Final = Path(__file__).parents[1] / "static-docs"
 

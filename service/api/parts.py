@@ -10,16 +10,6 @@ from pydantic import BaseModel
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.jobs import Parts
 
-__all__ = [
-    "DELETED",
-    "LOCATION",
-    "PartsOf",
-    "accepted",
-    "created",
-    "json_response",
-    "problems",
-]
-
 
 def _parts(request: Request) -> Parts:
     return cast("Parts", request.app.state.parts)

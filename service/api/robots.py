@@ -13,8 +13,6 @@ from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOTS, shown
 from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 
 

@@ -9,8 +9,6 @@ import typer
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.render import console, problem_text
 
-__all__ = ["failed", "refuse_existing", "refused", "warn", "write_text"]
-
 
 def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""

@@ -13,8 +13,6 @@ from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
-__all__ = ["app"]
-
 app = typer.Typer(
     name="jointstiff",
     help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"

@@ -17,8 +17,6 @@ from jointstiff.service.library import Client, RefusedError
 from jointstiff.service.render import comparison_table, console, problem_text, run_report
 from jointstiff.simulator import default_arm, simulate_campaign
 
-__all__ = ["run_demo"]
-
 _START_SECONDS: Final = 60.0
 
 

@@ -6,8 +6,6 @@ import signal
 
 from jointstiff.service.threads import use_one_thread
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Entry point of the command."""

@@ -18,8 +18,6 @@ from jointstiff.service.library import CampaignError, campaigns, read_document
 from jointstiff.service.problems import invalid_request
 from jointstiff.service.render import console, geometry_report
 
-__all__ = ["geometry"]
-
 
 class FitChoice(StrEnum):
     """How sweeps are fitted."""

@@ -36,8 +36,6 @@ from jointstiff.service.library import CampaignError, campaigns, read_campaign
 from jointstiff.service.problems import invalid_request
 from jointstiff.service.render import comparison_table, console, pair_report, progress_bar, run_report
 
-__all__ = ["compare", "identify", "pair"]
-
 Options = TypeVar("Options", RunOptions, ComparisonOptions)
 
 _INCLUDED: Final = {True: "included", False: "neglected", None: None}

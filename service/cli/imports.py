@@ -23,8 +23,6 @@ from jointstiff.service.problems import http_problem, invalid_request, problem_o
 from jointstiff.service.render import console, import_report
 from jointstiff.service.resources import FilesError, import_files
 
-__all__ = ["import_readings"]
-
 _XYZ: Final = 3
 
 Files = Annotated[

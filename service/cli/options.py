@@ -11,29 +11,6 @@ import typer
 
 from jointstiff.schemas.run import MAX_REPETITIONS
 
-__all__ = [
-    "AsJson",
-    "CampaignFile",
-    "DatabaseUrl",
-    "ElasticityChoice",
-    "EncoderChoice",
-    "FirstFile",
-    "Links",
-    "LoadChoice",
-    "LossChoice",
-    "MethodChoice",
-    "Priors",
-    "Repetitions",
-    "Resample",
-    "SecondFile",
-    "Seed",
-    "Stiffer",
-    "WeightingChoice",
-    "chains",
-    "link_names",
-    "priors",
-]
-
 CampaignFile = Annotated[
     Path,
     typer.Argument(

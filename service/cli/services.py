@@ -19,8 +19,6 @@ from jointstiff.service.server import ServerError, run_server
 from jointstiff.service.store import StoreError
 from jointstiff.service.workers import run_worker
 
-__all__ = ["demo", "post", "serve", "worker"]
-
 
 def serve(
     *,

@@ -13,8 +13,6 @@ from jointstiff.service.cli.options import EncoderChoice, LoadChoice
 from jointstiff.service.render import console
 from jointstiff.simulator import default_arm, simulate_campaign
 
-__all__ = ["simulate"]
-
 
 def simulate(
     file: Annotated[Path, typer.Argument(dir_okay=False, metavar="FILE", help="Where to write it.")],

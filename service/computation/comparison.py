@@ -19,8 +19,6 @@ from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.resampling import Resamples
 
-__all__ = ["ComparisonWork"]
-
 Part = Resamples | Problem
 """Some draws of one fit, or why it has none."""
 

@@ -36,8 +36,6 @@ from jointstiff.solver.links import (
     with_links,
 )
 
-__all__ = ["ElasticWork"]
-
 _WEIGHTS_A_STEP: Final = 4
 """Of all models, in one fold: a tenth of a second to one."""
 

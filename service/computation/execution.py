@@ -16,8 +16,6 @@ from jointstiff.service.problems import http_problem, problem_of
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError, RequestError
 
-__all__ = ["OnProgress", "carry_out", "final_state", "new_job", "outcome_of", "unexpected_failure"]
-
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
 

@@ -19,8 +19,6 @@ from jointstiff.solver.errors import InputError, NotObservableError, RequestErro
 from jointstiff.solver.geometry import Poses, Survey, SweepSet, survey_poses, survey_sweeps
 from jointstiff.solver.robot import Robot
 
-__all__ = ["as_request_errors", "geometry_work"]
-
 
 def geometry_work(request: GeometryRequest, nominal: Robot | None, robot_hash: str = "") -> QuickWork:
     """Return the work of a geometry.

@@ -16,8 +16,6 @@ from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.inference import Estimate, judge, predict
 from jointstiff.solver.paired import PairSide, compare_pair, models_differ, refuse_other_joints
 
-__all__ = ["Side", "pair_work"]
-
 
 @dataclass(frozen=True, eq=False)
 class Side:

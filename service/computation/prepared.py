@@ -25,16 +25,6 @@ from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import KinematicChain, Robot, read_urdf, write_urdf
 
-__all__ = [
-    "CheckedSet",
-    "PreparedRobot",
-    "PreparedSet",
-    "build_robot",
-    "check_set",
-    "prepare_robot",
-    "prepare_set",
-]
-
 """Reads the chain of a URDF from base link to flange link."""
 
 

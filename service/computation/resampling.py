@@ -20,8 +20,6 @@ from jointstiff.solver.resampling import (
     resample,
 )
 
-__all__ = ["ResamplingWork", "decode", "encode"]
-
 STEP_SECONDS: Final = 0.25
 _SECONDS_A_REPETITION: Final = 8e-6
 _SECONDS_A_READING: Final = 2.5e-8

@@ -16,11 +16,10 @@ from jointstiff.service.conversion import (
     to_settings,
     to_warnings,
 )
-from jointstiff.solver.identification import Settings, identify, refuse_unsupported
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.identification import identify, refuse_unsupported
 from jointstiff.solver.inference import Estimate, advise, judge, predict, predict_encoders
 from jointstiff.solver.resampling import Resamples, summarise
-
-__all__ = ["RunWork", "run_identification", "run_work"]
 
 
 class RunWork(SteppedWork[Resamples]):

@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from jointstiff.schemas.fields import Message
 
-__all__ = ["Part", "QuickWork", "Span", "SteppedWork", "Work", "hash_of", "pack", "unpack"]
-
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""
 

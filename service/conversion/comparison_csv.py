@@ -9,8 +9,6 @@ from typing import Any, Final
 
 from jointstiff.schemas.comparison import ComparedFit, ComparisonResult
 
-__all__ = ["comparison_csv"]
-
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 """First characters of a text that a spreadsheet takes for a formula."""
 

@@ -14,9 +14,6 @@ from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["EncoderArrays"]
-
-
 _PREFIX = "encoder_"
 
 

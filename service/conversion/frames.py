@@ -17,8 +17,6 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry import RigidTransform
 
-__all__ = ["in_base", "stated_transform", "to_resolved"]
-
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 

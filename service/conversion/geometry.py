@@ -13,8 +13,6 @@ from jointstiff.solver.geometry import CalibratedAxes, CentreEstimate, DhTable, 
 from jointstiff.solver.robot import JointMap as RobotJointMap
 from jointstiff.solver.robot import write_urdf
 
-__all__ = ["to_geometry_result"]
-
 
 def to_geometry_result(survey: Survey, name: str, joint_map: RobotJointMap) -> results.GeometryResult:
     """Return what was found.

@@ -11,8 +11,6 @@ from jointstiff.service.conversion.requests import joint_index
 from jointstiff.solver.links import WEIGHTS, ElasticColumns, ElasticEstimate, Plan, Selection
 from jointstiff.solver.robot import Robot
 
-__all__ = ["to_elastic_columns", "to_links_result", "to_plan", "to_selection"]
-
 
 def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
     """Return the links that may bend.

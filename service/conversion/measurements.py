@@ -18,8 +18,6 @@ from jointstiff.solver.finding import Finding
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["to_measurements", "to_warnings"]
-
 
 def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
     """Bring a set to SI units and check that it is complete.

@@ -10,8 +10,6 @@ import numpy as np
 
 from jointstiff.schemas.fields import Message
 
-__all__ = ["message", "rows"]
-
 Built = TypeVar("Built", bound=Message)
 
 

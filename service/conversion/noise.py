@@ -15,8 +15,6 @@ from jointstiff.solver.readings import (
 )
 from jointstiff.solver.robot import Robot
 
-__all__ = ["to_noise"]
-
 
 def to_noise(
     noise: Noise | None, points: PointNoise | None, robot: Robot, plain: Measurements, *, length: float

@@ -10,8 +10,6 @@ from jointstiff.service.conversion.message import message
 from jointstiff.solver.inference import JointCompliance
 from jointstiff.solver.paired import JointRatio, Pair
 
-__all__ = ["to_pair_result"]
-
 
 def to_pair_result(pair: Pair, warnings: Sequence[QualityWarning]) -> pairs.PairResult:
     """Return the numbers of a pair."""

@@ -8,8 +8,6 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
-__all__ = ["MAX_SET_BYTES", "NOT_JSON", "MalformedError", "parse"]
-
 MAX_SET_BYTES: Final = 8 * 1024 * 1024
 """Largest measurement set, or file with one, in bytes."""
 

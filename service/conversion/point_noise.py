@@ -13,9 +13,6 @@ from jointstiff.schemas.measurement import Matrix3, Reading
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["PointNoise"]
-
-
 _NAMES = ("sigma", "unloaded", "loaded")
 _PREFIX = "noise_"
 

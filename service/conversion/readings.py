@@ -27,8 +27,6 @@ from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["ReadingArrays", "content_hash"]
-
 
 @dataclass(frozen=True, eq=False)
 class ReadingArrays:

@@ -9,11 +9,8 @@ import numpy as np
 from jointstiff.schemas.run import RunOptions
 from jointstiff.solver.convex import Bounds, Order
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting import DEFAULT_THRESHOLD, Prior
-from jointstiff.solver.identification import Settings
+from jointstiff.solver.fitting import DEFAULT_THRESHOLD, Prior, Settings
 from jointstiff.solver.robot import Robot
-
-__all__ = ["joint_index", "to_settings"]
 
 
 def to_settings(options: RunOptions, robot: Robot) -> Settings:

@@ -18,15 +18,6 @@ from jointstiff.solver.inference import Advice, Contributions, Estimate, Predict
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 
-__all__ = [
-    "MAX_SUSPICIOUS",
-    "to_encoder_residuals",
-    "to_identifiability",
-    "to_resampling_result",
-    "to_result",
-    "to_robust_loss",
-]
-
 MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""
 

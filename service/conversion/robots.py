@@ -19,8 +19,6 @@ from jointstiff.solver.robot import (
     joint_frames,
 )
 
-__all__ = ["build_robot", "describe_joints", "describe_wrist", "dh_kinematics", "to_kinematics"]
-
 
 def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
     """Return the chain of a DH table.

@@ -15,8 +15,6 @@ from jointstiff.solver.geometry import BaseTargets, Conventions, Poses, Sweep, S
 from jointstiff.solver.readings import at_read_places
 from jointstiff.solver.robot import JointMap, Robot
 
-__all__ = ["to_base_targets", "to_conventions", "to_poses", "to_sweeps"]
-
 
 class _Readings:
     """What holds for all readings of a request: targets, units, noise.

@@ -10,8 +10,6 @@ from jointstiff.schemas.geometry import TrackerSheet
 from jointstiff.schemas.measurement import Instrument as StatedInstrument
 from jointstiff.solver.readings import Instrument
 
-__all__ = ["ANGLE", "FORCE", "KGF", "LENGTH", "MOMENT", "to_instrument"]
-
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""
 

@@ -20,8 +20,6 @@ from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 from jointstiff.service.importing.errors import ImportFileError, Place, shown
 from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
 
-__all__ = ["NAMES", "Archive"]
-
 MAX_PARTS: Final = 1_000
 MAX_RATIO: Final = 100
 """Size of a part over its size when packed; that of sheets is around 10."""

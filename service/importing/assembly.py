@@ -12,8 +12,6 @@ from jointstiff.service.importing.errors import ImportFileError, Place, shown
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.records import Point, Record, Vector
 
-__all__ = ["Assembly", "Gathered", "assemble"]
-
 _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 

@@ -12,8 +12,6 @@ from jointstiff.service.importing.errors import Fault, ImportFileError, Place, s
 from jointstiff.service.importing.header import DIMENSIONS, Kind, Meaning, meaning_of
 from jointstiff.service.importing.units import Dimension
 
-__all__ = ["Columns", "Quantity", "understand"]
-
 
 @dataclass(frozen=True)
 class Quantity:

@@ -8,8 +8,6 @@ from typing import Final
 
 from jointstiff.service.importing.errors import ImportFileError, Place
 
-__all__ = ["decode"]
-
 _MARKS: Final = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF16_LE, "utf-16-le"),

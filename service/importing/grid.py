@@ -9,8 +9,6 @@ from jointstiff.schemas.importing import Delimiter, TableFormat
 from jointstiff.service.importing.errors import ImportFileError, Place, shown
 from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_CELLS, MAX_COLUMNS, MAX_ROWS
 
-__all__ = ["COMMENT_MARKS", "CellKind", "Grid", "Row", "check_size"]
-
 COMMENT_MARKS: Final = ("#", "//", "%")
 
 CellKind = Literal["text", "number", "date", "percentage", "truth value", "error", "formula"]

@@ -12,8 +12,6 @@ from jointstiff.schemas.importing import State
 from jointstiff.service.importing.errors import Fault, shown
 from jointstiff.service.importing.units import UNITS, Dimension, unit_named
 
-__all__ = ["DIMENSIONS", "Kind", "Meaning", "is_key", "meaning_of", "state_named"]
-
 Kind = Literal[
     "name", "collection", "group", "target", "state", "joint", "force", "moment", "load point", "position",
     "ignored",

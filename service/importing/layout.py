@@ -14,8 +14,6 @@ from jointstiff.service.importing.grid import CellKind, Grid, Row
 from jointstiff.service.importing.header import is_key, meaning_of
 from jointstiff.service.importing.numbers import looks_like_a_number
 
-__all__ = ["Layout", "lay_out"]
-
 _HEADERLESS: Final = MappingProxyType(
     {
         4: ("name", "x", "y", "z"),

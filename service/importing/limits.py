@@ -4,20 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-__all__ = [
-    "MAX_CELLS",
-    "MAX_CELL_LENGTH",
-    "MAX_COLUMNS",
-    "MAX_FILES",
-    "MAX_FILE_BYTES",
-    "MAX_LINE_LENGTH",
-    "MAX_NUMBER_LENGTH",
-    "MAX_ROWS",
-    "MAX_SHEET_CELLS",
-    "MAX_UNPACKED_BYTES",
-    "MAX_XML_TAGS",
-]
-
 MAX_FILE_BYTES: Final = 8 * 1024 * 1024
 """All files of an import together, as they are sent: as much as a measurement set that is posted."""
 MAX_FILES: Final = 64

@@ -16,8 +16,6 @@ from jointstiff.schemas.importing import State
 from jointstiff.service.importing.errors import Fault, shown
 from jointstiff.service.importing.header import state_named
 
-__all__ = ["Naming", "Template", "check_name", "default_file", "default_point"]
-
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
 

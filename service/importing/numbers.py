@@ -11,8 +11,6 @@ from jointstiff.schemas.importing import DecimalMark
 from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
 from jointstiff.service.importing.limits import MAX_NUMBER_LENGTH
 
-__all__ = ["MarkedCell", "decide_mark", "looks_like_a_number", "read_number"]
-
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:[.,][0-9]{3})+")
 _POINT_ASSUMED: Final = (

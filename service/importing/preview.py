@@ -15,8 +15,6 @@ from jointstiff.service.importing.assembly import Assembly
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.layout import Layout
 
-__all__ = ["missing_from", "preview_all", "preview_file"]
-
 
 def preview_file(grid: Grid, layout: Layout, mark: DecimalMark, notes: Sequence[str]) -> FilePreview:
     """One file and how it was read."""

@@ -21,8 +21,6 @@ from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.units import Dimension
 from jointstiff.service.importing.workbook import XLSX_MAGIC, read_workbook
 
-__all__ = ["Imported", "SourceFile", "read_files"]
-
 _OLD_EXCEL: Final = b"\xd0\xcf\x11\xe0"
 _NO_OPTIONS: Final = ImportOptions()
 

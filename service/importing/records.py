@@ -14,8 +14,6 @@ from jointstiff.service.importing.layout import Layout
 from jointstiff.service.importing.naming import Naming, Template, check_name, default_file, default_point
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
 
-__all__ = ["Point", "Record", "read_mark", "read_records"]
-
 Vector = tuple[float, ...]
 
 

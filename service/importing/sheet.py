@@ -19,8 +19,6 @@ from jointstiff.service.importing.limits import (
     MAX_SHEET_CELLS,
 )
 
-__all__ = ["Sheet", "children", "text_of"]
-
 _ADDRESS: Final = re.compile(r"([A-Z]{1,3})([1-9][0-9]{0,6})")
 _ROW: Final = re.compile(r"[1-9][0-9]{0,6}")
 MAX_LINE: Final = 1_048_576

@@ -15,8 +15,6 @@ from jointstiff.service.importing.grid import COMMENT_MARKS, Grid, Row, check_si
 from jointstiff.service.importing.limits import MAX_LINE_LENGTH, MAX_ROWS
 from jointstiff.service.importing.numbers import looks_like_a_number
 
-__all__ = ["read_text"]
-
 _CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
     {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 )

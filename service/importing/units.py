@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal
 
-__all__ = ["UNITS", "Dimension", "unit_named"]
-
 Dimension = Literal["length", "angle", "force", "moment"]
 
 UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(

@@ -14,8 +14,6 @@ from jointstiff.service.problems import Resource
 from jointstiff.service.resources import Resources
 from jointstiff.service.store import JobRecord
 
-__all__ = ["AnyKind", "Kind", "Quick", "Stepped"]
-
 AnyWork = TypeVar("AnyWork", QuickWork, SteppedWork[Any])
 
 _COLUMNS = ("measurement_set_id", "first_set_id", "second_set_id", "name")

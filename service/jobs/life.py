@@ -23,8 +23,6 @@ from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, Sta
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 
-__all__ = ["Enqueue", "Jobs"]
-
 MAX_OPEN: Final = 1_000
 """Jobs of a kind that have not ended; as many look at the same time and a few more may get in."""
 

@@ -17,8 +17,6 @@ from jointstiff.service.jobs.life import Enqueue, Jobs
 from jointstiff.service.resources import MeasurementSets, Resources, Robots
 from jointstiff.service.store import Store
 
-__all__ = ["KINDS", "Parts"]
-
 _OPTIONS_BYTES: Final = 64 * 1024
 _READINGS_BYTES: Final = 4 * 1024 * 1024
 

@@ -24,8 +24,6 @@ from jointstiff.service.problems import NotFoundError
 from jointstiff.service.resources import Resources, stored_job
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["comparison", "geometry", "pair", "run"]
-
 
 def run(resources: Resources, request: RunRequest) -> SteppedWork[Any]:
     """Return the work of a run.

@@ -11,8 +11,6 @@ from pydantic import BaseModel, ValidationError
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.problems import http_problem
 
-__all__ = ["AwayError", "RefusedError", "alien", "problem_in", "resource_in", "silence"]
-
 Resource = TypeVar("Resource", bound=BaseModel)
 
 

@@ -40,8 +40,6 @@ from jointstiff.service.conversion import MAX_SET_BYTES, NOT_JSON, MalformedErro
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import InputError, JointstiffError, RequestError
 
-__all__ = ["CampaignError", "compare", "find_geometry", "identify", "pair", "read_campaign", "read_document"]
-
 Document = TypeVar("Document", bound=BaseModel)
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]

@@ -20,8 +20,6 @@ from jointstiff.schemas.run import Run, RunSummary
 from jointstiff.service.library.answers import AwayError, RefusedError, alien, problem_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
 
-__all__ = ["PATIENCE_SECONDS", "Client"]
-
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
 

@@ -18,8 +18,6 @@ from jointstiff.schemas.pair import Pair
 from jointstiff.schemas.run import Run
 from jointstiff.service.library.answers import resource_in
 
-__all__ = ["Collection", "Document", "Jobs", "plain"]
-
 _LOOK_SECONDS: Final = 0.2
 
 Document = Message | Mapping[str, Any]

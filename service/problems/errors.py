@@ -19,19 +19,6 @@ from typing import NamedTuple
 
 from jointstiff.solver.errors import RequestError
 
-__all__ = [
-    "CursorError",
-    "DeletedError",
-    "FilesError",
-    "IdempotencyConflictError",
-    "NotEndedError",
-    "NotFoundError",
-    "Resource",
-    "StoreError",
-    "StoreUnavailableError",
-    "TooManyJobsError",
-]
-
 _MAX_SHOWN = 80
 
 

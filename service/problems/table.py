@@ -29,8 +29,6 @@ from jointstiff.solver.errors import (
     UnsupportedMethodError,
 )
 
-__all__ = ["MAX_ITEMS", "MAX_PROBLEM_BYTES", "http_problem", "invalid_request", "problem_of"]
-
 MAX_ITEMS: Final = 20
 """Faults listed in one answer."""
 MAX_PROBLEM_BYTES: Final = 8_000

@@ -14,8 +14,6 @@ from jointstiff.schemas.comparison import ComparedFit, Comparison
 from jointstiff.schemas.run import ResampledJoint, ResamplingResult
 from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, warning_lines
 
-__all__ = ["comparison_table"]
-
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
 _CONSTRAINTS = {False: "free", True: "≥ 0"}

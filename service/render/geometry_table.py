@@ -21,8 +21,6 @@ from jointstiff.schemas.geometry import (
 )
 from jointstiff.service.render.terminal import problem_text
 
-__all__ = ["geometry_report"]
-
 _STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 _MILLI, _MICRO = 1e3, 1e6
 

@@ -11,8 +11,6 @@ from rich.text import Text
 from jointstiff.schemas.importing import FilePreview, ImportPreview
 from jointstiff.schemas.imports import ImportAnswer
 
-__all__ = ["import_report"]
-
 _VALUES_SHOWN = 2
 _LONGEST = 24
 _LINES_SHOWN = 8

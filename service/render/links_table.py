@@ -8,8 +8,6 @@ from rich.text import Text
 
 from jointstiff.schemas.run import LinkCompliance, LinksResult, ModelSelection
 
-__all__ = ["links_report"]
-
 _MODEL_NAMES = {
     "joints": "joints",
     "coupled_joints": "coupled joints",

@@ -18,8 +18,6 @@ from jointstiff.schemas.pair import (
 )
 from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, warning_lines
 
-__all__ = ["pair_report"]
-
 _MEGA = 1e-6
 _SMALLEST_P = 1e-4
 

@@ -18,16 +18,6 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import Identifiability, JointResult, ResamplingResult, Run, RunResult
 from jointstiff.service.render.links_table import links_report
 
-__all__ = [
-    "METHOD_NAMES",
-    "concise_stiffness",
-    "console",
-    "problem_text",
-    "progress_bar",
-    "run_report",
-    "warning_lines",
-]
-
 _VERDICTS = {
     "identified": "[green]identified[/]",
     "uncertain": "[yellow]uncertain[/]",

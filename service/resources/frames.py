@@ -29,8 +29,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry import BaseDrift, RigidTransform
 
-__all__ = ["resolve_frame"]
-
 
 def resolve_frame(
     store: Store, request: MeasurementSetRequest

@@ -19,8 +19,6 @@ from jointstiff.service.importing import (
 )
 from jointstiff.service.problems import FilesError
 
-__all__ = ["FilesError", "import_files"]
-
 
 def import_files(files: Sequence[SourceFile], request: ImportRequest) -> ImportAnswer:
     """Understand files of readings, and make a measurement set of them if nothing is missing.

@@ -16,8 +16,6 @@ from jointstiff.service.store import IdempotencyKey, MeasurementSetRecord, NotFo
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot import Robot
 
-__all__ = ["MeasurementSets"]
-
 _CACHED = 16
 
 

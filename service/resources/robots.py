@@ -13,8 +13,6 @@ from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
 from jointstiff.solver.robot import Robot
 
-__all__ = ["Robots"]
-
 _CACHED = 64
 
 

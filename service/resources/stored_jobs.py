@@ -10,8 +10,6 @@ from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.store import Store
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["stored_job", "succeeded_geometry"]
-
 AnyJob = TypeVar("AnyJob", bound=Job)
 
 

@@ -23,8 +23,6 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
 from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_sets, robots
 
-__all__ = ["MEASUREMENT_SET", "ROBOT", "Collection"]
-
 ROBOT: Final = Resource("robot", "robots")
 MEASUREMENT_SET: Final = Resource("measurement set", "measurement-sets")
 _PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(

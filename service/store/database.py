@@ -15,8 +15,6 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 
-__all__ = ["Database", "Dialect"]
-
 Dialect = Literal["sqlite", "postgresql"]
 
 _URLS = "give sqlite:///path/to/file.db or postgresql://user:password@host/database"

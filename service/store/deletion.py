@@ -12,8 +12,6 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs
 
-__all__ = ["KEEP_DELETED", "Deletions"]
-
 KEEP_DELETED: Final = timedelta(days=30)
 """How long a deleted job can be brought back."""
 

@@ -10,8 +10,6 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import heartbeats
 
-__all__ = ["SILENT_SECONDS", "Heartbeats"]
-
 SILENT_SECONDS: Final = 30.0
 """A worker not heard of for so long is taken for dead."""
 

@@ -15,8 +15,6 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import JobRecord
 from jointstiff.service.store.tables import job_steps, jobs
 
-__all__ = ["OPEN_STATES", "JobChanges", "JobLog", "Standing"]
-
 OPEN_STATES: Final = ("queued", "running")
 """States of a job that has not ended; all others are final."""
 

@@ -10,19 +10,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Generic, TypeVar
 
-__all__ = [
-    "AnyRecord",
-    "Entry",
-    "IdempotencyKey",
-    "JobEntry",
-    "JobRecord",
-    "MeasurementSetEntry",
-    "MeasurementSetRecord",
-    "Record",
-    "RecordPage",
-    "RobotRecord",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class RobotRecord:

@@ -22,8 +22,6 @@ from jointstiff.service.store.records import (
 )
 from jointstiff.service.store.tables import jobs, measurement_sets, robots
 
-__all__ = ["Store"]
-
 _PING = select(robots.c.id).limit(1)
 """Reads a table of ours: a bare `SELECT 1` would not touch the file of an SQLite database."""
 

@@ -28,8 +28,6 @@ from sqlalchemy.types import TypeEngine
 
 from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
 
-__all__ = ["heartbeats", "idempotency_keys", "job_steps", "jobs", "measurement_sets", "metadata", "robots"]
-
 metadata = MetaData(
     naming_convention={
         "ix": "ix_%(table_name)s_%(column_0_N_name)s",

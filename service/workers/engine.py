@@ -32,8 +32,6 @@ from jointstiff.service.workers.queue import (
     schema_of,
 )
 
-__all__ = ["ATTEMPTS", "Engine"]
-
 _PARTS: Final = 8
 """Of a job at least, as long as it has so many steps: work for as many workers."""
 _STEPS: Final = 20

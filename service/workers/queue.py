@@ -18,18 +18,6 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.store import Store, StoreError
 
-__all__ = [
-    "APPLICATION",
-    "QUEUES",
-    "VERSION",
-    "Ledger",
-    "Outcome",
-    "as_store_errors",
-    "engine_url",
-    "job_of",
-    "schema_of",
-]
-
 VERSION: Final = 2
 """Of the layout of workflows and steps: workers only carry on what has the same."""
 QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}

@@ -11,8 +11,6 @@ from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Heartbeats
 from jointstiff.service.workers.engine import ATTEMPTS, Engine
 from jointstiff.service.workers.queue import Outcome, job_of
 
-__all__ = ["BEAT_SECONDS", "KEEP_SECONDS", "Janitor", "WorkerLostError"]
-
 BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
 KEEP_SECONDS: Final = 3600.0

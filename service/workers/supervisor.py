@@ -13,8 +13,6 @@ from typing import Final
 
 from jointstiff.service.threads import ONE_THREAD
 
-__all__ = ["DATABASE_VARIABLE", "Supervisor"]
-
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""
 _SHORT_LIFE_SECONDS: Final = 10.0

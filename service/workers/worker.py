@@ -19,8 +19,6 @@ from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.recovery import BEAT_SECONDS, Janitor
 from jointstiff.service.workers.supervisor import DATABASE_VARIABLE
 
-__all__ = ["run_worker"]
-
 _EARLY_BEAT: Final = 1.0
 """The first looks come sooner, as there may be something to take over."""
 

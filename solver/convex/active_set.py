@@ -12,8 +12,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, Support
 from jointstiff.solver.convex.scaled import Scaled
 
-__all__ = ["active_rows", "conditions", "exact_support", "multipliers_of", "polish", "rows_of", "tight_rows"]
-
 _NO_DIRECTION = 1e-13
 """Relative singular value that is a zero up to rounding."""
 _ROUNDING = 64 * np.finfo(float).eps

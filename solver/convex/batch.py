@@ -26,9 +26,6 @@ from jointstiff.solver.convex.supports import (
 )
 from jointstiff.solver.errors import SolverError
 
-__all__ = ["LEAST_EIGENVALUE", "BatchSolution", "exactly_at_bounds", "solve_batch"]
-
-
 LEAST_EIGENVALUE = 1e-6
 """Of an equilibrated Gram matrix. Rounding of 1e-16 in its entries grows to 1e-10 in the answer there."""
 

@@ -13,8 +13,6 @@ from jointstiff.solver.convex.problem import IdentificationProblem
 from jointstiff.solver.convex.scaled import Scaled
 from jointstiff.solver.convex.supports import TOLERANCE, gradient_violation
 
-__all__ = ["Certificate", "Proposer", "certify", "certify_scaled"]
-
 Proposer = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
 """Algorithm that found the support: which bounds and inequalities are active."""
 

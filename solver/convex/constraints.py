@@ -10,8 +10,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.problem import Bounds, Inequalities
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["Constraints", "Order"]
-
 JointIndices = IndexArray
 Order = tuple[tuple[int, int], ...]
 

@@ -9,8 +9,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 
-__all__ = ["Bounds", "IdentificationProblem", "Inequalities"]
-
 
 @dataclass(frozen=True, eq=False)
 class Bounds:

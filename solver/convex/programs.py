@@ -31,7 +31,6 @@ from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 if TYPE_CHECKING:
     import cvxpy as cp  # takes a second to import: done where a program is stated
 
-__all__ = ["TOLERANCE", "Program", "huber", "interval_end", "least_squares", "semidefinite"]
 
 TOLERANCE: Final = 1e-10
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""

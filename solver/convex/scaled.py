@@ -9,8 +9,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.problem import IdentificationProblem
 
-__all__ = ["Scaled"]
-
 
 @dataclass(frozen=True, eq=False)
 class Scaled:

@@ -38,8 +38,6 @@ from jointstiff.solver.convex.supports import (
 )
 from jointstiff.solver.errors import SolverError
 
-__all__ = ["Solution", "huber_point", "solve", "solve_step"]
-
 _NO_DIRECTION = 1e-13
 """Relative singular value that is a zero up to rounding."""
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, Support
 
-__all__ = ["FREE", "LOWER", "TOLERANCE", "UPPER", "gradient_violation", "held", "pivot", "snap", "support_at"]
-
 FREE, LOWER, UPPER = 0, -1, 1
 
 TOLERANCE = 1e-12

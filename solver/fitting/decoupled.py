@@ -21,8 +21,6 @@ from jointstiff.solver.regression import (
 )
 from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist
 
-__all__ = ["DecoupledPartialPose"]
-
 
 class DecoupledPartialPose:
     """The arm from the displacement of P_wrist, then the wrist from what is left at the targets."""

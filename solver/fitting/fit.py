@@ -9,8 +9,6 @@ from jointstiff.solver.convex import Certificate
 from jointstiff.solver.fitting.likelihood import Likelihood
 from jointstiff.solver.observability import Combination, Identifiability
 
-__all__ = ["Fit"]
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:

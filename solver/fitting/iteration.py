@@ -28,17 +28,6 @@ from jointstiff.solver.regression import (
 )
 from jointstiff.solver.robot import Robot
 
-__all__ = [
-    "MAX_ITERATIONS",
-    "Iteration",
-    "NewMethod",
-    "fit_once",
-    "iterate_to_convergence",
-    "neglected_shift",
-    "require_observable",
-]
-
-
 MAX_ITERATIONS = 20
 """Fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness, mostly a thousandth."""
 _STILL = 1e-10

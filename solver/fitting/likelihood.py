@@ -9,8 +9,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
-__all__ = ["Likelihood", "rows_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:

@@ -22,8 +22,6 @@ from jointstiff.solver.regression import (
 )
 from jointstiff.solver.robot import Robot
 
-__all__ = ["CompletePose", "LengthOfLeastCondition", "MethodAccumulator", "PartialPose"]
-
 
 class MethodAccumulator(Protocol):
     """What each method offers: take in blocks, then fit.

@@ -9,8 +9,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["Prior", "PriorRows"]
-
 
 @dataclass(frozen=True, eq=False)
 class Prior:

@@ -38,9 +38,6 @@ from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import Compression, TargetRows
 
-__all__ = ["DEFAULT_THRESHOLD", "SUSPICIOUS_NORM", "RobustFit", "fit_huber"]
-
-
 DEFAULT_THRESHOLD = 2.8
 """In units of sigma: 95 % of good readings of three coordinates stay below (χ of three degrees: 2.796)."""
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))

@@ -11,8 +11,6 @@ from scipy import special
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.regression import Compression
 
-__all__ = ["SIGMA_TEST_LEVEL", "Scale", "SigmaTest", "scale_of", "sigma_test"]
-
 SIGMA_TEST_LEVEL: Final = 0.01
 """Share of campaigns whose stated sigma is called wrong although model and sigma are right."""
 

@@ -8,8 +8,6 @@ from typing import Literal
 from jointstiff.solver.convex import Bounds, Constraints
 from jointstiff.solver.fitting.prior import Prior
 
-__all__ = ["Loss", "Method", "Settings", "Weighting"]
-
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
 Loss = Literal["squared", "huber"]

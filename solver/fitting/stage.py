@@ -14,8 +14,6 @@ from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.observability import Combination, Identifiability, Spectrum, analyse
 from jointstiff.solver.regression import RegressorBlock, Stage, encoder_readings
 
-__all__ = ["StageFit", "combined", "encoder_moment", "fit_stage", "single_stage_fit", "solved"]
-
 
 @dataclass(frozen=True, eq=False)
 class StageFit:

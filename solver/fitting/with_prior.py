@@ -15,8 +15,6 @@ from jointstiff.solver.fitting.scale import scale_of
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.observability import Observability
 
-__all__ = ["fit_with_prior", "prior_to_data"]
-
 
 def fit_with_prior(
     method: MethodAccumulator, observability: Observability, settings: Settings, sigma: float | None

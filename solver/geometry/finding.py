@@ -7,8 +7,6 @@ from typing import Final, Literal
 
 from jointstiff.solver.finding import Severity
 
-__all__ = ["GeometryFinding", "GeometryFindingCode"]
-
 GeometryFindingCode = Literal[
     "short_arc",
     "tracker_bumped",

@@ -16,8 +16,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["LinearFit", "minimise"]
-
 State = TypeVar("State")
 
 MOST_STEPS = 60

@@ -11,8 +11,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.frames import BaseFrame
 from jointstiff.solver.geometry.sweeps import Axis, Geometry, IdentifiedAxes
 
-__all__ = ["AxisPlace", "PlacedAxis", "place_axes"]
-
 
 @dataclass(frozen=True, eq=False)
 class AxisPlace:

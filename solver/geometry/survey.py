@@ -45,9 +45,6 @@ from jointstiff.solver.geometry.sweeps import (
 )
 from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
 
-__all__ = ["survey_poses", "survey_sweeps"]
-
-
 _DEGENERATE = "the readings leave it too uncertain to be found"
 
 LEAST_SIGMA = 1e-12

@@ -29,8 +29,6 @@ from jointstiff.solver.geometry.sweeps import (
     sweep_evidence,
 )
 
-__all__ = ["BaseTargets", "Conventions", "Evidence", "Survey"]
-
 
 @dataclass(frozen=True)
 class Conventions:

@@ -26,9 +26,6 @@ from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["advise", "precision"]
-
-
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
 """Of a compliance; a joint above it needs advice."""
 MOST_JOINTS: Final = 3

@@ -9,8 +9,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 
-__all__ = ["Advice"]
-
 
 @dataclass(frozen=True, eq=False)
 class Advice:

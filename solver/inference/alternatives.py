@@ -22,8 +22,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import BLOCK_LENGTH, regressor_blocks, target_readings
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["Alternative", "AlternativeKind", "BetterAlternative", "better_alternative", "places_on_flange"]
-
 AlternativeKind = Literal[
     "columns_exchanged", "sign_reversed", "joints_coupled", "joint_map", "load_and_target_exchanged"
 ]

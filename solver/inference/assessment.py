@@ -21,8 +21,6 @@ from jointstiff.solver.inference.reason import Reason, Usability
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["Assessment", "assess"]
-
 _ORDER: Final[dict[Usability, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 
 

@@ -11,9 +11,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import whitener
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["AXIS_DIRECTIONS", "Equipment", "Postures", "measured_postures", "new_postures"]
-
-
 LEAST_SPAN = 1.0
 """Range of a joint's angle [rad] from which new postures are drawn, where the set itself spans less."""
 _DRAWS = 4

@@ -13,9 +13,6 @@ from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.regression import regressor_blocks
 from jointstiff.solver.robot import Robot
 
-__all__ = ["LARGEST_ENCODER_DEFLECTION", "inspect_encoders", "predict_encoders"]
-
-
 AGAINST_SIGMAS: Final = 5.0
 """Deflection against the torque, in its standard deviations, that is not noise."""
 LARGEST_ENCODER_DEFLECTION: Final = 0.02

@@ -31,8 +31,6 @@ from jointstiff.solver.observability import (
 )
 from jointstiff.solver.regression import ComplementaryStiffness, Compression
 
-__all__ = ["Estimate", "assemble"]
-
 
 @dataclass(frozen=True, eq=False)
 class Estimate:

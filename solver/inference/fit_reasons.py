@@ -14,8 +14,6 @@ from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.readings import Measurements
 
-__all__ = ["fit_reasons", "within_noise"]
-
 CARE_RATIO, UNUSABLE_RATIO = 1.5, 3.0
 """Residuals over what sigma allows, by which the uncertainties are too small."""
 CARE_LEVEL: Final = 1e-3

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, NamedTuple
 
-__all__ = ["JointCompliance", "OneSidedBounds", "stiffness_interval", "stiffness_of"]
-
 
 def stiffness_of(compliance: float | None) -> float | None:
     """Return 1 / c; None for a rigid joint and where the inverse overflows."""

@@ -12,8 +12,6 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
 
-__all__ = ["judge"]
-
 WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma that the test finds but that changes no conclusion: large sets show the least."""
 LEAST_COMPENSATION: Final = 0.5

@@ -11,8 +11,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import regressor_blocks
 from jointstiff.solver.robot import Robot
 
-__all__ = ["Contributions", "Prediction", "predict"]
-
 
 @dataclass(frozen=True, eq=False)
 class Contributions:

@@ -28,9 +28,6 @@ from jointstiff.solver.convex import (
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting import Likelihood
 
-__all__ = ["RADIUS_TOLERANCE", "profile_ends"]
-
-
 RADIUS_TOLERANCE = 1e-11
 """Greatest relative deviation of an end's squared distance from ρ² that is taken for rounding."""
 

@@ -14,8 +14,6 @@ from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["alternative_reasons", "finding_reasons", "load_reasons"]
-
 SAME_PLACE: Final = 2e-3
 """Distance of a load point from a target [m] that robots' models cannot tell from none."""
 FEW: Final = 0.1

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Action", "ActionKind", "Place", "Reason", "ReasonCode", "Usability"]
-
 Usability = Literal["use", "use_with_care", "do_not_use"]
 
 ReasonCode = Literal[

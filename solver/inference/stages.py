@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from jointstiff.solver.convex import Certificate
 
-__all__ = ["StagesCertificate"]
-
 
 @dataclass(frozen=True)
 class StagesCertificate:

@@ -14,9 +14,6 @@ from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.observability import Observability, noise_reason
 
-__all__ = ["Evidence", "verdicts"]
-
-
 _NO_UNCERTAINTY = (
     "its uncertainty is unknown, as there are no more readings than joints and sigma is not given: "
     "state noise, or measure more"

@@ -13,9 +13,6 @@ from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.thresholds import FALSE_ALARM, MODEL_ALLOWANCE
 from jointstiff.solver.integrity.view import View
 
-__all__ = ["inspect_drift"]
-
-
 LEAST_ROWS: Final = 8
 SMALLEST_DRIFT: Final = 1e-4
 """Over the whole set [m]: less is of no consequence to deflections, which are differences of minutes."""

@@ -11,8 +11,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.finding import FindingCode
 
-__all__ = ["Hypothesis", "angle_hypotheses", "unit_hypotheses"]
-
 Rows = IndexArray
 
 

@@ -11,8 +11,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.integrity.springs import Springs
 
-__all__ = ["Shift", "exchanged_pair", "find_shift"]
-
 Rows = IndexArray
 
 BETTER: Final = 0.5

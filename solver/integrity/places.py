@@ -19,8 +19,6 @@ from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses,
 from jointstiff.solver.integrity.view import View, seen_from_flange
 from jointstiff.solver.robot import Configurations
 
-__all__ = ["LARGEST_MODEL_ERROR", "Places", "inspect_places"]
-
 Rows = IndexArray
 
 LARGEST_MODEL_ERROR: Final = 0.02

@@ -13,8 +13,6 @@ from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.thresholds import FALSE_ALARM
 from jointstiff.solver.integrity.view import View
 
-__all__ = ["inspect_repeats"]
-
 Rows = IndexArray
 
 SAME_ANGLE: Final = 1e-5

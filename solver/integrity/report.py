@@ -18,8 +18,6 @@ from jointstiff.solver.integrity.view import View
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["MAX_FINDINGS_PER_CODE", "inspect"]
-
 MAX_FINDINGS_PER_CODE: Final = 10
 """Further findings of a kind are counted in its last message."""
 

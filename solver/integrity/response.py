@@ -22,8 +22,6 @@ from jointstiff.solver.integrity.view import View
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations
 
-__all__ = ["inspect_response"]
-
 Rows = IndexArray
 
 UNEXPLAINED: Final = 0.5

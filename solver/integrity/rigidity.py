@@ -14,8 +14,6 @@ from jointstiff.solver.integrity.steps import Step, find_step
 from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, length_scale, normal_quantile
 from jointstiff.solver.integrity.view import View
 
-__all__ = ["inspect_rigidity"]
-
 Rows = IndexArray
 
 LEAST_SIGMA: Final = 1e-6

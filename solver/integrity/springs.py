@@ -12,9 +12,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import joint_torque
 from jointstiff.solver.robot import Configurations
 
-__all__ = ["SpringModel", "Springs"]
-
-
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9
 """Norm of a column beside the greatest, of a joint that no load twists."""

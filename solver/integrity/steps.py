@@ -10,9 +10,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
 
-__all__ = ["Step", "find_step"]
-
-
 LEAST_ROWS: Final = 4
 SMALLEST_STEP: Final = 1e-4
 """Of a target [m] that anyone would call moved."""

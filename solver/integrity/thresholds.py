@@ -14,16 +14,6 @@ from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 
-__all__ = [
-    "FALSE_ALARM",
-    "MODEL_ALLOWANCE",
-    "length_scale",
-    "normal_quantile",
-    "vector_quantile",
-    "vector_scale",
-]
-
-
 FALSE_ALARM: Final = 1e-6
 """Share of clean sets that a check calls suspicious by chance: a dozen checks, a set a day for centuries."""
 MODEL_ALLOWANCE: Final = 1.5

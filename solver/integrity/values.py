@@ -10,8 +10,6 @@ import numpy as np
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.view import View
 
-__all__ = ["inspect_values"]
-
 NOISE_SIGMAS: Final = 3.0
 """A deflection shorter than this many of its standard deviations says little."""
 LARGEST_DEFLECTION: Final = 0.02

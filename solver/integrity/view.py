@@ -12,8 +12,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["View", "seen_from_flange"]
-
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""
 

@@ -21,9 +21,6 @@ from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elast
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["WEIGHTS", "FoldFit", "Folds", "Plan", "Rule", "chosen_weight", "fit_fold", "joints_only"]
-
-
 Rule = Literal["best", "one_standard_error"]
 
 WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 0.0, 11))

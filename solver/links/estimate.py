@@ -11,9 +11,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference import Prediction
 from jointstiff.solver.links.model import ElasticModel
 
-__all__ = ["ElasticEstimate", "Element", "ElementKind", "LinkCertificate", "LinkCompliance", "principal"]
-
-
 ElementKind = Literal["joint", "coupling", "link"]
 
 

@@ -35,9 +35,6 @@ from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elast
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["CERTIFIED_GAP", "estimate_elastic", "refuse_unsupported_elastic"]
-
-
 CERTIFIED_GAP: Final = 1e-2
 """Of a certificate that is accepted, in units of sigma."""
 _DESIRED_GAP: Final = 1e-3

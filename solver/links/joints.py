@@ -12,8 +12,6 @@ from jointstiff.solver.convex import Certificate
 from jointstiff.solver.inference import Estimate, JointCompliance
 from jointstiff.solver.links.estimate import ElasticEstimate
 
-__all__ = ["with_links"]
-
 LARGEST_DISPERSION: Final = 0.5
 """Relative standard uncertainty of a joint's compliance over the folds above which it is hardly known."""
 

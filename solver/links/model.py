@@ -22,9 +22,6 @@ from jointstiff.solver.convex import Cone, LeastSquares, SemidefiniteProgram, di
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows
 
-__all__ = ["MODELS", "ElasticModel", "Formulation", "ModelName", "formulate"]
-
-
 ModelName = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 
 MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")

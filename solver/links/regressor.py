@@ -19,9 +19,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import Compression, RegressorBlock, regressor_blocks, skew, whitener
 from jointstiff.solver.robot import Robot, joint_frames
 
-__all__ = ["MOST_JOINTS", "ElasticColumns", "ElasticRows", "elastic_blocks", "elastic_rows"]
-
-
 MOST_JOINTS = 12
 """Joints of a robot whose links may bend: beyond, the program has more unknowns than sets have readings."""
 

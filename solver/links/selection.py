@@ -15,8 +15,6 @@ from jointstiff.solver.links.regressor import elastic_blocks
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
-__all__ = ["HeldOut", "Selection", "select_model"]
-
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:

@@ -10,8 +10,6 @@ from scipy.sparse.csgraph import connected_components
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
-__all__ = ["Combination", "WeakDirection", "combinations", "weak_direction"]
-
 JointIndices = IndexArray
 
 _PARTICIPATES = 1e-6

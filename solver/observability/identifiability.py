@@ -15,16 +15,6 @@ from jointstiff.solver.observability.combination import (
 )
 from jointstiff.solver.regression import RegressorBlock
 
-__all__ = [
-    "Excitation",
-    "Identifiability",
-    "Observability",
-    "Spectrum",
-    "analyse",
-    "noise_reason",
-]
-
-
 NULL_COLUMN = 1e-9
 """A column this small beside what the joint's levers allow is rounding, not information."""
 NULL_DIRECTION = 1e-7

@@ -9,8 +9,6 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.observability.identifiability import Observability, Spectrum
 
-__all__ = ["ObservabilityIndices", "observability_indices"]
-
 
 @dataclass(frozen=True)
 class ObservabilityIndices:

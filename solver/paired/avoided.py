@@ -14,17 +14,6 @@ from jointstiff.solver.paired.sides import Matches, PairSide
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import regressor_blocks
 
-__all__ = [
-    "ConfigurationShare",
-    "MeasuredShare",
-    "PredictedDeflection",
-    "Share",
-    "configuration_shares",
-    "measured_share",
-    "predicted_deflection",
-]
-
-
 _NO_EFFECT = 1e-9
 """Of a joint's column beside the largest: rounding."""
 

@@ -46,8 +46,6 @@ from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_othe
 from jointstiff.solver.resampling import gram_blocks
 from jointstiff.solver.robot import WRIST_JOINTS
 
-__all__ = ["AvoidedDeflection", "JointRatio", "Pair", "compare_pair"]
-
 _Both = tuple[Estimate, Estimate]
 
 _UNKNOWN = "its uncertainty is unknown in one of the sets: state noise, or measure more"

@@ -11,8 +11,6 @@ from jointstiff.solver.fitting import Likelihood, Settings
 from jointstiff.solver.inference import Estimate, profile_ends
 from jointstiff.solver.paired.ordered_pair import OrderedFit
 
-__all__ = ["ordered_constraints", "ordered_intervals"]
-
 Order = tuple[tuple[int, int], ...]
 
 

@@ -23,14 +23,12 @@ from jointstiff.solver.convex import (
     solve_step,
 )
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.identification import Settings
+from jointstiff.solver.fitting import Settings
 from jointstiff.solver.inference import StagesCertificate, stiffness_of
 from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.regression import Compression
 from jointstiff.solver.resampling import GramBlocks, StageBlocks
 from jointstiff.solver.robot import WRIST_JOINTS
-
-__all__ = ["OrderedFit", "OrderedJoint", "WhitenedCampaign", "fit_ordered", "ordered_joints"]
 
 
 @dataclass(frozen=True, eq=False)

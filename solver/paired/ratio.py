@@ -16,8 +16,6 @@ from scipy import special
 
 from jointstiff.solver.errors import RequestError
 
-__all__ = ["GaussianEstimate", "RatioInterval", "difference_p_value", "ratio_interval", "two_sided_quantile"]
-
 _QUARTER = pi / 2
 
 

@@ -9,12 +9,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.identification import Settings
+from jointstiff.solver.fitting import Settings
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, Robot
-
-__all__ = ["Matches", "PairSide", "match", "models_differ", "refuse_other_joints"]
-
 
 POSTURE_TOLERANCE: Final = 1e-3
 """Of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""

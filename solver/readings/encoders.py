@@ -9,8 +9,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["EncoderReadings"]
-
 
 @dataclass(frozen=True, eq=False)
 class EncoderReadings:

@@ -11,9 +11,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.encoders import EncoderReadings
 
-__all__ = ["ISOTROPIC_DIFFERENCE", "Measurements"]
-
-
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (METHOD.md §3)."""
 ISOTROPIC_DIFFERENCE.setflags(write=False)

@@ -17,9 +17,6 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["DifferenceNoise", "Instrument", "at_read_places", "places_in_base", "refuse_no_covariance"]
-
-
 SHORTEST_SIGHT: Final = 0.01
 """Distance from station to target [m] below which there is no line of sight to speak of."""
 LEAST_SIGMA: Final = 1e-12

@@ -6,9 +6,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 
-__all__ = ["least_condition_length"]
-
-
 _DECADES = (-3.0, 3.0)
 
 

@@ -17,13 +17,6 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import RegressorBlock
 
-__all__ = [
-    "ComplementaryStiffness",
-    "LargestStiffness",
-    "complementary_stiffness",
-    "neglected_readings",
-]
-
 
 @dataclass(frozen=True)
 class ComplementaryStiffness:

@@ -6,9 +6,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 
-__all__ = ["Compression"]
-
-
 _LEAF = 256
 """Rows of the smallest QR, small enough that BLAS starts no threads for up to 32 joints."""
 

@@ -11,9 +11,6 @@ from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression.regressor import RegressorBlock, whitener
 
-__all__ = ["MIN_TARGETS", "RigidDisplacement", "fit_displacement", "refuse_unless_posed", "skew"]
-
-
 MIN_TARGETS = 3
 _COLLINEAR = 1e-3
 """Least ratio of the triangle's height to its length: below it, rotation about the line is noise."""

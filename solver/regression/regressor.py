@@ -16,9 +16,6 @@ from jointstiff.solver.errors import MeasurementError, SolverError
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
-__all__ = ["BLOCK_LENGTH", "RegressorBlock", "joint_torque", "regressor_blocks", "whitener"]
-
-
 BLOCK_LENGTH = 2048
 """Configurations in a block: its arrays stay in the cache, and numpy's overhead is spread well."""
 

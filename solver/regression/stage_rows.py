@@ -11,15 +11,6 @@ from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.regression.pose import RigidDisplacement, skew
 from jointstiff.solver.regression.regressor import RegressorBlock, whitener
 
-__all__ = [
-    "DerivedReadings",
-    "Stage",
-    "encoder_readings",
-    "pose_readings",
-    "target_readings",
-    "wrist_centre_readings",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class DerivedReadings:

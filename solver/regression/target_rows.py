@@ -10,8 +10,6 @@ from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.regression.regressor import RegressorBlock
 from jointstiff.solver.regression.stage_rows import Stage, target_readings
 
-__all__ = ["TargetRows"]
-
 
 class TargetRows:
     """The whitened rows of all targets: 24 (n + 1) bytes a reading."""

@@ -17,7 +17,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.identification import Settings, identify, spherical_wrist
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.identification import identify, spherical_wrist
 from jointstiff.solver.observability import Excitation
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import (
@@ -31,8 +32,6 @@ from jointstiff.solver.regression import (
     wrist_centre_readings,
 )
 from jointstiff.solver.robot import WRIST_JOINTS, Robot
-
-__all__ = ["GramBlocks", "StageBlocks", "gram_blocks", "refuse_nonlinear"]
 
 JointIndices = IndexArray
 

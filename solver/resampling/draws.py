@@ -20,9 +20,6 @@ from jointstiff.solver.observability import NULL_COLUMN, Spectrum, analyse
 from jointstiff.solver.regression import Compression
 from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
 
-__all__ = ["MAX_REPETITIONS", "MAX_SEED", "Resamples", "ResamplingPlan", "resample"]
-
-
 MAX_REPETITIONS = 100_000
 MAX_SEED = 2**63 - 1
 

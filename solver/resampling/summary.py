@@ -10,8 +10,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.resampling.draws import Resamples
 
-__all__ = ["ResamplingSummary", "summarise"]
-
 
 @dataclass(frozen=True, eq=False)
 class ResamplingSummary:

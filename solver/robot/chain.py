@@ -19,16 +19,6 @@ import numpy.typing as npt
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
 
-__all__ = [
-    "MAX_CHAIN_JOINTS",
-    "MAX_MOVING_JOINTS",
-    "MAX_NAME_LENGTH",
-    "UNLIMITED_ANGLE",
-    "ChainJoint",
-    "KinematicChain",
-    "check_name",
-]
-
 MAX_MOVING_JOINTS = 32
 """Most revolute joints of a chain: work and memory behind it grow with the cube of this number."""
 

@@ -9,8 +9,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.model import Robot
 
-__all__ = ["Configurations", "joint_frames"]
-
 
 class Configurations:
     """Kinematics of N configurations of one robot, computed by the constructor.

@@ -22,8 +22,6 @@ from jointstiff.solver.robot.chain import (
     KinematicChain,
 )
 
-__all__ = ["LARGEST_ANGLE", "LARGEST_LENGTH", "LARGEST_TWIST", "Convention", "DhRow", "dh_chain"]
-
 Convention = Literal["standard", "modified"]
 
 LARGEST_LENGTH = 100.0

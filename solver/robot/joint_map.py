@@ -11,8 +11,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import MAX_MOVING_JOINTS
 
-__all__ = ["LARGEST_MAP_ENTRY", "WORST_CONDITION", "JointMap"]
-
 LARGEST_MAP_ENTRY = 1e3
 """Largest entry of a joint map's matrix [rad/rad] or offset [rad]."""
 

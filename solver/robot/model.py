@@ -10,8 +10,6 @@ from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
 
-__all__ = ["Robot"]
-
 
 class Robot:
     """A chain with Pinocchio's model of it. Take the model as read-only.

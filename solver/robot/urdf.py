@@ -21,8 +21,6 @@ from jointstiff.solver.robot.chain import UNLIMITED_ANGLE, ChainJoint, Kinematic
 from jointstiff.solver.robot.urdf_tree import Edge, path_down
 from jointstiff.solver.robot.xml import XmlElement, parse_xml, quoted, read_numbers
 
-__all__ = ["AXIS_TOLERANCE", "MAX_DOCUMENT_JOINTS", "read_urdf", "write_urdf"]
-
 MAX_DOCUMENT_JOINTS = 1_000
 """Most joints in a document, before the chain is cut out; a tree of them has one link more."""
 

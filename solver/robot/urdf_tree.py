@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 from jointstiff.solver.errors import RobotError
 
-__all__ = ["Edge", "path_down"]
-
 _SHOWN = 8  # names listed in a message
 
 

@@ -11,9 +11,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
-__all__ = ["WRIST_JOINTS", "Wrist", "find_wrist"]
-
-
 WRIST_JOINTS = 3
 """Joints of a wrist: the last ones of the robot."""
 

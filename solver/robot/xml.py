@@ -14,18 +14,6 @@ from xml.parsers import expat
 
 from jointstiff.solver.errors import RobotError
 
-__all__ = [
-    "MAX_ATTRIBUTES",
-    "MAX_ATTRIBUTE_LENGTH",
-    "MAX_BYTES",
-    "MAX_DEPTH",
-    "MAX_ELEMENTS",
-    "XmlElement",
-    "parse_xml",
-    "quoted",
-    "read_numbers",
-]
-
 MAX_BYTES = 2 * 1024 * 1024
 """Largest document, in bytes of UTF-8; text and comments have no other limit."""
 

@@ -15,9 +15,6 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex.semidefinite.symmetric import diagonal, to_matrix, to_vector
 
-__all__ = ["Cone", "LeastSquares", "SemidefiniteProgram", "raised"]
-
-
 _NEAR_LEAST_SQUARES: Final = 1e-6
 """Singular values below this part of the first are left out of the point the program is stated around."""
 

@@ -19,9 +19,6 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix, to_vector
 
-__all__ = ["Face", "effective_freedom", "face_at", "polished"]
-
-
 _SMALL = 1e-3
 """Compliance, in the units of the program, that is small beside what explains the readings."""
 _ROUNDING = 1e-12

@@ -23,9 +23,6 @@ from jointstiff.solver.convex.semidefinite.face import polished
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.errors import SolverError
 
-__all__ = ["ConeCertificate", "ConeSolution", "certify_cone", "solve_cone"]
-
-
 _LADDER: Final = (1e-8, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the last."""
 _NEWTON_STEPS: Final = 4

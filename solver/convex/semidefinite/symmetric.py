@@ -8,8 +8,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
-__all__ = ["diagonal", "entries", "to_matrix", "to_vector", "weights"]
-
 
 @lru_cache(maxsize=64)
 def entries(size: int) -> tuple[IndexArray, IndexArray]:

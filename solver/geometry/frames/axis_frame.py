@@ -15,9 +15,6 @@ from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.sweeps import Axis
 from jointstiff.solver.robot import KinematicChain
 
-__all__ = ["LEAST_SINE", "chain_axes", "common_feet", "perpendicular_frame"]
-
-
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their perpendicular is not to be trusted."""
 

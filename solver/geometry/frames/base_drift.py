@@ -16,9 +16,6 @@ from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import minimise
 from jointstiff.solver.regression import whitener
 
-__all__ = ["SIGNIFICANCE", "BaseDrift", "find_drift"]
-
-
 SIGNIFICANCE = 1e-4
 """Probability of chance below which a drift, or a base target that moved, is reported."""
 

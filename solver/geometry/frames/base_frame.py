@@ -26,9 +26,6 @@ from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
 from jointstiff.solver.robot import KinematicChain
 
-__all__ = ["BaseConvention", "BaseFrame", "find_base_frame"]
-
-
 _MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below which they meet
 
 

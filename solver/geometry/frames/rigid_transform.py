@@ -11,8 +11,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.regression import skew
 
-__all__ = ["RigidTransform"]
-
 ROTATION_TOLERANCE = 1e-5
 """Of a stated rotation's rows from unit vectors at right angles: 10 µm in a metre."""
 

@@ -13,8 +13,6 @@ from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
 from jointstiff.solver.geometry.sweeps import SweptAxes
 from jointstiff.solver.regression import whitener
 
-__all__ = ["SphereFit", "SpherePosition", "fit_spheres"]
-
 
 @dataclass(frozen=True, eq=False)
 class SpherePosition:

@@ -11,9 +11,6 @@ import numpy.typing as npt
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 
-__all__ = ["CentreSpread", "Trilateration", "spread_of", "trilaterate"]
-
-
 _COLLINEAR = 1e-3  # least height of the triangle over its base
 
 

@@ -13,8 +13,6 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes, posed
 from jointstiff.solver.robot import WRIST_JOINTS, Wrist
 
-__all__ = ["WristMiss", "nearest_to_axes"]
-
 
 @dataclass(frozen=True)
 class WristMiss:

@@ -33,8 +33,6 @@ from jointstiff.solver.geometry.frames.wrist_axes import WristMiss, nearest_to_a
 from jointstiff.solver.geometry.sweeps import STILL, IdentifiedAxes, SweptAxes
 from jointstiff.solver.robot import WRIST_JOINTS
 
-__all__ = ["CentreEstimate", "CentreWay", "Disagreement", "WristCentre", "find_wrist_centre"]
-
 CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
 
 DISAGREEMENT = 1e-4

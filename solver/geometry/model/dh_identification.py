@@ -20,9 +20,6 @@ from jointstiff.solver.geometry.model.link_parameters import LinkGeometry, link_
 from jointstiff.solver.geometry.sweeps import Axis, posed
 from jointstiff.solver.robot import Convention, DhRow, KinematicChain
 
-__all__ = ["PARALLEL_WITHIN", "DhTable", "ParallelPair", "dh_table"]
-
-
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
 

@@ -15,8 +15,6 @@ from jointstiff.solver.geometry.model.link_parameters import link_geometry, near
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
 from jointstiff.solver.robot import ChainJoint, KinematicChain
 
-__all__ = ["FlangeConvention", "IdentifiedModel", "LinkParameter", "identify_model", "link_table"]
-
 LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
 
 _NAME = "identified"

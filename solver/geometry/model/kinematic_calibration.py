@@ -24,9 +24,6 @@ from jointstiff.solver.geometry.sweeps import IdentifiedAxes, PoseReadings, Pose
 from jointstiff.solver.regression import whitener
 from jointstiff.solver.robot import KinematicChain
 
-__all__ = ["CalibratedAxes", "calibrate"]
-
-
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 

@@ -19,9 +19,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.frames import LEAST_SINE, RigidTransform, common_feet
 from jointstiff.solver.geometry.sweeps import Axis
 
-__all__ = ["LinkGeometry", "link_geometry", "near_parallel", "perpendicular_signs"]
-
-
 _SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
 _NO_DIRECTION = 1e-9
 

@@ -10,8 +10,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot import JointMap
 
-__all__ = ["Poses"]
-
 
 @dataclass(frozen=True, eq=False)
 class Poses:

@@ -23,8 +23,6 @@ from jointstiff.solver.geometry.sweeps import (
 )
 from jointstiff.solver.regression import whitener
 
-__all__ = ["refine_axes"]
-
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
     """Fit all sweeps together, starting from their axes one by one.

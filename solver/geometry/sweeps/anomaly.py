@@ -20,9 +20,6 @@ from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
 from jointstiff.solver.regression import skew, whitener
 
-__all__ = ["FALSE_ALARM", "MOST_ANOMALIES", "Anomaly", "AnomalyKind", "find_anomalies"]
-
-
 AnomalyKind = Literal["bump", "position", "reading"]
 
 FALSE_ALARM = 1e-6

@@ -15,9 +15,6 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import FloatArray
 
-__all__ = ["CHART_SIZE", "Axis", "rotation_about"]
-
-
 CHART_SIZE = 4
 """Degrees of freedom of a line."""
 

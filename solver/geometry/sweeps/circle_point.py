@@ -22,9 +22,6 @@ from jointstiff.solver.geometry.sweeps.circle_point_model import SweepState, Whi
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
 from jointstiff.solver.regression import skew
 
-__all__ = ["AngleUse", "AxisFit", "TargetFit", "fit_axis"]
-
-
 AngleUse = Literal["free", "controller"]
 
 

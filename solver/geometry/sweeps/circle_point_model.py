@@ -21,8 +21,6 @@ from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
 from jointstiff.solver.regression import skew, whitener
 
-__all__ = ["SweepState", "WhitenedSweep", "start"]
-
 
 @dataclass(frozen=True, eq=False)
 class SweepState:

@@ -27,8 +27,6 @@ from jointstiff.solver.geometry.sweeps.circle_point_model import start
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
 from jointstiff.solver.regression import whitener
 
-__all__ = ["CoupledFit", "fit_coupled"]
-
 
 @dataclass(frozen=True, eq=False)
 class CoupledFit:

@@ -12,8 +12,6 @@ from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
 from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
-__all__ = ["SweepEvidence", "SweptTarget", "sweep_evidence"]
-
 
 @dataclass(frozen=True)
 class SweptTarget:

@@ -12,8 +12,6 @@ from jointstiff.solver.geometry.sweeps.circle_point import AxisFit
 from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
-__all__ = ["SHORT_ARC", "agreement_findings", "angle_probability", "geometry_findings", "sweep_findings"]
-
 SHORT_ARC = np.radians(30.0)
 """Arc [rad] below which an axis is worth a warning: its centre is then ten times as uncertain along the
 sagitta as over a half turn."""

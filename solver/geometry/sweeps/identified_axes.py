@@ -15,9 +15,6 @@ import numpy.typing as npt
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis, rotation_about
 
-__all__ = ["Geometry", "IdentifiedAxes", "derivative", "posed"]
-
-
 Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
 """A quantity (k,) as a function of the n axes and the targets (T, 3), both at model angle zero."""
 

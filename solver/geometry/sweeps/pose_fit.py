@@ -18,8 +18,6 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 
-__all__ = ["PoseReadings", "PoseState", "fit_poses"]
-
 
 @dataclass(frozen=True, eq=False)
 class PoseReadings:

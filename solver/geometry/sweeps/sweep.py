@@ -12,9 +12,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot import JointMap
 
-__all__ = ["MIN_POSITIONS", "SHORTEST_ARC", "SMALLEST_MOTION", "STILL", "Sweep", "SweepSet"]
-
-
 MIN_POSITIONS = 4
 """Three points lie on a circle whatever they are; the fourth is the first that can disagree."""
 

@@ -19,8 +19,6 @@ from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit, fit_coup
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, derivative
 from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
 
-__all__ = ["SweptAxes", "identify_axes"]
-
 
 @dataclass(frozen=True, eq=False)
 class SweptAxes(IdentifiedAxes):

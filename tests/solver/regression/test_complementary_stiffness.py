@@ -14,7 +14,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting import passes
+from jointstiff.solver.fitting import iteration
 from jointstiff.solver.inference import judge, predict
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import joint_torque, neglected_readings, regressor, regressor_blocks
@@ -194,7 +194,7 @@ class TestIncluded:
         assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
 
     def test_compliances_that_never_settle_are_refused(self, monkeypatch):
-        monkeypatch.setattr(passes, "MAX_ITERATIONS", 1)
+        monkeypatch.setattr(iteration, "MAX_ITERATIONS", 1)
         with pytest.raises(SolverError, match="still change"):
             estimate(*exact(), complementary_stiffness="included")
 
@@ -230,7 +230,7 @@ class TestReported:
     def test_of_a_set_of_many_blocks(self, monkeypatch, loss):
         robot, measurements = exact("dead_weight", configurations=60)
         whole = estimate(robot, measurements, loss=loss).complementary_stiffness
-        for module in (regressor, passes):
+        for module in (regressor, iteration):
             monkeypatch.setattr(module, "BLOCK_LENGTH", 7)
         blocks = estimate(robot, measurements, loss=loss).complementary_stiffness
         assert blocks.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-9)
@@ -239,9 +239,9 @@ class TestReported:
     def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
         robot, measurements = exact("dead_weight", configurations=200)
         whole = estimate(robot, measurements).complementary_stiffness
-        for module in (regressor, passes):
+        for module in (regressor, iteration):
             monkeypatch.setattr(module, "BLOCK_LENGTH", 30)
-        monkeypatch.setattr(passes, "SHIFT_OBSERVATIONS", 100)
+        monkeypatch.setattr(iteration, "SHIFT_OBSERVATIONS", 100)
         part = estimate(robot, measurements).complementary_stiffness
         assert part.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-12)
         assert part.largest_shift == pytest.approx(whole.largest_shift, rel=0.1)

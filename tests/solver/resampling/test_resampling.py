@@ -18,7 +18,8 @@ from benchmarks.campaigns import default_settings, large_campaign, small_campaig
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import Bounds, batch
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
-from jointstiff.solver.identification import Settings, identify
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import predict
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.resampling import (
