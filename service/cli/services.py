@@ -9,11 +9,10 @@ from typing import Annotated
 
 import typer
 
-from jointstiff.schemas.run import Run
 from jointstiff.service.cli.answers import failed, refused, warn
 from jointstiff.service.cli.demo import run_demo
 from jointstiff.service.cli.options import CampaignFile, DatabaseUrl
-from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
+from jointstiff.service.library import CampaignError, Client, RefusedError, TabledRun, read_campaign
 from jointstiff.service.render import console, progress_bar, run_report
 from jointstiff.service.server import ServerError, run_server
 from jointstiff.service.store import StoreError
@@ -76,7 +75,7 @@ def post(
         raise typer.Exit(1)
 
 
-def _ended(client: Client, run: Run, address: str) -> Run:
+def _ended(client: Client, run: TabledRun, address: str) -> TabledRun:
     """Wait for the end of a run; who waits no longer is told that it goes on."""
     try:
         with progress_bar(shown=run.progress is not None) as tell:

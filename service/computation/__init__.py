@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from jointstiff.service.computation.comparison import ComparisonWork
-from jointstiff.service.computation.execution import carry_out, new_job
+from jointstiff.service.computation.execution import (
+    carry_out,
+    final_state,
+    new_job,
+    outcome_of,
+    unexpected_failure,
+)
 from jointstiff.service.computation.geometry import as_request_errors, geometry_work
 from jointstiff.service.computation.pair import Side, pair_work
 from jointstiff.service.computation.prepared import (
@@ -15,7 +21,7 @@ from jointstiff.service.computation.prepared import (
     prepare_set,
 )
 from jointstiff.service.computation.run import run_work
-from jointstiff.service.computation.work import QuickWork, SteppedWork, Work
+from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
 
 __all__ = [
     "ComparisonWork",
@@ -23,16 +29,21 @@ __all__ = [
     "PreparedSet",
     "QuickWork",
     "Side",
+    "Span",
     "SteppedWork",
     "Work",
     "as_request_errors",
     "build_robot",
     "carry_out",
     "check_set",
+    "final_state",
     "geometry_work",
+    "hash_of",
     "new_job",
+    "outcome_of",
     "pair_work",
     "prepare_robot",
     "prepare_set",
     "run_work",
+    "unexpected_failure",
 ]

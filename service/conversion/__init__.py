@@ -1,6 +1,6 @@
 """Translation between messages (schemas) and the numerical core (solver)."""
 
-from jointstiff.service.conversion.comparison_csv import comparison_csv
+from jointstiff.service.conversion.csv_table import comparison_csv
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
 from jointstiff.service.conversion.geometry import to_geometry_result
 from jointstiff.service.conversion.links import (

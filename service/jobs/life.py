@@ -14,8 +14,14 @@ from sqlalchemy import Connection
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.query import PageQuery
-from jointstiff.service.computation import Work, carry_out, new_job
-from jointstiff.service.computation.execution import final_state, outcome_of, unexpected_failure
+from jointstiff.service.computation import (
+    Work,
+    carry_out,
+    final_state,
+    new_job,
+    outcome_of,
+    unexpected_failure,
+)
 from jointstiff.service.jobs.kinds import AnyKind
 from jointstiff.service.problems import NotFoundError, TooManyJobsError, problem_of
 from jointstiff.service.resources import Resources

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from codecs import BOM_UTF8
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 from uuid import uuid4
 
 from pydantic import BaseModel
@@ -78,8 +79,25 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
+    return _parsed(message, content.removeprefix(BOM_UTF8), section)
+
+
+def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
+    """Validate a document that was read already.
+
+    Raises:
+        CampaignError: it is not such a document, or holds what is no JSON.
+    """
     try:
-        return parse(message, content.removeprefix(BOM_UTF8), section)
+        return _parsed(message, json.dumps(document).encode(), None)
+    except (TypeError, ValueError) as error:
+        remedy = "give texts, numbers, lists and dictionaries; turn arrays into lists"
+        raise CampaignError(http_problem(422, f"the document is no JSON: {error}", remedy)) from None
+
+
+def _parsed(message: type[Document], content: bytes, section: str | None) -> Document:
+    try:
+        return parse(message, content, section)
     except MalformedError as error:
         raise CampaignError(_other_file(message, error) or invalid_request(error.faults)) from None
 

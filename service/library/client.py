@@ -16,9 +16,10 @@ from jointstiff.schemas.geometry import Geometry, GeometrySummary
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.pair import Pair, PairSummary
 from jointstiff.schemas.robot import Robot, RobotSummary
-from jointstiff.schemas.run import Run, RunSummary
+from jointstiff.schemas.run import RunSummary
 from jointstiff.service.library.answers import AwayError, RefusedError, alien, problem_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
+from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
@@ -69,7 +70,7 @@ class Client:
         self.measurement_sets = Collection(
             self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
         )
-        self.runs = Jobs(self.send, "runs", Run, RunSummary)
+        self.runs = Jobs(self.send, "runs", TabledRun, RunSummary)
         self.comparisons = Jobs(self.send, "comparisons", Comparison, ComparisonSummary)
         self.pairs = Jobs(self.send, "pairs", Pair, PairSummary)
         self.geometries = Jobs(self.send, "geometries", Geometry, GeometrySummary)
@@ -88,9 +89,17 @@ class Client:
         """Find out that the service is there; from now on requests are repeated while it is not."""
         self.send("GET", "/health")
 
-    def identify(self, campaign: Message | Mapping[str, Any]) -> Run:
-        """Post a campaign and its run; return the run once it has ended."""
-        document = plain(campaign)
+    def identify(self, campaign: AnyCampaign) -> TabledRun:
+        """Post a campaign and its run; return the run once it has ended.
+
+        Args:
+            campaign: a file, a document that was read from JSON, or a `Campaign`.
+
+        Raises:
+            CampaignError: the file is no campaign.
+            RefusedError: the service refuses it.
+        """
+        document = plain(campaign_of(campaign))
         _, stored = self.post_campaign(document)
         options = document.get("run", {})
         return self.runs.wait(self.runs.create(options | {"measurement_set_id": stored.id}))

@@ -24,7 +24,7 @@ Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
 Summary = TypeVar("Summary", bound=Message)
 Send = Callable[..., httpx.Response]
-Job = TypeVar("Job", Run, Comparison, Pair, Geometry)
+Job = TypeVar("Job", bound=Run | Comparison | Pair | Geometry)
 
 
 def plain(document: Document) -> dict[str, Any]:

@@ -1,3 +1,29 @@
-"""Jointstiff identifies the joint stiffnesses of an industrial robot from laser-tracker readings."""
+"""Jointstiff identifies the joint stiffnesses of an industrial robot from laser-tracker readings.
+
+    import jointstiff
+
+    run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
+    run.result.joints[1].stiffness                           # [N·m/rad]
+
+    with jointstiff.Client("http://127.0.0.1:8000") as client:   # against a service
+        run = client.identify("campaign.json")
+
+What is heavy is imported when it is used.
+"""
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jointstiff.service.library import CampaignError, Client, RefusedError, TabledRun, identify
+
+__all__ = ["CampaignError", "Client", "RefusedError", "TabledRun", "identify"]
+
+
+def __getattr__(name: str) -> object:
+    """Import a name of this package when it is first used."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("jointstiff.service.library"), name)

@@ -7,8 +7,7 @@ from functools import lru_cache
 from uuid import uuid4
 
 from jointstiff.schemas.measurement import measurement_set as messages
-from jointstiff.service.computation import PreparedSet, check_set
-from jointstiff.service.computation.work import hash_of
+from jointstiff.service.computation import PreparedSet, check_set, hash_of
 from jointstiff.service.conversion import ReadingArrays, in_base, to_measurements
 from jointstiff.service.resources.frames import resolve_frame
 from jointstiff.service.resources.robots import Robots

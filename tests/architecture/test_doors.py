@@ -10,14 +10,20 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 MOST_MODULES = 6
-ROOMS = ("jointstiff.solver", "jointstiff.service", "jointstiff.schemas")
-LAZY = {"jointstiff.service.cli", "jointstiff.service.server"}
-"""Composition roots, which may reach for a module so as to import no more than they need."""
+ROOMS = ("jointstiff.solver", "jointstiff.service")
+"""Packages of messages are vocabularies: their modules are used by name."""
+ROOTS = {
+    "jointstiff.__main__",
+    "jointstiff.service.app",
+    "jointstiff.service.cli",
+    "jointstiff.service.server",
+}
+"""Composition roots, which put modules together and import no more than they need."""
 
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    return grimp.build_graph("jointstiff", include_external_packages=False)
+    return grimp.build_graph("jointstiff", include_external_packages=False, cache_dir=None)
 
 
 def package_of(module: str) -> str:
@@ -32,7 +38,7 @@ def test_packages_are_used_through_their_doors(graph):
         for imported in graph.find_modules_directly_imported_by(importer)
         if imported.startswith(ROOMS)
         and package_of(imported) not in (imported, package_of(importer))
-        and package_of(importer) not in LAZY
+        and package_of(importer) not in ROOTS
     )
     assert not past, "\n".join(past)
 
@@ -44,7 +50,9 @@ def test_few_modules_lie_in_a_room(room):
 
 def test_doors_say_what_they_offer(graph):
     for module in graph.modules:
-        if package_of(module) == module and module.startswith(ROOMS) and graph.find_children(module):
+        if module in ROOTS or package_of(module) != module or not module.startswith(ROOMS):
+            continue
+        if graph.find_children(module) and module.count(".") == 2:
             door = importlib.import_module(module)
             assert door.__doc__, module
             assert sorted(door.__all__) == sorted(set(door.__all__)), module
