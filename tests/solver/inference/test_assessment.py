@@ -313,10 +313,10 @@ class TestUncertain:
         assert uncertain
         for joint in found.joints:
             if joint.status == "identified":
-                assert joint.standard_uncertainty < joint.compliance or joint.interval[0] > 0
+                assert joint.standard_uncertainty < joint.compliance or joint.compliance_interval[0] > 0
         for joint in uncertain:
             assert joint.standard_uncertainty >= joint.compliance > 0
-            assert joint.interval[0] == 0.0
+            assert joint.compliance_interval[0] == 0.0
             assert joint.reason.startswith("stiffer than")
             stated = float(joint.reason.split()[2])
             assert 0.9 / joint.one_sided[1] < stated <= 1 / joint.one_sided[1]
