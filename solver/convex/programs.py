@@ -2,12 +2,13 @@
 
     least_squares    minimise ‖A x − b‖²                             identification (§5)
     huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
-    interval_end     minimise aᵀx subject to ‖A x‖ ≤ 1               end of a profile-likelihood interval (§6)
+    interval_end     minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of a profile-likelihood interval (§6)
     semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
 
 The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the last one to x_j ≥ 0 and Mat(x_b) ⪰ 0 with
 x = near + y. Variables are equilibrated. A program is compiled once for a shape, its data being parameters.
-Huber's loss has a cone for each reading; it is stated with its data, as that compiles faster.
+Huber's loss has a cone for each reading; it is stated with its data, as that compiles faster. Ends of
+intervals are found in batches, by `inference.profile`; tests hold them to the program that is stated here.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data.
@@ -16,13 +17,12 @@ from the data.
 from __future__ import annotations
 
 import threading
-import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.scaled import Scaled
@@ -31,7 +31,6 @@ from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 if TYPE_CHECKING:
     import cvxpy as cp  # takes a second to import: done where a program is stated
 
-
 TOLERANCE: Final = 1e-10
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
 
@@ -39,6 +38,7 @@ _CONE_TOLERANCE: Final = 1e-8
 """Near the tip of a second-order cone Clarabel does not always reach more."""
 
 _SETTINGS: Final[Mapping[str, Any]] = {
+    "verbose": False,
     "max_iter": 200,
     "max_threads": 1,
     "iterative_refinement_abstol": 1e-14,
@@ -46,20 +46,43 @@ _SETTINGS: Final[Mapping[str, Any]] = {
     "iterative_refinement_max_iter": 30,
 }
 
+_COMPILING: Final = threading.RLock()
+"""Held while a program is stated and compiled: cvxpy numbers its variables by a counter of the process."""
 
-@dataclass(frozen=True, eq=False)
+
 class Program:
-    """A stated program with its variable and named parameters.
+    """A program that cvxpy has compiled: cone data ``minimise ½ vᵀP v + qᵀv, A v + s = b, s in a cone``.
 
-    Attributes:
-        problem: as cvxpy has it, compiled at its first solution.
-        x: the variable that is asked for.
-        lock: held while parameters are set and solved for, as a cvxpy problem is mutable.
+    P is constant, and q, A and b are affine in the parameters; cvxpy says how (its `ParamConeProg`). Solving
+    changes nothing in the program, so that threads may share it.
     """
 
-    problem: cp.Problem
-    x: cp.Variable
-    lock: threading.Lock = field(default_factory=threading.Lock)
+    def __init__(self, objective: cp.Minimize, constraints: Sequence[cp.Constraint], x: cp.Variable) -> None:
+        """Compile a program.
+
+        Args:
+            objective: quadratic or linear, without parameters in the quadratic part.
+            constraints: cones.
+            x: the variable that is asked for.
+        """
+        import cvxpy as cp
+        from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
+
+        problem = cp.Problem(objective, list(constraints))
+        for parameter in problem.parameters():
+            parameter.value = np.zeros(parameter.shape)
+        data, _, _ = problem.get_problem_data(cp.CLARABEL)
+        compiled = data[cp.settings.PARAM_PROB]
+        self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
+        self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
+        self._cones = dims_to_solver_cones(data["dims"])
+        self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
+        self._maps: tuple[csr_array, csr_array, tuple[Any, ...]] | None = None
+        if self._columns:
+            reduced = compiled.reduced_A
+            self._maps = compiled.q.tocsr(), reduced.reduced_mat, reduced.problem_data_index
+        start = compiled.var_id_to_col[x.id]
+        self._x = slice(start, start + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE) -> FloatArray | None:
         """Solve by Clarabel.
@@ -69,23 +92,32 @@ class Program:
             tolerance: on gaps and feasibility.
 
         Returns:
-            The point, or None for any status but `optimal`, whatever values it left behind.
+            The point, or None for any status but `Solved`, whatever values it left behind.
         """
-        import cvxpy as cp
+        import clarabel
 
-        tolerances = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
-        with self.lock, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an inaccurate answer is recognised by its status below
-            for name, value in data.items():
-                self.problem.param_dict[name].value = value
-            try:
-                self.problem.solve(solver=cp.CLARABEL, **_SETTINGS, **tolerances)
-            except cp.SolverError:
-                return None
-            status, value = self.problem.status, self.x.value
-        if status != cp.OPTIMAL or value is None or not np.isfinite(value).all():
-            return None
-        return np.asarray(value, dtype=np.float64)
+        settings = clarabel.DefaultSettings()
+        for name, value in _SETTINGS.items():
+            setattr(settings, name, value)
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        q, A, b = self._at(data)
+        answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
+        x = np.asarray(answer.x[self._x], dtype=np.float64)
+        solved = answer.status == clarabel.SolverStatus.Solved
+        return x if solved and np.isfinite(x).all() else None
+
+    def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
+        """Return q, A and b for values of the parameters."""
+        if self._maps is None:
+            return self._q, self._A, self._b
+        to_q, to_Ab, (indices, indptr, shape) = self._maps
+        values = np.zeros(to_Ab.shape[1])
+        values[-1] = 1.0  # the constant part
+        for name, value in data.items():
+            column = self._columns[name]
+            values[column : column + value.size] = value.ravel(order="F")
+        Ab = csc_array((to_Ab @ values, indices, indptr), shape=shape)
+        return (to_q @ values)[:-1], -Ab[:, :-1], Ab[:, [-1]].toarray().ravel()
 
 
 def least_squares(scaled: Scaled) -> FloatArray | None:
@@ -98,10 +130,11 @@ def least_squares(scaled: Scaled) -> FloatArray | None:
 def _least_squares(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
     import cvxpy as cp
 
-    x, r = cp.Variable(columns), cp.Variable(rows)
-    A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
-    constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
-    return Program(cp.Problem(cp.Minimize(cp.sum_squares(r)), constraints), x)
+    with _COMPILING:
+        x, r = cp.Variable(columns), cp.Variable(rows)
+        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
+        constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
+        return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
 
 
 def huber(A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, scaled: Scaled) -> FloatArray | None:
@@ -121,12 +154,13 @@ def huber(A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, scaled: Sc
     """
     import cvxpy as cp
 
-    x = cp.Variable(A.shape[2])
-    residuals = d.ravel() - A.reshape(-1, A.shape[2]) @ x
-    norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
-    loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares(S @ x - t)
-    _, _, below, above, inequalities = _shape(scaled)
-    program = Program(cp.Problem(cp.Minimize(loss), _constraints(x, below, above, inequalities)), x)
+    with _COMPILING:
+        x = cp.Variable(A.shape[2])
+        residuals = d.ravel() - A.reshape(-1, A.shape[2]) @ x
+        norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
+        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares(S @ x - t)
+        _, _, below, above, inequalities = _shape(scaled)
+        program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
     return program.solve(_constraint_data(scaled))
 
 
@@ -142,13 +176,14 @@ def interval_end(objective: FloatArray, ball: Scaled) -> FloatArray | None:
 def _interval_end(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
     import cvxpy as cp
 
-    x, a = cp.Variable(columns), cp.Parameter(columns, name="a")
-    A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
-    constraints = [cp.norm(A @ x - b) <= 1, *_constraints(x, below, above, inequalities)]
-    return Program(cp.Problem(cp.Minimize(a @ x), constraints), x)
+    with _COMPILING:
+        x, a = cp.Variable(columns), cp.Parameter(columns, name="a")
+        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
+        constraints = [cp.norm(A @ x - b) <= 1, *_constraints(x, below, above, inequalities)]
+        return Program(cp.Minimize(a @ x), constraints, x)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)  # one of 264 parameters takes 15 MB
 def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
     """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
 
@@ -165,22 +200,23 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
     """
     import cvxpy as cp
 
-    dimension = scalars + sum(size * (size + 1) // 2 for size in sizes)
-    y, r = cp.Variable(dimension), cp.Variable(rows)
-    T, z = cp.Parameter((rows, dimension), name="T"), cp.Parameter(rows, name="z")
-    p, near = cp.Parameter(dimension, name="p"), cp.Parameter(dimension, name="near")
-    x = near + y
-    constraints = [r == T @ y - z]
-    if scalars:
-        constraints.append(x[:scalars] >= 0)
-    start = scalars
-    for size in sizes:
-        stop = start + size * (size + 1) // 2
-        basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
-        block = cp.reshape(basis @ x[start:stop], (size, size), order="C")
-        constraints.append(x[start:stop] >= 0 if size == 1 else block >> 0)
-        start = stop
-    return Program(cp.Problem(cp.Minimize(cp.sum_squares(r) + p @ y), constraints), y)
+    with _COMPILING:
+        dimension = scalars + sum(size * (size + 1) // 2 for size in sizes)
+        y, r = cp.Variable(dimension), cp.Variable(rows)
+        T, z = cp.Parameter((rows, dimension), name="T"), cp.Parameter(rows, name="z")
+        p, near = cp.Parameter(dimension, name="p"), cp.Parameter(dimension, name="near")
+        x = near + y
+        constraints = [r == T @ y - z]
+        if scalars:
+            constraints.append(x[:scalars] >= 0)
+        start = scalars
+        for size in sizes:
+            stop = start + size * (size + 1) // 2
+            basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
+            block = cp.reshape(basis @ x[start:stop], (size, size), order="C")
+            constraints.append(x[start:stop] >= 0 if size == 1 else block >> 0)
+            start = stop
+        return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
 _Places = tuple[int, ...]

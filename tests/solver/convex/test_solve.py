@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise, product
 
 import cvxpy as cp
@@ -27,6 +28,7 @@ from jointstiff.solver.convex import (
     solve_step,
 )
 from jointstiff.solver.convex import solution as module
+from jointstiff.solver.convex.scaled import Scaled
 from jointstiff.solver.convex.supports import TOLERANCE
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.regression import regressor_blocks
@@ -333,3 +335,44 @@ def test_an_order_through_a_joint_that_no_load_twists():
     for j, other in ((1, "joint_5"), (4, "joint_2")):
         assert joints[j].status == "at_bound"
         assert f"holds it to the stiffness of {other}" in joints[j].reason
+
+
+def test_what_is_solved_is_what_cvxpy_stated():
+    """The compiled data at given parameters, beside cvxpy's own solution of the same statement."""
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        n = int(rng.integers(2, 7))
+        bounds = Bounds(
+            np.where(rng.random(n) < 0.5, 0.0, -np.inf), np.where(rng.random(n) < 0.3, 0.4, np.inf)
+        )
+        order = Constraints(bounds, ((0, 1),))
+        A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
+        scaled = Scaled.of(IdentificationProblem(A, b, order.bounds, order.inequalities))
+        x = cp.Variable(n)
+        below, above = np.isfinite(scaled.lower), np.isfinite(scaled.upper)
+        constraints = [
+            x[below] >= scaled.lower[below],
+            x[above] <= scaled.upper[above],
+            scaled.B @ x >= scaled.d,
+        ]
+        cp.Problem(cp.Minimize(cp.sum_squares(scaled.A @ x - scaled.b)), constraints).solve(
+            solver=cp.CLARABEL
+        )
+        np.testing.assert_allclose(programs.least_squares(scaled), x.value, atol=2e-4)
+
+
+def test_threads_share_the_programs():
+    """Statements, compiled data and warnings are as they were, whatever other threads solve."""
+    filters = list(warnings.filters)
+    rng = np.random.default_rng(3)
+    problems = []
+    for n in (2, 3, 4, 5) * 15:
+        A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
+        problems.append(IdentificationProblem(A, b, Bounds.positive(n)))
+    alone = [solve(problem).compliance for problem in problems]
+    programs._least_squares.cache_clear()
+    with ThreadPoolExecutor(8) as pool:
+        together = [solution.compliance for solution in pool.map(solve, problems)]
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert warnings.filters == filters
