@@ -1,4 +1,4 @@
-"""Elastic links (METHOD.md §7): held-out compensation, noise floor, selection, certificates, time.
+"""Elastic links (method.md §7): held-out compensation, noise floor, selection, certificates, time.
 
 The real readings are no part of this project; where they are not beside the checkout, a note says so.
 """

@@ -50,7 +50,7 @@ class Way:
 
     Attributes:
         name: in a table.
-        method: see METHOD.md §4.
+        method: see method.md §4.
         weighting: of the complete pose.
         length: the characteristic length [m]; None for that of least condition number.
     """

@@ -43,7 +43,7 @@ PAPER_METHODS = (
     ComparedMethod(method="partial_pose"),
     ComparedMethod(method="decoupled_partial_pose"),
 )
-"""The paper's three, and the complete pose weighted by what its rows are worth (METHOD.md §3)."""
+"""The paper's three, and the complete pose weighted by what its rows are worth (method.md §3)."""
 
 
 class ComparisonOptions(Message):

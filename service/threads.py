@@ -1,4 +1,7 @@
-"""One thread for linear algebra in every process; numpy reads the environment when it is imported."""
+"""One thread for linear algebra in every process that the command starts.
+
+numpy reads the environment when it is imported.
+"""
 
 from __future__ import annotations
 

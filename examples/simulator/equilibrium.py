@@ -133,7 +133,7 @@ def linear_deflections(
 ) -> FloatArray:
     """First-order deflections of the targets in R0 [m], (..., T, 3).
 
-    `δp_X = J_v(q, P1X) diag(c) τ(q)`, METHOD.md §2. Its relative difference from the exact
+    `δp_X = J_v(q, P1X) diag(c) τ(q)`, method.md §2. Its relative difference from the exact
     deflection falls in proportion to the load.
     """
     twist = arm.compliances * torques(arm, q, force, moment, load_point)  # δθ [rad], (..., n)

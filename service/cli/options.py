@@ -116,7 +116,7 @@ def chains(texts: Sequence[str] | None) -> list[list[str]] | None:
 
 
 class MethodChoice(StrEnum):
-    """Methods of METHOD.md §4."""
+    """Methods of method.md §4."""
 
     COMPLETE = "complete_pose"
     PARTIAL = "partial_pose"
@@ -124,7 +124,7 @@ class MethodChoice(StrEnum):
 
 
 class WeightingChoice(StrEnum):
-    """Weightings of METHOD.md §3."""
+    """Weightings of method.md §3."""
 
     COVARIANCE = "covariance"
     LENGTH = "characteristic_length"
@@ -132,7 +132,7 @@ class WeightingChoice(StrEnum):
 
 
 class ElasticityChoice(StrEnum):
-    """Models of METHOD.md §7, from simple to rich."""
+    """Models of method.md §7, from simple to rich."""
 
     JOINTS = "joints"
     COUPLED = "coupled_joints"
@@ -141,7 +141,7 @@ class ElasticityChoice(StrEnum):
 
 
 class LossChoice(StrEnum):
-    """Losses of METHOD.md §5."""
+    """Losses of method.md §5."""
 
     SQUARED = "squared"
     HUBER = "huber"

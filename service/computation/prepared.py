@@ -25,8 +25,6 @@ from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import KinematicChain, Robot, read_urdf, write_urdf
 
-"""Reads the chain of a URDF from base link to flange link."""
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedRobot:

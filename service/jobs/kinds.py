@@ -16,7 +16,15 @@ from jointstiff.service.store import JobRecord
 
 AnyWork = TypeVar("AnyWork", QuickWork, SteppedWork[Any])
 
-_COLUMNS = ("measurement_set_id", "first_set_id", "second_set_id", "name")
+_COLUMNS = (
+    "measurement_set_id",
+    "first_set_id",
+    "second_set_id",
+    "name",
+    "method",
+    "weighting",
+    "elasticity",
+)
 """Columns of the store that have the values of the summary's fields."""
 
 

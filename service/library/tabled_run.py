@@ -38,6 +38,7 @@ def campaign_of(campaign: AnyCampaign) -> Campaign:
 
     Raises:
         CampaignError: the file is too large, or the document is no campaign.
+        OSError: the file cannot be read.
     """
     if isinstance(campaign, Campaign):
         return campaign
@@ -61,6 +62,7 @@ def identify(
 
     Raises:
         CampaignError: campaign or options cannot be used; its `problem` says what, where and what to do.
+        OSError: the file cannot be read.
     """
     read = campaign_of(campaign)
     asked = campaigns.parse_document(

@@ -8,7 +8,7 @@ from dataclasses import asdict, fields
 from types import MappingProxyType
 from typing import Any, Final, Generic
 
-from sqlalchemy import ColumnElement, Connection, Integer, Select, Table, bindparam, insert, select
+from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems import (
@@ -157,7 +157,7 @@ class Collection(Generic[Record, Entry]):
         query = (
             select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
             .where(columns.sequence < before, *self._mine, *self._visible)
-            .where(*(self._column(name) == value for name, value in sorted(filters.items())))
+            .where(*(columns[name] == value for name, value in sorted(filters.items())))
             .order_by(columns.sequence.desc())
             .limit(bindparam("limit", limit + 1, type_=Integer))
         )
@@ -167,16 +167,8 @@ class Collection(Generic[Record, Entry]):
         return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
 
     def _narrows(self, name: str) -> bool:
-        """Whether a listing can be narrowed by a column or a field of the summary."""
-        if name not in self._table.c:
-            return self._table is jobs
+        """Return whether a listing can be narrowed by a column: only by one with an index."""
         return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
-
-    def _column(self, name: str) -> ColumnElement[Any]:
-        if name in self._table.c:
-            return self._table.c[name]
-        summary: ColumnElement[Any] = self._table.c.summary[name].as_string()
-        return summary
 
     def _parents(self, record: Record) -> Iterator[tuple[Table, Resource, str]]:
         """Yield the records that this one names: table, resource, id."""

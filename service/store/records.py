@@ -69,6 +69,9 @@ class JobRecord(JobEntry):
     first_set_id: str | None
     second_set_id: str | None
     name: str | None
+    method: str | None
+    weighting: str | None
+    elasticity: str | None
     document: str
     """JSON text of the kind's message."""
 

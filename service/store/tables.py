@@ -141,6 +141,9 @@ jobs = _listed(
         "measurement_set_id",
         "first_set_id",
         "second_set_id",
+        "method",
+        "weighting",
+        "elasticity",
     ],
 )
 _deleted = jobs.c.deleted_at.is_not(None)

@@ -59,7 +59,7 @@ _DATABASE_ERRORS: Final = (OperationalError, InterfaceError, PoolTimeoutError)
 class _Interruption(BaseException):
     """The engine's tables could not be used: no result of a workflow, whatever is done with exceptions.
 
-    It is not recorded, so that the workflow counts as begun; the janitor sees that nobody carries it out.
+    It is not recorded, so that the workflow counts as begun; the recovery sees that nobody carries it out.
     """
 
 

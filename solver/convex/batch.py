@@ -1,9 +1,9 @@
-"""Many small box-constrained least-squares problems at once, from their Gram matrices (METHOD.md §5).
+"""Many small box-constrained least-squares problems at once, from their Gram matrices (method.md §5).
 
 With G = AᵀA and h = Aᵀd the problem is ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``. The Gram
 matrix squares the condition number, so it is asked only where it can answer to about nine digits; whoever
-has the rows goes back to them for the rest. As in `solve` no answer leaves without a certificate,
-and where pivoting does not find it, `solve` does, one problem at a time.
+has the rows goes back to them for the rest. As in `solve_step` no answer leaves without a certificate,
+and where pivoting does not find it, `solve_step` does, one problem at a time.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
         The optima, certified from G and h.
 
     Raises:
-        SolverError: if a number is not finite, or `solve` finds no certificate either.
+        SolverError: if a number is not finite, or `solve_step` finds no certificate either.
     """
     if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
         raise SolverError(
@@ -177,7 +177,7 @@ def _certified(problems: _Scaled, x: FloatArray) -> BoolArray:
 
 
 def _solve_alone(problems: _Scaled, k: np.intp) -> FloatArray:
-    """One problem by `solve`, stated by a triangle R with RᵀR = A and z with Rᵀz = b."""
+    """Solve one problem by `solve_step`, stated by a triangle R with RᵀR = A and z with Rᵀz = b."""
     factor = np.linalg.cholesky(problems.A[k])
     z = np.linalg.solve(factor, problems.b[k])
     bounds = Bounds(problems.lower[k], problems.upper[k])

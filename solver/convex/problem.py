@@ -1,4 +1,4 @@
-"""The convex problem as data (METHOD.md §5)."""
+"""The convex problem as data (method.md §5)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Solution of an identification problem: Clarabel proposes, exact algebra polishes, a certificate decides.
 
-The steps are those of docs/method.md §5. Columns and right-hand side are brought to unit norm, so that
+The steps are those of method.md §5. Columns and right-hand side are brought to unit norm, so that
 neither units nor twelve decades between the joints matter. The program stated in `programs` is solved by
 Clarabel; its answer tells which bounds and inequalities are active, and least squares on these are exact. The
 point is accepted only if the optimality conditions hold in the data. Where an interior point blurs a tie, an

@@ -1,4 +1,4 @@
-"""The decoupled partial pose: the arm from the wrist centre, then the wrist (METHOD.md §4; the paper)."""
+"""The decoupled partial pose: the arm from the wrist centre, then the wrist (method.md §4; the paper)."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class DecoupledPartialPose:
         return combined(n, stages, centre, self._covariance(first, second, n))
 
     def _covariance(self, arm: StageFit | None, wrist: StageFit | None, n: int) -> FloatArray:
-        """Exact covariance of both stages: ĉ = H d, hence H Σ Hᵀ (METHOD.md §4).
+        """Exact covariance of both stages: ĉ = H d, hence H Σ Hᵀ (method.md §4).
 
         With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two
         stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.

@@ -1,4 +1,4 @@
-"""What every method offers, and the two that solve one problem for all joints (METHOD.md §4)."""
+"""What every method offers, and the two that solve one problem for all joints (method.md §4)."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from jointstiff.solver.errors import RequestError
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent Gaussian priors of the compliances (METHOD.md §5).
+    """Independent Gaussian priors of the compliances (method.md §5).
 
     Attributes:
         mean: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known.

@@ -1,4 +1,4 @@
-"""What the residuals say of sigma, and whether they agree with what was stated (METHOD.md §6)."""
+"""What the residuals say of sigma, and whether they agree with what was stated (method.md §6)."""
 
 from __future__ import annotations
 

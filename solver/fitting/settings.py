@@ -18,8 +18,8 @@ class Settings:
     """How to identify.
 
     Attributes:
-        method: see METHOD.md §4.
-        weighting: see METHOD.md §3; `characteristic_length` goes with the complete pose only.
+        method: see method.md §4.
+        weighting: see method.md §3; `characteristic_length` goes with the complete pose only.
         characteristic_length: [m]; None for the length of least condition number.
         bounds: on the compliances.
         confidence: level of the intervals, between 0 and 1.
@@ -27,7 +27,7 @@ class Settings:
         prior: what is known of the compliances beforehand; with weighting by covariance only.
         loss: of the norm of each target's whitened residual.
         huber_threshold: for the loss `huber`, in units of sigma.
-        complementary_stiffness: whether K_c is part of the model (METHOD.md §2).
+        complementary_stiffness: whether K_c is part of the model (method.md §2).
     """
 
     method: Method

@@ -1,4 +1,4 @@
-"""Stages of a method: least-squares problems solved one after the other, and put together (METHOD.md §4)."""
+"""Stages of a method: least-squares problems solved one after the other, and put together (method.md §4)."""
 
 from __future__ import annotations
 

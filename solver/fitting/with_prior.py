@@ -1,4 +1,4 @@
-"""Fits with what is known beforehand: a prior joins the readings as further rows (METHOD.md §5)."""
+"""Fits with what is known beforehand: a prior joins the readings as further rows (method.md §5)."""
 
 from __future__ import annotations
 

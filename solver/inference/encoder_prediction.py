@@ -26,7 +26,7 @@ def predict_encoders(
     *,
     complementary_stiffness: bool = False,
 ) -> FloatArray:
-    """Deflections of the joints behind their gearboxes, ``δθ = diag(τ) c`` (METHOD.md §2).
+    """Deflections of the joints behind their gearboxes, ``δθ = diag(τ) c`` (method.md §2).
 
     Args:
         robot: n joints.

@@ -1,4 +1,4 @@
-"""The estimate: joint compliances with uncertainty, verdict and evidence (METHOD.md §6)."""
+"""The estimate: joint compliances with uncertainty, verdict and evidence (method.md §6)."""
 
 from __future__ import annotations
 

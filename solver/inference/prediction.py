@@ -84,7 +84,7 @@ def predict(
     complementary_stiffness: bool = False,
     estimated: BoolArray | None = None,
 ) -> Prediction:
-    """Predict the deflections of the targets, ``δp_X = A_X c`` (METHOD.md §2).
+    """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
 
     Args:
         robot: n joints.

@@ -1,4 +1,4 @@
-"""Profile-likelihood intervals of the compliances under constraints (METHOD.md §6).
+"""Profile-likelihood intervals of the compliances under constraints (method.md §6).
 
 The ends of an interval are the least and the greatest c_j on the part of the ball ``‖R (c − ĉ)‖² ≤ ρ²`` that
 the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a second-order cone program each. Its optimum is also

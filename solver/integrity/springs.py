@@ -45,7 +45,7 @@ class Springs:
 
 @dataclass(frozen=True, eq=False)
 class SpringModel:
-    """The deflections that compliances make of N observations, linear in them (METHOD.md §2).
+    """The deflections that compliances make of N observations, linear in them (method.md §2).
 
     Attributes:
         A: (N, T, 3, n) [m / (rad/(N·m))]; zero where not read.
@@ -94,7 +94,7 @@ class SpringModel:
 
 
 def _regressor(at: Configurations, m: Measurements) -> tuple[FloatArray, FloatArray]:
-    """A (N, T, 3, n) and the torques (N, n), as METHOD.md §2."""
+    """A (N, T, 3, n) and the torques (N, n), as method.md §2."""
     load = at.jacobian_at(at.to_base(m.load_point[:, None]))[:, 0]
     torque = joint_torque(at, load, m.force, m.moment)
     points = m.position

@@ -1,4 +1,4 @@
-"""Cross-validation over configurations: what a model fitted to some predicts of the others (METHOD.md §7).
+"""Cross-validation over configurations: what a model fitted to some predicts of the others (method.md §7).
 
 Each fold is compressed once. The training set of a fold merges the triangles of the others, whatever the
 weight and the model; an error of prediction is that of the held-out fold's triangle.

@@ -1,4 +1,4 @@
-"""What elastic links are found to be: compliances, what each explains, and the evidence (METHOD.md §7)."""
+"""What elastic links are found to be: compliances, what each explains, and the evidence (method.md §7)."""
 
 from __future__ import annotations
 

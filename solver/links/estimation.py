@@ -1,4 +1,4 @@
-"""Elastic links of a whole set, fitted with a penalty whose weight is known: METHOD.md §7."""
+"""Elastic links of a whole set, fitted with a penalty whose weight is known: method.md §7."""
 
 from __future__ import annotations
 

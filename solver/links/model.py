@@ -1,4 +1,4 @@
-"""Models of what bends, from simple to rich, and the program that fits each (METHOD.md §7).
+"""Models of what bends, from simple to rich, and the program that fits each (method.md §7).
 
 The penalty has no length that anyone chose. It is the work that a unit force at the load point does on an
 element: averaged over the force's direction and, as the fitted postures are few, over all directions of the

@@ -1,4 +1,4 @@
-"""The linear model of METHOD.md §7: deflections of the targets as a linear function of link compliances.
+"""The linear model of method.md §7: deflections of the targets as a linear function of link compliances.
 
 ``δp_X = A_X c + Σ_jk J_j C_θ,jk τ_k + Σ_i B_i C_i w_i``: joints, coupling between joints, links. Frame i is
 that of joint i, which moves with it (after its rotation); w_i is the load's wrench in it, force then moment

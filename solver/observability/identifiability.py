@@ -1,4 +1,4 @@
-"""What the readings can say of each joint, and in words why they cannot (METHOD.md §6)."""
+"""What the readings can say of each joint, and in words why they cannot (method.md §6)."""
 
 from __future__ import annotations
 

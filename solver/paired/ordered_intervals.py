@@ -1,4 +1,4 @@
-"""Profile-likelihood intervals of two campaigns' compliances under the order between them (METHOD.md §6)."""
+"""Profile-likelihood intervals of two campaigns' compliances under the order between them (method.md §6)."""
 
 from __future__ import annotations
 

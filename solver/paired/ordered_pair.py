@@ -1,4 +1,4 @@
-"""Two campaigns in one convex problem: no joint is softer in the second than in the first (METHOD.md §5).
+"""Two campaigns in one convex problem: no joint is softer in the second than in the first (method.md §5).
 
 The unknowns are ``v = (c_second, c_first − c_second)``: then the order ``c_second ≤ c_first`` is a bound on
 the second half, which the solver keeps exactly, and both campaigns' rows, each whitened by its own sigma, are

@@ -12,7 +12,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.encoders import EncoderReadings
 
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
-"""Covariance of a deflection in units of sigma²: it is a difference of two readings (METHOD.md §3)."""
+"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
 ISOTROPIC_DIFFERENCE.setflags(write=False)
 
 

@@ -1,4 +1,4 @@
-"""What tracker readings are worth (METHOD.md §3): covariances of positions, and of their differences.
+"""What tracker readings are worth (method.md §3): covariances of positions, and of their differences.
 
 A laser tracker measures a distance and two angles: in the line of sight ``σ_r = a + b d``, across it
 ``σ_t = c + e d``, d the distance from the station. So the covariance of a position is anisotropic, turns

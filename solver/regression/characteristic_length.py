@@ -1,4 +1,4 @@
-"""The characteristic length, kept as the baseline that the paper compares with (METHOD.md §3, §4)."""
+"""The characteristic length, kept as the baseline that the paper compares with (method.md §3, §4)."""
 
 from __future__ import annotations
 

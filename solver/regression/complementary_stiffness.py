@@ -1,4 +1,4 @@
-"""Complementary stiffness K_c: how the load's torques change as the joints bend (METHOD.md §2).
+"""Complementary stiffness K_c: how the load's torques change as the joints bend (method.md §2).
 
 Chen & Kao, *Conservative congruence transformation for joint and Cartesian stiffness matrices of robotic
 hands and fingers*, Int. J. Robotics Research 19(9), 2000: ``(K_θ − K_c) δθ = τ`` with K_c = ∂τ/∂θ for a

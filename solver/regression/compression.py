@@ -1,4 +1,4 @@
-"""QR compression: a least-squares problem of any length becomes a small triangle (METHOD.md §5, step 3)."""
+"""QR compression: a least-squares problem of any length becomes a small triangle (method.md §5, step 3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid displacement of the flange from the deflections of its targets (METHOD.md §3)."""
+"""Rigid displacement of the flange from the deflections of its targets (method.md §3)."""
 
 from __future__ import annotations
 

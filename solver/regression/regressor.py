@@ -1,4 +1,4 @@
-"""The linear model of METHOD.md §2: deflections of the targets as a linear function of compliance.
+"""The linear model of method.md §2: deflections of the targets as a linear function of compliance.
 
 Everything is built for a block of configurations at once; a block is small enough that memory stays flat
 however many observations there are.
@@ -56,7 +56,7 @@ class RegressorBlock:
 def joint_torque(
     configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
-    """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (METHOD.md §2; paper, eq. 12).
+    """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12).
 
     Args:
         configurations: N configurations.
@@ -77,7 +77,7 @@ def regressor_blocks(
 ) -> Iterator[RegressorBlock]:
     """Yield the regressors block by block.
 
-    With a compliance c they hold the complementary stiffness (METHOD.md §2): A c is then the deflection of
+    With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
     the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
     and targets are those half-way, at q + δθ/2, where they are secants of the motion: between two poses the
     rotation of the flange about its half-way axes moves each target by ``δφ × (its half-way lever)``.
@@ -165,7 +165,7 @@ def _assembled(
 
 
 def whitener(covariance: FloatArray) -> FloatArray:
-    """W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (METHOD.md §5, step 1).
+    """W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
 
     Args:
         covariance: (..., m, m).

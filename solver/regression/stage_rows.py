@@ -1,4 +1,4 @@
-"""What each method makes of the readings: linear functions of them, with their covariance (METHOD.md §4)."""
+"""What each method makes of the readings: linear functions of them, with their covariance (method.md §4)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class DerivedReadings:
 class Stage:
     """One least-squares problem over n parameters, compressed as its rows come in.
 
-    With `root_weight` None the rows are weighted by their covariance (METHOD.md §3); otherwise by the
+    With `root_weight` None the rows are weighted by their covariance (method.md §3); otherwise by the
     given (m,) factors, and the covariance of the estimate is the sandwich that such weights leave.
     """
 

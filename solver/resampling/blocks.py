@@ -1,6 +1,6 @@
 """What a resample needs of each configuration, computed once: weighted rows and their Gram matrices.
 
-A method's least-squares problem on some of the configurations is a sum over them (METHOD.md §5, §6):
+A method's least-squares problem on some of the configurations is a sum over them (method.md §5, §6):
 with the weighted rows M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn),
 ``Σ w_i M_iᵀ M_i`` holds G = AᵀA, h = Aᵀd and all else that the fit takes from the readings.
 
@@ -99,7 +99,7 @@ class GramBlocks:
         return len(self.stages[0].rows)
 
     def compensation(self, compliance: FloatArray) -> FloatArray:
-        """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (METHOD.md §6).
+        """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
 
         Args:
             compliance: (K, n) [rad/(N·m)].

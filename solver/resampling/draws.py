@@ -1,4 +1,4 @@
-"""Resampling: fit m of the N configurations drawn at random, R times (METHOD.md §6; paper: 10 of 19).
+"""Resampling: fit m of the N configurations drawn at random, R times (method.md §6; paper: 10 of 19).
 
 How far the estimates of different draws lie apart shows what the choice of configurations decides. All
 repetitions are fitted together, tile by tile, from `GramBlocks`; those that a Gram matrix cannot answer

@@ -1,4 +1,4 @@
-"""What many resamples say together: means, spreads and shares (METHOD.md §6; paper, Table II)."""
+"""What many resamples say together: means, spreads and shares (method.md §6; paper, Table II)."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Configurations:
         return self.jacobian[:, 3:]
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return J_v of the flange-fixed points now at the given places (METHOD.md §1).
+        """Return J_v of the flange-fixed points now at the given places (method.md §1).
 
         Column j is ``a_j × (x - o_j)``; the spatial Jacobian holds ``-a_j × o_j`` already.
 

@@ -20,7 +20,7 @@ WORST_CONDITION = 1e8
 
 @dataclass(frozen=True, eq=False)
 class JointMap:
-    """Map controller angles q_c to model angles q = M q_c + o (METHOD.md §1).
+    """Map controller angles q_c to model angles q = M q_c + o (method.md §1).
 
     Arrays are copied and read-only.
 

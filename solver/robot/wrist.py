@@ -1,4 +1,4 @@
-"""Find the wrist centre, where the last three axes meet (METHOD.md §4)."""
+"""Find the wrist centre, where the last three axes meet (method.md §4)."""
 
 from __future__ import annotations
 

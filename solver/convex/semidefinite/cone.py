@@ -1,4 +1,4 @@
-"""Semidefinite programs as data: a cone, a least-squares term, a penalty on traces (METHOD.md §7).
+"""Semidefinite programs as data: a cone, a least-squares term, a penalty on traces (method.md §7).
 
 minimise ‖R x − z‖² + λ Σ tr   subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0 for the blocks
 """

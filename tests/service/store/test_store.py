@@ -192,12 +192,12 @@ class TestPages:
         store.sets.add(measurement_set("s2", robot_id="r2", name="other", encoders="secondary"))
         store.jobs(RUN).add(run())
         columns = {"measurement_set_id": "s2", "robot_id": "r2", "state": "s"}
-        summary = {"method": "m", "weighting": "w", "elasticity": "e"}
-        store.jobs(RUN).add(run("u2", summary=summary, **columns))
+        columns |= {"method": "m", "weighting": "w", "elasticity": "e"}
+        store.jobs(RUN).add(run("u2", **columns))
         for kind, second, values in (
             (store.robots, "r2", {"name": "name of r2"}),
             (store.sets, "s2", {"robot_id": "r2", "name": "other", "encoders": "secondary"}),
-            (store.jobs(RUN), "u2", columns | summary),
+            (store.jobs(RUN), "u2", columns),
         ):
             for name, value in values.items():
                 page = kind.page(limit=5, filters={name: value})

@@ -44,7 +44,7 @@ def assert_at_level(held: np.ndarray, *, at_most: bool = True) -> None:
 
 
 def test_the_bound_is_that_of_the_linear_model():
-    """`cramer_rao`, from differences of the exact simulator, beside the formula of METHOD.md §2."""
+    """`cramer_rao`, from differences of the exact simulator, beside the formula of method.md §2."""
     design = planned_design(default_arm(), seed=0)
     arm, plan = design.arm, design.experiment
     posture = arm.posture(plan.joints)

@@ -70,13 +70,14 @@ def downgrade() -> None:
 
 def _create_jobs() -> None:
     sets = ("measurement_set_id", "first_set_id", "second_set_id")
+    options = ("method", "weighting", "elasticity")
     _create_listed(
         "jobs",
         _text("kind"),
         _text("state"),
         _time("created_at"),
         sa.Column("summary", sa.JSON(), nullable=False),
-        *(sa.Column(name, sa.String(), nullable=True) for name in ("robot_id", *sets, "name")),
+        *(sa.Column(name, sa.String(), nullable=True) for name in ("robot_id", *sets, "name", *options)),
         _text("document"),
         sa.Column("deaths", sa.Integer(), server_default="0", nullable=False),
         sa.Column("deleted_at", sa.DateTime(timezone=True), nullable=True),
@@ -87,7 +88,7 @@ def _create_jobs() -> None:
             ["kind", "state"],
             ["kind", "robot_id"],
             ["kind", "name"],
-            *([name] for name in sets),
+            *([name] for name in (*sets, *options)),
         ],
     )
     op.create_index(
