@@ -24,6 +24,13 @@ __all__ = ["CampaignError", "Client", "RefusedError", "TabledRun", "identify"]
 
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
+    if name == "__version__":
+        return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module("jointstiff.service.library"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names of this package, imported or not."""
+    return sorted([*__all__, "__version__"])

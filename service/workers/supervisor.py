@@ -71,7 +71,7 @@ class Supervisor:
     def _watch(self, database: str, name: str) -> None:
         """Start a worker, and wait for its end."""
         with subprocess.Popen(
-            [sys.executable, "-m", "jointstiff.service.workers.worker", name],
+            [sys.executable, "-m", "jointstiff.service.workers", name],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             env=_environment(database),

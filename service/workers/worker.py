@@ -17,7 +17,6 @@ from jointstiff.service.render import console
 from jointstiff.service.store import SILENT_SECONDS, Store
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.recovery import BEAT_SECONDS, Janitor
-from jointstiff.service.workers.supervisor import DATABASE_VARIABLE
 
 _EARLY_BEAT: Final = 1.0
 """The first looks come sooner, as there may be something to take over."""
@@ -83,7 +82,3 @@ def _end_with(parent: int) -> None:
     while os.read(parent, 1024):
         pass
     os._exit(0)
-
-
-if __name__ == "__main__":
-    run_worker(os.environ[DATABASE_VARIABLE], sys.argv[1], sys.stdin.fileno())

@@ -359,7 +359,7 @@ def workers_of(database: str) -> list[int]:
         except OSError:  # it has ended meanwhile, or is another user's
             continue
         if (
-            b"jointstiff.service.workers.worker" in command
+            b"jointstiff.service.workers" in command
             and f"JOINTSTIFF_DATABASE={database}".encode() in environment
         ):
             found.append(int(folder.name))

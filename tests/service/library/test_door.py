@@ -29,6 +29,8 @@ def test_the_package_by_itself_imports_nothing():
 def test_its_names_are_there_and_no_others():
     for name in jointstiff.__all__:
         assert getattr(jointstiff, name).__name__ == name
+    assert set(jointstiff.__all__) < set(dir(jointstiff))
+    assert jointstiff.__version__.count(".") == 2
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = jointstiff.nothing
 
