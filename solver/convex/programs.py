@@ -110,14 +110,17 @@ class Program:
         """Return q, A and b for values of the parameters."""
         if self._maps is None:
             return self._q, self._A, self._b
-        to_q, to_Ab, (indices, indptr, shape) = self._maps
+        to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
         values = np.zeros(to_Ab.shape[1])
         values[-1] = 1.0  # the constant part
         for name, value in data.items():
             column = self._columns[name]
             values[column : column + value.size] = value.ravel(order="F")
-        Ab = csc_array((to_Ab @ values, indices, indptr), shape=shape)
-        return (to_q @ values)[:-1], -Ab[:, :-1], Ab[:, [-1]].toarray().ravel()
+        entries, last = to_Ab @ values, indptr[-2]  # column by column, those of b last
+        A = csc_array((-entries[:last], indices[:last], indptr[:-1]), shape=(m, columns - 1))
+        b = np.zeros(m)
+        b[indices[last:]] = entries[last:]
+        return (to_q @ values)[:-1], A, b
 
 
 def least_squares(scaled: Scaled) -> FloatArray | None:
