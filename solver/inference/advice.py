@@ -125,6 +125,7 @@ class _Search:
     def __init__(self, estimate: Estimate, tools: Equipment) -> None:
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._information = self._regressor.T @ self._regressor
+        self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
         self._tools = tools
         self._same_method = _has_least_uncertainty(estimate, self._regressor)
@@ -170,10 +171,10 @@ class _Search:
         self, joint: int, postures: Postures, m: int, force: FloatArray, torque: FloatArray
     ) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it."""
-        after = _deviation(np.vstack([self._regressor, postures.rows(m, torque)]), joint)
+        after = _deviation(Spectrum(np.vstack([self._regressor, postures.rows(m, torque)])), joint)
         if after is None:
             return None
-        before = _deviation(self._regressor, joint)
+        before = _deviation(self._spectrum, joint)
         observation = int(postures.observation[m])
         return Advice(
             joint=joint,
@@ -199,9 +200,8 @@ def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
     return np.allclose(np.sqrt(np.diagonal(estimate.covariance)[visible]), least, rtol=0.01, atol=0.0)
 
 
-def _deviation(rows: FloatArray, joint: int) -> float | None:
-    """Standard uncertainty of c_j in units of sigma; None where the rows do not determine it."""
-    spectrum = Spectrum(rows)
+def _deviation(spectrum: Spectrum, joint: int) -> float | None:
+    """Return the standard uncertainty of c_j in units of sigma; None where the rows do not determine it."""
     if (spectrum.null_space[:, joint] ** 2).sum() > _SHOWS:
         return None
     return float(np.linalg.norm(spectrum.inverse[joint]))
