@@ -77,7 +77,7 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
 
 
 def _mark(database: str) -> str:
-    """What tells the workers of one store from those of another, the same at each start."""
+    """Return what tells the workers of one store from those of another, the same at each start."""
     return hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
 
 

@@ -11,7 +11,7 @@ from typing import Final
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import ServerSentEvent
 
-from jointstiff.service.jobs import AnyJobs, Job
+from jointstiff.service.jobs import Job, Jobs
 from jointstiff.service.store import NotFoundError, Standing, StoreUnavailableError
 
 _TURN_SECONDS: Final = 0.1
@@ -33,7 +33,7 @@ class _Followed:
         changed: set when `news` or `over` changes, and replaced by another then.
     """
 
-    jobs: AnyJobs
+    jobs: Jobs
     followers: int = 0
     job: Job | None = None
     news: ServerSentEvent | None = None
@@ -79,7 +79,7 @@ class Followers:
         self._followed: dict[str, _Followed] = {}
         self._task: asyncio.Task[None] | None = None
 
-    async def events(self, jobs: AnyJobs, job_id: str) -> AsyncGenerator[ServerSentEvent]:
+    async def events(self, jobs: Jobs, job_id: str) -> AsyncGenerator[ServerSentEvent]:
         """Yield `progress` events while a job goes on, then one `end` event with its final state.
 
         Raises:
@@ -106,7 +106,7 @@ class Followers:
         if task.done():
             await task
 
-    async def wait(self, jobs: AnyJobs, job_id: str, seconds: float) -> None:
+    async def wait(self, jobs: Jobs, job_id: str, seconds: float) -> None:
         """Return when a job has ended, after some seconds, or when the service is about to end."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds), aclosing(self.events(jobs, job_id)) as events:
@@ -132,7 +132,7 @@ class Followers:
 
 def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
     """Look at jobs, with one query for all of a kind."""
-    kinds: dict[AnyJobs, list[str]] = {}
+    kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
         kinds.setdefault(each.jobs, []).append(job_id)
     standings = {job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.standings(ids).items()}

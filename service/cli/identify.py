@@ -202,7 +202,7 @@ def _changed(options: Options, changes: Mapping[str, object]) -> Options:
 
 
 def _resampling(size: int | None, repetitions: int | None, seed: int | None) -> dict[str, int] | None:
-    """What `--resample` and its companions ask for; None without it.
+    """Return what `--resample` and its companions ask for; None without it.
 
     Raises:
         typer.BadParameter: a companion without it.

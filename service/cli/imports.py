@@ -139,7 +139,7 @@ def import_readings(
 
 
 def _understood(files: Sequence[Path], chosen: dict[str, object]) -> ImportAnswer:
-    """What the files say.
+    """Return what the files say.
 
     Raises:
         CampaignError: what was chosen contradicts itself, or a file was not understood.

@@ -86,12 +86,12 @@ Links = Annotated[
 
 
 def link_names(text: str | None) -> list[str] | None:
-    """What `--links` says, as the request has it; None if it was not given."""
+    """Return what `--links` says, as the request has it; None if it was not given."""
     return None if text is None else [name.strip() for name in text.split(",")]
 
 
 def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
-    """What `--prior` says, as the request has it; None if it was not given.
+    """Return what `--prior` says, as the request has it; None if it was not given.
 
     Raises:
         typer.BadParameter: naming the text that is none.
@@ -111,7 +111,7 @@ def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
 
 
 def chains(texts: Sequence[str] | None) -> list[list[str]] | None:
-    """What `--stiffer` says, as the request has it; None if it was not given."""
+    """Return what `--stiffer` says, as the request has it; None if it was not given."""
     return [[name.strip() for name in text.split(",")] for text in texts or ()] or None
 
 

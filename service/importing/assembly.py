@@ -50,7 +50,7 @@ class Assembly:
 
     @property
     def one_state(self) -> bool:
-        """Whether positions were read in one state only, so that there is no deflection."""
+        """Return whether positions were read in one state only, so that there is no deflection."""
         return set(self.states) in _HALVES
 
 
@@ -124,7 +124,7 @@ def _targets(observations: Iterable[Gathered]) -> tuple[str, ...]:
 
 
 def _check_values(observations: list[Gathered]) -> None:
-    """What one observation has, all must have."""
+    """Return what one observation has, all must have."""
     kinds = dict.fromkeys(kind for one in observations for kind in one.values)
     for kind in kinds:
         count = None
@@ -175,7 +175,7 @@ def _complete(
 
 
 def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
-    """What a reading lacks to be complete, or None.
+    """Return what a reading lacks to be complete, or None.
 
     Raises:
         ImportFileError: positions and a deflection of the same target.

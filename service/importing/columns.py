@@ -46,7 +46,7 @@ class Columns:
 
     @property
     def needed(self) -> frozenset[str]:
-        """What of target and state the names of points or files must give."""
+        """Return what of target and state the names of points or files must give."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
         needed = set()
         if any(quantity.target is None for quantity in positions) and "target" not in self.texts:

@@ -101,7 +101,7 @@ def state_named(word: str, extra: Mapping[str, State]) -> State | None:
 
 
 def is_key(text: str) -> bool:
-    """Whether a text is the header of a column of texts."""
+    """Return whether a text is the header of a column of texts."""
     return text.strip().casefold() in _KEYS
 
 

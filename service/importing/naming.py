@@ -106,7 +106,7 @@ def default_point(name: str, needed: frozenset[str], words: Mapping[str, State])
 
 
 def default_file(stem: str, needed: frozenset[str], words: Mapping[str, State]) -> Naming:
-    """What points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
+    """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
 
     Raises:
         Fault: the name does not say just that.

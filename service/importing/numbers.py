@@ -28,7 +28,7 @@ class MarkedCell(NamedTuple):
 
 
 def looks_like_a_number(text: str) -> bool:
-    """Whether it is one, with either decimal mark."""
+    """Return whether it is one, with either decimal mark."""
     return _NUMBER.fullmatch(text.replace(",", ".")) is not None
 
 

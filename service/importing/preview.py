@@ -58,7 +58,7 @@ def preview_all(files: list[FilePreview], assembly: Assembly) -> ImportPreview:
 def missing_from(
     assembly: Assembly, flange_targets: Collection[str] = (), *, load_point: bool = False
 ) -> list[str]:
-    """What a measurement set needs beyond what was read, in words.
+    """Return what a measurement set needs beyond what was read, in words.
 
     Args:
         assembly: what was read.

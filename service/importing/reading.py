@@ -54,7 +54,7 @@ class Imported:
 
     @property
     def complete(self) -> bool:
-        """Whether the files give all that only measuring can give."""
+        """Return whether the files give all that only measuring can give."""
         values = self.assembly.observations[0].values
         return (
             {"joint", "force"} <= set(values) and bool(self.assembly.states) and not self.assembly.one_state

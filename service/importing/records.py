@@ -154,7 +154,7 @@ class _Names:
             raise fault.at(Place(grid.file)) from None
 
     def of(self, row: Row) -> Naming:
-        """What is said of a row.
+        """Return what is said of a row.
 
         Raises:
             ImportFileError: something is missing or contradicts.

@@ -8,6 +8,4 @@ from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
 from jointstiff.service.jobs.life import Enqueue, Jobs
 from jointstiff.service.jobs.registry import KINDS, Parts
 
-AnyJobs = Jobs
-
-__all__ = ["KINDS", "AnyJobs", "AnyKind", "Enqueue", "Job", "Jobs", "Parts", "Quick", "Span", "Stepped"]
+__all__ = ["KINDS", "AnyKind", "Enqueue", "Job", "Jobs", "Parts", "Quick", "Span", "Stepped"]

@@ -103,7 +103,7 @@ def _parsed(message: type[Document], content: bytes, section: str | None) -> Doc
 
 
 def _other_file(message: type[BaseModel], error: MalformedError) -> Problem | None:
-    """What the file is instead, if it is of a kind that we know; None if it is not."""
+    """Return what the file is instead, if it is of a kind that we know; None if it is not."""
     if error.keys is NOT_JSON:
         remedy = "mend it there; tables and point lists become a campaign by `jointstiff import FILE`"
         return http_problem(422, str(error.faults[0]["msg"]), remedy)

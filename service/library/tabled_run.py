@@ -68,4 +68,4 @@ def identify(
     asked = campaigns.parse_document(
         read.run.model_dump(mode="json", exclude_unset=True) | options, RunOptions
     )
-    return TabledRun.model_validate(campaigns.identify(read, asked).model_dump())
+    return TabledRun.model_validate(dict(campaigns.identify(read, asked)))

@@ -148,7 +148,7 @@ def _two_digits(value: float, deviation: float | None = None) -> str:
 
 
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
-    """What each fit as a whole is worth."""
+    """Return what each fit as a whole is worth."""
     table = _table("", "fit")
     drawn = any(entry.resampling for entry in entries)
     names = ["explained", "rms [µm]", "condition"]

@@ -17,7 +17,7 @@ _MODEL_NAMES = {
 
 
 def links_report(links: LinksResult, selection: ModelSelection | None) -> list[RenderableType]:
-    """What bends beside the joints, in tables and lines."""
+    """Return what bends beside the joints, in tables and lines."""
     source = "given" if links.penalty_source == "given" else "by cross-validation"
     certificate = links.certificate
     parts: list[RenderableType] = [_elements_table(links)]

@@ -72,7 +72,7 @@ def _identifiability(found: Identifiability) -> list[str]:
 
 
 def _complementary_stiffness(result: RunResult) -> list[str]:
-    """Whether it matters that the load follows the deflection."""
+    """Return whether it matters that the load follows the deflection."""
     size = result.complementary_stiffness
     if size is None:
         return []

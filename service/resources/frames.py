@@ -68,7 +68,7 @@ def _drift(
     request: MeasurementSetRequest,
     after: Mapping[str, Vector3],
 ) -> tuple[BaseDrift, list[QualityWarning]]:
-    """What moved between the geometry and the set."""
+    """Return what moved between the geometry and the set."""
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
     later = {name: _scaled(place, factor) for name, place in after.items()}
     read = to_base_targets(geometry, result.goodness.sigma, later)

@@ -221,7 +221,7 @@ def _hash(key: str) -> str:
 
 
 def _is_indexable(text: str) -> bool:
-    """Whether both databases can hold a text in an index; what they cannot hold is not there."""
+    """Return whether both databases can hold a text in an index; what they cannot hold is not there."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False
     try:

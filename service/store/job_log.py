@@ -45,7 +45,7 @@ class Standing:
 
     @property
     def goes_on(self) -> bool:
-        """Whether the job has not ended."""
+        """Return whether the job has not ended."""
         return self.state in OPEN_STATES
 
 

@@ -20,7 +20,7 @@ from dbos import DBOS, DBOSConfig, SetEnqueueOptions
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.jobs import AnyJobs, Span
+from jointstiff.service.jobs import Jobs, Span
 from jointstiff.service.store import Store, StoreUnavailableError
 from jointstiff.service.workers.queue import (
     APPLICATION,
@@ -71,7 +71,7 @@ class Engine:
         active: ids of the workflows that this process is carrying out, one for each time.
     """
 
-    def __init__(self, store: Store, jobs: Mapping[str, AnyJobs], database: str, executor: str) -> None:
+    def __init__(self, store: Store, jobs: Mapping[str, Jobs], database: str, executor: str) -> None:
         """Start to work.
 
         Args:
@@ -120,7 +120,7 @@ class Engine:
 class _Steps:
     """What a job consists of, each step kept by the engine. A job that has ended computes nothing more."""
 
-    def __init__(self, jobs: Mapping[str, AnyJobs]) -> None:
+    def __init__(self, jobs: Mapping[str, Jobs]) -> None:
         @DBOS.step(name="plan")
         @_patient
         def plan(kind: str, job_id: str) -> list[list[Span]]:
@@ -156,7 +156,7 @@ class _Steps:
 
 
 def _until_ended(compute: Callable[[Span], str], spans: Sequence[Span]) -> list[str]:
-    """What the steps of a part compute; none is carried out after one that found the job ended.
+    """Return what the steps of a part compute; none is carried out after one that found the job ended.
 
     Of a job that is cancelled at its first step, thousands would keep the worker from other jobs.
     """

@@ -45,12 +45,12 @@ class Outcome:
 
     @property
     def ended(self) -> bool:
-        """Whether it goes on no more."""
+        """Return whether it goes on no more."""
         return self.status in _ENDED
 
     @property
     def outdated(self) -> bool:
-        """Whether it waits for a worker of an earlier version."""
+        """Return whether it waits for a worker of an earlier version."""
         return not self.ended and self.version < VERSION
 
 
@@ -95,7 +95,7 @@ class Ledger:
             self._client.resume_workflows([identifier], queue_name=QUEUES[kind])
 
     def outcomes(self, job_ids: list[str]) -> dict[str, Outcome]:
-        """What became of the workflows of some jobs; those that are not there are left out."""
+        """Return what became of the workflows of some jobs; those that are not there are left out."""
         found = {}
         for first in range(0, len(job_ids), _ASKED):
             some = job_ids[first : first + _ASKED]

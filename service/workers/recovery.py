@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from jointstiff.service.jobs import AnyJobs
+from jointstiff.service.jobs import Jobs
 from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Heartbeats
 from jointstiff.service.workers.engine import ATTEMPTS, Engine
 from jointstiff.service.workers.queue import Outcome, job_of
@@ -33,7 +33,7 @@ class Janitor:
     def __init__(
         self,
         heartbeats: Heartbeats,
-        jobs: Mapping[str, AnyJobs],
+        jobs: Mapping[str, Jobs],
         engine: Engine,
         executor: str,
         keep: timedelta = timedelta(seconds=KEEP_SECONDS),
@@ -132,7 +132,7 @@ class Janitor:
             self._jobs[kind].log.forget_steps([job_id])
             self._engine.ledger.renew(kind, job_id)
 
-    def _fail_lost(self, jobs: AnyJobs, outcomes: dict[str, Outcome]) -> set[str]:
+    def _fail_lost(self, jobs: Jobs, outcomes: dict[str, Outcome]) -> set[str]:
         """End open jobs whose workflow has ended without ending them, two looks in a row.
 
         Returns:

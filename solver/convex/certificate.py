@@ -39,7 +39,7 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether all violations are rounding."""
+        """Return whether all violations are rounding."""
         return max(self.primal, self.dual, self.complementarity) <= TOLERANCE
 
 

@@ -63,7 +63,7 @@ class Constraints:
         return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
 
     def select(self, columns: JointIndices) -> Constraints:
-        """What they say of some joints while the others are anything they allow.
+        """Return what they say of some joints while the others are anything they allow.
 
         Args:
             columns: (p,) ascending.
@@ -76,7 +76,7 @@ class Constraints:
         return Constraints(bounds, tuple((int(i), int(j)) for i, j in np.argwhere(below)))
 
     def given(self, joints: JointIndices, compliance: FloatArray, others: JointIndices) -> Constraints:
-        """What they say of other joints once some are known: the order becomes a bound.
+        """Return what they say of other joints once some are known: the order becomes a bound.
 
         Args:
             joints: (q,) that are known.
@@ -106,7 +106,7 @@ class Constraints:
         return Constraints(Bounds(lower, upper), self.order).select(others)
 
     def hold(self, compliance: FloatArray) -> BoolArray:
-        """Whether compliances (..., n) satisfy them all: (...)."""
+        """Return whether compliances (..., n) satisfy them all: (...)."""
         inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
         for i, j in self.order:
             inside &= compliance[..., i] <= compliance[..., j]

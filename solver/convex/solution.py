@@ -66,7 +66,7 @@ class Solution:
 
     @property
     def constrained(self) -> bool:
-        """Whether a constraint holds with equality."""
+        """Return whether a constraint holds with equality."""
         return bool(self.active.any()) or (self.tight is not None and bool(self.tight.any()))
 
 

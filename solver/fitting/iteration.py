@@ -204,7 +204,7 @@ def _even_part(robot: Robot, measurements: Measurements, neglected: Iteration) -
 
 
 def require_observable(excitation: Excitation) -> Observability:
-    """What the readings see.
+    """Return what the readings see.
 
     Raises:
         NotObservableError: nothing at all.

@@ -39,7 +39,7 @@ class MethodAccumulator(Protocol):
     def response(
         self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
-        """What other readings would have added to the estimate, bounds apart: the estimator is linear.
+        """Return what other readings would have added to the estimate, bounds apart: the estimator is linear.
 
         Args:
             block: observations that were taken in, with other deflections.
@@ -79,7 +79,7 @@ class PartialPose:
     def response(
         self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
-        """What other readings would have added; see `MethodAccumulator`."""
+        """Return what other readings would have added; see `MethodAccumulator`."""
         moment = self._stage.moment(target_readings(block))
         moment += encoder_moment(self._stage, block, self._joints)
         out = np.zeros(len(moment))
@@ -113,7 +113,7 @@ class CompletePose:
     def response(
         self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
-        """What other readings would have added; see `MethodAccumulator`."""
+        """Return what other readings would have added; see `MethodAccumulator`."""
         moment = self._stage.moment(pose_readings(block, fit_displacement(block)))
         moment += encoder_moment(self._stage, block, self._joints)
         out = np.zeros(len(moment))

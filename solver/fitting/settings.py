@@ -43,7 +43,7 @@ class Settings:
 
     @property
     def constraints(self) -> Constraints:
-        """What is known of the compliances for certain.
+        """Return what is known of the compliances for certain.
 
         Raises:
             RequestError: if order and bounds contradict each other.

@@ -91,7 +91,7 @@ class LinearFit:
         return np.asarray(share < _UNDETERMINED)
 
     def determines(self, unknowns: slice) -> bool:
-        """Whether all of these unknowns are determined."""
+        """Return whether all of these unknowns are determined."""
         return bool(self.determined[unknowns].all())
 
 

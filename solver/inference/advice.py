@@ -191,7 +191,7 @@ class _Search:
 
 
 def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
-    """Whether the estimate's uncertainties are those of least squares weighted by covariance."""
+    """Return whether the estimate's uncertainties are those of least squares weighted by covariance."""
     if estimate.covariance is None or estimate.sigma is None:
         return False
     visible = ~estimate.observability.null

@@ -98,7 +98,7 @@ class Postures:
         return torque
 
     def information(self, torque: FloatArray) -> FloatArray:
-        """What one reading of all targets tells: ``AᵀΣ⁻¹A = diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)``.
+        """Return what one reading of all targets tells: ``AᵀΣ⁻¹A = diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)``.
 
         Args:
             torque: (M, D, n) [N·m].

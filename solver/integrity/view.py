@@ -64,7 +64,7 @@ class View:
 
     @cached_property
     def in_order(self) -> bool:
-        """Whether the postures were measured in the order of a joint's angle.
+        """Return whether the postures were measured in the order of a joint's angle.
 
         What the model has wrong then changes with the rows as a drift does.
         """

@@ -212,7 +212,7 @@ def _by_column(formulation: Formulation, shares: FloatArray) -> FloatArray:
 def _explained(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[Element, ...], Prediction]:
-    """What each element explains of the measured deflections, and all of them together."""
+    """Return what each element explains of the measured deflections, and all of them together."""
     places = list(_places(model))
     predicted, along = [], []
     for block in elastic_blocks(robot, measurements, model.columns):

@@ -132,7 +132,7 @@ def _groups(null_space: FloatArray) -> list[JointIndices]:
 def _combination(
     null_space: FloatArray, scale: FloatArray, group: JointIndices, columns: JointIndices
 ) -> Combination:
-    """What the readings show of a group: the sums of compliances that no null direction changes.
+    """Return what the readings show of a group: the sums of compliances that no null direction changes.
 
     With the null directions ν (k, m) and k of the joints set free, a row ``w = e_i + Σ_f w_f e_f`` shows
     if ``ν w = 0``, that is ``w_f = −ν_f⁻¹ ν_i``.

@@ -96,7 +96,7 @@ class Excitation:
 
     @property
     def anything_moved(self) -> bool:
-        """Whether any target moved."""
+        """Return whether any target moved."""
         return self._deflection > 0
 
     def observability(self) -> Observability:

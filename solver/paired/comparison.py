@@ -210,7 +210,7 @@ def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
 
 
 def _order_across(side: PairSide) -> bool:
-    """Whether the decoupled method has an order between joints of its two stages."""
+    """Return whether the decoupled method has an order between joints of its two stages."""
     arm = side.robot.n - WRIST_JOINTS
     decoupled = side.settings.method == "decoupled_partial_pose"
     return decoupled and any((i < arm) != (j < arm) for i, j in side.settings.order)

@@ -114,7 +114,7 @@ def _any_sign(low: float, high: float, scale: float) -> RatioInterval:
 
 
 def _positive_part(low: float, high: float, scale: float) -> RatioInterval | None:
-    """What of the arc, repeated every half turn, lies between 0 and a quarter turn."""
+    """Return what of the arc, repeated every half turn, lies between 0 and a quarter turn."""
     shifted = ((low + turn, high + turn) for turn in (-pi, 0.0, pi))
     pieces = [(max(0.0, a), min(_QUARTER, b)) for a, b in shifted if a <= _QUARTER and b >= 0.0]
     if not pieces:

@@ -77,7 +77,7 @@ def refuse_other_joints(first: Robot, second: Robot) -> None:
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Whether two robots of the same joints differ in geometry or joint map, seen in two postures."""
+    """Return whether two robots of the same joints differ in geometry or joint map, seen in two postures."""
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
     angles = [robot.joint_map.model_angles(postures) for robot in (first, second)]
     one, two = Configurations(first, angles[0]), Configurations(second, angles[1])

@@ -79,7 +79,7 @@ class LargestStiffness:
 
 
 def neglected_readings(block: RegressorBlock, compliance: FloatArray) -> Measurements:
-    """What the linear model leaves out, ``e = (A(c) − A) c``, in place of what was read.
+    """Return what the linear model leaves out, ``e = (A(c) − A) c``, in place of what was read.
 
     To second order in the deflection: the torques change by ``K_c δθ``, and on the way each axis turns with
     the joints before it and half of its own deflection, ``Ω_k = Σ_{j<k} a_j δθ_j + ½ a_k δθ_k``, hence

@@ -49,11 +49,11 @@ class BaseDrift:
 
     @property
     def significant(self) -> bool:
-        """Whether there is a drift beyond noise."""
+        """Return whether there is a drift beyond noise."""
         return self.probability < SIGNIFICANCE
 
     def findings(self) -> tuple[GeometryFinding, ...]:
-        """What a user should know."""
+        """Return what a user should know."""
         found = []
         size = float(np.linalg.norm(self.displacement))
         if self.significant:

@@ -64,7 +64,7 @@ class CalibratedAxes(IdentifiedAxes):
         return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
 
     def findings(self) -> tuple[GeometryFinding, ...]:
-        """What was not determined."""
+        """Return what was not determined."""
         return tuple(
             GeometryFinding(
                 "parameters_not_identified",
