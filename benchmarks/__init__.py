@@ -11,7 +11,8 @@ measured, and whether it is met; the exit status does not depend on it. The data
 `jointstiff.simulator.campaign`, from seeds.
 
 Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,000,000), `resampling` (1,000
-times 10 of 19), `post` (a run over HTTP), `exactness` (against exact rational arithmetic). By name only:
+times 10 of 19), `post` (a run over HTTP), `start` (commands beside bare imports,
+idle memory), `exactness` (against exact rational arithmetic). By name only:
 `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability` (kill -9 of workers
 and services; twenty minutes); they start PostgreSQL servers of their own.
 

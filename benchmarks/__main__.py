@@ -19,10 +19,12 @@ import benchmarks
 from benchmarks import (
     assessment,
     coverage,
+    deflection,
     durability,
     efficiency,
     exactness,
     fanuc,
+    force,
     geometry,
     in_process,
     integrity,
@@ -30,11 +32,14 @@ from benchmarks import (
     large,
     links,
     memory,
+    paths,
+    plan,
     post,
     replication,
     resampling,
     robustness,
     small,
+    start,
     workers,
 )
 from benchmarks.report import Section, print_figures, print_section
@@ -46,14 +51,19 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "post": post.run,
     "in_process": in_process.run,
     "memory": memory.run,
+    "start": start.run,
     "large": large.run,
+    "plan": plan.run,
     "exactness": exactness.run,
     "workers": workers.run,
     "durability": durability.run,
     "coverage": coverage.run,
+    "deflection": deflection.run,
+    "paths": paths.run,
     "efficiency": efficiency.run,
     "robustness": robustness.run,
     "fanuc": fanuc.run,
+    "force": force.run,
     "replication": replication.run,
     "invariance": invariance.run,
     "geometry": geometry.run,
@@ -64,9 +74,12 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
 STUDIES = frozenset(
     {
         "coverage",
+        "deflection",
+        "paths",
         "efficiency",
         "robustness",
         "fanuc",
+        "force",
         "replication",
         "invariance",
         "links",
@@ -76,7 +89,7 @@ STUDIES = frozenset(
     }
 )
 """They prove numbers and compare no times."""
-BY_NAME = frozenset({"workers", "durability"}) | STUDIES
+BY_NAME = frozenset({"workers", "durability", "plan"}) | STUDIES
 """They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal

@@ -129,6 +129,13 @@ def _coupled(m: Measurements, generator: Generator) -> Posted:
     return Posted(replace(m, joints=joints))
 
 
+def _zero_offset(m: Measurements, generator: Generator) -> Posted:
+    """Post a joint's angle by another zero, a quarter turn or a half away."""
+    joints = m.joints.copy()
+    joints[:, int(generator.integers(joints.shape[1]))] += 0.5 * np.pi * generator.choice([-1.0, 1.0, 2.0])
+    return Posted(replace(m, joints=joints))
+
+
 def _force_unit(m: Measurements, generator: Generator) -> Posted:
     return Posted(replace(m, force=m.force * (1e3 if generator.random() < 0.5 else 1e-3)))
 
@@ -154,6 +161,7 @@ def _exchanged_load(m: Measurements, generator: Generator) -> Posted:
 PLANTED: tuple[tuple[str, Callable[[Measurements, Generator], Posted], bool], ...] = (
     *((mistake.name, mistake.make, mistake.by_deflections) for mistake in MISTAKES),
     ("coupled joints", _coupled, True),
+    ("zero of one joint", _zero_offset, True),
     ("N/kN", _force_unit, True),
     ("unit of the deflections", _deflection_unit, True),
     ("wrong sigma", _wrong_sigma, True),

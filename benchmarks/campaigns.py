@@ -147,4 +147,6 @@ def _measurements_of(document: Document) -> Measurements:
 def _complete(arrays: dict[str, FloatArray], sigma: float) -> Measurements:
     """Every target read in every configuration, its place measured in R0."""
     present = np.ones(arrays["position"].shape[:2], dtype=np.bool_)
-    return Measurements(**arrays, in_flange=~present, present=present, sigma=sigma, encoders=None)
+    return Measurements(
+        **arrays, in_flange=~present, present=present, sigma=sigma, encoders=None, force_uncertainty=None
+    )

@@ -1,4 +1,4 @@
-"""How often do intervals hold the truth? Thousands of simulated campaigns, truth off the bounds and on them.
+"""Coverage of the intervals: thousands of simulated campaigns, truth off the bounds and on them.
 
 By name only: it takes some minutes.
 """

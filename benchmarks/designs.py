@@ -40,7 +40,7 @@ _NOISE_STREAM = 20
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What is done in a campaign and what exact instruments would read.
+    """Design of a campaign, and the readings of exact instruments.
 
     Attributes:
         arm: the arm with its true compliances.

@@ -41,7 +41,7 @@ _PAUSE_SECONDS: Final = 0.1
 
 @dataclass
 class Outcome:
-    """What became of the run that was disturbed."""
+    """Outcome of the run that was disturbed."""
 
     kills: int = 0
     steps: int = 0
@@ -55,7 +55,7 @@ class Outcome:
 
 @dataclass
 class Posted:
-    """What a client was told is stored, by collection and id, and what it was told beyond that."""
+    """Resources that a client was told are stored, by collection and id, with the other answers."""
 
     answers: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     odd: list[str] = field(default_factory=list)
@@ -132,7 +132,7 @@ def _struck(service: Service, database: str, victim: str, outcome: Outcome) -> S
 
 
 def _left(workers: list[int]) -> int:
-    """How many of these still run after some seconds."""
+    """Count the processes that still run after some seconds."""
     deadline = time.monotonic() + _SOON
     while any(map(running, workers)) and time.monotonic() < deadline:
         time.sleep(0.05)

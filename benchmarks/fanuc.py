@@ -26,7 +26,7 @@ from jointstiff.solver.resampling import (
 )
 from jointstiff.solver.robot import Robot
 
-__all__ = ["prepared", "run"]
+__all__ = ["CAMPAIGN", "prepared", "run"]
 
 CAMPAIGN = Path(__file__).parents[2] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
 DRAWN = 10

@@ -32,7 +32,7 @@ _STREAM = 51
 
 @dataclass
 class Tally:
-    """What became of one kind of mistake in so many sets."""
+    """Count of detections of one kind of mistake."""
 
     sets: int = 0
     named: int = 0
@@ -49,7 +49,7 @@ class Tally:
             self.missed.append(seed)
 
     def share(self) -> float:
-        """Of the sets in which the mistake was named [%]."""
+        """Return the share of the sets in which the mistake was named [%]."""
         return 100.0 * self.named / self.sets
 
 

@@ -1,4 +1,4 @@
-"""What an estimate should not depend on: unit of length, reference point, frame. With and without a length.
+"""Invariance of an estimate: unit of length, reference point, frame. With and without a length.
 
 The numbers of `docs/no-characteristic-length.md`, on a campaign of `examples` that anyone can repeat.
 """

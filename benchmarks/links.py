@@ -15,6 +15,7 @@ import cvxpy as cp
 import numpy as np
 
 from benchmarks.campaigns import default_robot
+from benchmarks.elastic_campaigns import answered_section, coverage_section
 from benchmarks.fanuc import CAMPAIGN, prepared
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import interleaved
@@ -61,7 +62,7 @@ class FixedLength(Folds):
 
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
-        """Of each fold."""
+        """Return the rows of each fold."""
         return tuple(
             replace(part, lever=np.full(6, 1.5 * TRACE_LENGTH**2 * part.configurations))
             for part in super().rows
@@ -74,6 +75,8 @@ def run(*, quick: bool) -> list[Section]:
         _noise_floor(quick=quick),
         _rigid(quick=quick),
         _certificates(quick=quick),
+        answered_section(quick=quick),
+        coverage_section(quick=quick),
         _times(quick=quick),
     ]
     return [_fanuc(quick=quick), *sections] if CAMPAIGN.is_file() else sections
@@ -295,7 +298,7 @@ class Peer:
         self.softness = float(np.sqrt(rows.deflection / rows.targets) / force)
 
     def _metric(self, element: int | None) -> FloatArray:
-        """Of the coupled joints, or of the link behind a joint."""
+        """Return the metric of the coupled joints, or of the link behind a joint."""
         squares = self.lever**2 * 2.0 / 3.0
         return np.diag(squares) if element is None else np.diag([1.0] * 3 + [squares[element]] * 3)
 
@@ -350,7 +353,7 @@ class Peer:
 
 
 def _better_exists(peer: Peer, weight: float, estimate: ElasticEstimate) -> bool:
-    """Whether what another solver finds is better than our certificate allows."""
+    """Return True if another solver finds a better point than our certificate allows."""
     gap = estimate.certificate.gap * estimate.certificate.scale / peer.size
     try:
         other = peer.objective(peer.solve(weight), weight)

@@ -91,7 +91,7 @@ def _size(measurements: Measurements) -> float:
 
 
 def _greatest_resident_size() -> float:
-    """Of this process [MB].
+    """Return the largest resident size of this process [MB].
 
     Not `ru_maxrss` where there is another way: a child that was spawned without copying its parent
     inherits the parent's peak (Linux books it at exec), and the parent may have been large.

@@ -1,4 +1,4 @@
-"""What users do today: the peers, each written as its own manual would have it.
+"""Peers, the tools of today's users, each used as its own manual recommends.
 
 All of them take *ready-made rows*: A (m, n) and d (m,), every row divided by its standard uncertainty.
 """

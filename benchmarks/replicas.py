@@ -76,7 +76,7 @@ SOURCES: dict[str, Imperfections] = {
 
 
 def read(encoders: Encoders, wrong: Imperfections, *, seed: int) -> Measurements:
-    """What is read on the true arm, with the nominal places of load and targets, which are all one knows.
+    """Read the true arm, with the nominal positions of load and targets, which are all one knows.
 
     Targets are given by their places on the flange and by their deflections, so that a plate that sits
     awry is not found out from the positions.

@@ -149,7 +149,7 @@ def _ranking_cells(many: Many) -> tuple[str, str]:
 
 
 def _spread_section(found: dict[str, Many]) -> Section:
-    """How far the draws lie apart: the paper's standard deviations."""
+    """Print the dispersion of the draws: the paper's standard deviations."""
     rows = [
         (
             f"{name}: {way.name}",

@@ -1,4 +1,4 @@
-"""What a benchmark found: a table for people, numbers for programs, figures that were asked for."""
+"""Report of a benchmark: a table for people, numbers for programs, required figures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Figure:
 
     @property
     def met(self) -> bool:
-        """Whether it lies there."""
+        """Return True if the figure lies in its range."""
         if self.relation == "at least":
             return self.measured >= self.required
         return self.measured <= self.required

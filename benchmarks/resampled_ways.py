@@ -72,7 +72,7 @@ WAYS = (
 
 @dataclass(frozen=True, eq=False)
 class Many:
-    """What resampling says on each of some arms, for each of some ways to identify.
+    """Results of resampling for each of several arms and ways to identify.
 
     Attributes:
         compensation: (arms, ways) mean compensation on all configurations, unconstrained.

@@ -1,4 +1,4 @@
-"""What gross errors in the readings do to an estimate, and what a robust loss makes of them.
+"""Effect of gross errors in the readings on an estimate, without and with a robust loss.
 
 By name only: it takes a minute or two.
 """
@@ -69,7 +69,7 @@ def run(*, quick: bool) -> list[Section]:
 
 
 def shifts(kind: GrossErrors | None, losses: Sequence[Loss], designs: int, draws: int) -> dict[Loss, Shift]:
-    """How far each loss is led astray, partial pose, K_c included, sigma given.
+    """Return the bias under each loss, partial pose, K_c included, sigma given.
 
     Args:
         kind: of gross errors; None for clean readings.

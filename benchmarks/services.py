@@ -101,7 +101,7 @@ def post_campaign(client: httpx.Client, configurations: int) -> str:
 
 
 def numbers(run: dict[str, Any]) -> dict[str, Any]:
-    """What two runs of the same input have in common: all but ids and times."""
+    """Return the parts that two runs of the same input share: all but ids and times."""
     request = {name: value for name, value in run["request"].items() if name != "measurement_set_id"}
     hashed = run["provenance"]["input_hash"]
     return {"request": request, "input_hash": hashed} | {
@@ -110,7 +110,7 @@ def numbers(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def running(pid: int) -> bool:
-    """Whether a process runs; one that has ended and waits to be reaped does not."""
+    """Return True if a process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):

@@ -8,13 +8,13 @@ from itertools import count
 import numpy as np
 
 from benchmarks.campaigns import LARGE_NOISE, SIGMA, Campaign, default_settings, small_campaign
-from benchmarks.exact_nnls import exact_nnls
 from benchmarks.peers import bounded_least_squares, cvxpy_clarabel, proxqp, scipy_nnls, stacked_rows
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate
+from tests.reference.exact_nnls import exact_nnls
 
 __all__ = ["run"]
 

@@ -64,7 +64,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one estimate says of one joint, in one campaign; NaN where it says nothing."""
+    """Estimate of one joint in one campaign; NaN if it is not observable."""
 
     compliance: float
     standard_uncertainty: float
@@ -130,7 +130,7 @@ class Verdicts:
 
     @property
     def unsound(self) -> int:
-        """How many numbers are negative, NaN or infinite."""
+        """Return the number of values that are negative, NaN or infinite."""
         numbers = [self.compliance, self.standard_uncertainty, self.interval, self.one_sided]
         return sum(int((~(np.isfinite(array) & (array >= 0.0))).sum()) for array in numbers)
 

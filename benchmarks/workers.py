@@ -175,7 +175,7 @@ def _tails(seconds: list[float]) -> tuple[float, float, float]:
 
 
 def _cancelling(database: str, *, quick: bool) -> Section:
-    """How many steps are done beyond what a cancelled run says; each worker may end the one it is in."""
+    """Return the steps done beyond those of a cancelled run; each worker may finish its current one."""
     configurations = 500 if quick else CONFIGURATIONS
     rows, greatest = [], 0.0
     with Service(database, 2) as service, _client(service) as client:

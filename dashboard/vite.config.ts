@@ -2,6 +2,8 @@ import { defineConfig } from "vite";
 
 // The page is served by the service itself, under a content security policy without inline code: no
 // inlined assets, no module preload polyfill, which would be inline.
+const SERVICE = "http://127.0.0.1:8000";
+
 export default defineConfig({
   base: "./",
   oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
@@ -13,5 +15,6 @@ export default defineConfig({
     sourcemap: false,
     target: "es2022",
   },
-  server: { proxy: { "/v1": "http://127.0.0.1:8000", "/health": "http://127.0.0.1:8000" } },
+  // The Host header stays the page's own, as the service refuses changes that another origin asks for.
+  server: { proxy: { "/v1": { target: SERVICE }, "/health": { target: SERVICE } } },
 });

@@ -6,15 +6,23 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Metres, Timestamp
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run import JointResult, Method, Resampling, ResamplingResult, Weighting
+from jointstiff.schemas.run import (
+    JointResult,
+    Method,
+    Resampling,
+    ResamplingResult,
+    Weighting,
+    identified_in,
+)
 
 MAX_METHODS = 8
 MAX_FITS = 400_000
-"""Of one comparison: their numbers are kept until it ends, and put together in memory."""
+"""Maximum total of repetitions of one comparison: their numbers are kept in memory until it ends."""
 
 Constraint = Literal["unconstrained", "positive"]
 
@@ -23,9 +31,11 @@ class ComparedMethod(Message):
     """One of the methods to compare."""
 
     method: Method
-    weighting: Weighting = Field(default="covariance", description="As of a run.")
+    weighting: Weighting = Field(default="covariance", description="Methods of identification, as for a run.")
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
-        default=None, description="For that weighting; if absent, the length of least condition number."
+        default=None,
+        description="Length for weighting `characteristic_length`; default: the length of least condition "
+        "number.",
     )
 
     @field_validator("characteristic_length", mode="after")
@@ -33,7 +43,7 @@ class ComparedMethod(Message):
     def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
         weighting = info.data.get("weighting")
         if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
+            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
         return length
 
 
@@ -43,26 +53,27 @@ PAPER_METHODS = (
     ComparedMethod(method="partial_pose"),
     ComparedMethod(method="decoupled_partial_pose"),
 )
-"""The paper's three, and the complete pose weighted by what its rows are worth (method.md §3)."""
+"""Methods to compare. Default: the paper's three, and the complete pose with covariance weights (method.md
+§3)."""
 
 
 class ComparisonOptions(Message):
-    """What to compare. The default is the paper's Table II."""
+    """Options of a comparison. The default is the paper's Table II."""
 
     methods: Annotated[list[ComparedMethod], Field(min_length=1, max_length=MAX_METHODS)] = Field(
         default=list(PAPER_METHODS), description="Each once."
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
         default=["unconstrained", "positive"],
-        description="Each method is carried out with each of these: compliances free, or zero or positive.",
+        description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
     resampling: Resampling | None = Field(
         default=None,
-        description="Repeat each fit on configurations drawn at random, the same draws for all; a comparison "
-        "may then take long.",
+        description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
+        "The comparison may then take long.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Level of the intervals."
+        default=0.95, description="Confidence level of the intervals."
     )
 
     @field_validator("resampling", mode="after")
@@ -78,7 +89,7 @@ class ComparisonOptions(Message):
     @classmethod
     def _each_once(cls, items: list[object]) -> list[object]:
         if any(item in items[:i] for i, item in enumerate(items)):
-            raise ValueError("must not name one twice")
+            raise ValueError("must not contain duplicates")
         return items
 
 
@@ -94,35 +105,56 @@ class ComparedFit(Message):
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
-        description="The length that was used, if the weighting needs one."
+        description="Length that was used, if the weighting needs one."
     )
-    positive: bool = Field(description="Whether every compliance was constrained to be zero or positive.")
-    error: Problem | None = Field(description="Why there are no numbers.")
-    joints: list[JointResult] = Field(description="From all configurations; none where there is an error.")
+    positive: bool = Field(description="True if every compliance was constrained to be zero or positive.")
+    error: Problem | None = Field(description="Reason why there are no numbers.")
+    joints: list[JointResult] = Field(
+        description="Joints, fitted to all configurations; empty if there is an error."
+    )
+    assessment: Assessment | None = Field(description="Assessment; null if there is an error.")
     compensation: float | None = Field(
-        description="Share of the mean deflection that the model predicts; null as in a run. Dimensionless."
+        description="Compensation: share of the mean deflection that the model predicts; null as in a run. "
+        "Dimensionless."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
     )
     condition_number: float | None = Field(
-        description="Of the weighted regressor, columns of unit norm, the greatest of the stages'; null "
-        "where a rank is not full. Dimensionless."
+        description="Condition number of the weighted regressor with columns of unit norm, the "
+        "largest of all "
+        "stages; null if rank-deficient. Dimensionless."
     )
-    resampling: ResamplingResult | None = Field(description="If it was asked for.")
+    resampling: ResamplingResult | None = Field(description="Results of the resampling, if it was requested.")
 
 
-class ComparisonResult(Message):
+class ComparisonResult(Result):
     """The methods side by side."""
 
+    assessment: Assessment = Field(
+        description="The worst verdict of the fits, and their reasons: of the same kind and place, the first"
+    )
     entries: list[ComparedFit] = Field(description="Each method with each constraint, in their order.")
     warnings: list[QualityWarning] = Field(
-        description="What was noticed when the set was stored, then what the fits raise: of the "
-        "same kind and place, the first."
+        description="Warnings of the measurement set, then of the fits; duplicates are omitted."
     )
 
+    @property
+    def summary(self) -> ResultSummary:
+        """Excerpt for listings."""
+        fits = [entry for entry in self.entries if entry.joints]
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            compensation=max(
+                (fit.compensation for fit in fits if fit.compensation is not None), default=None
+            ),
+            joints_identified=max((identified_in(fit.joints) for fit in fits), default=0),
+            joint_count=max((len(fit.joints) for fit in fits), default=None),
+            warning_count=len(self.warnings),
+        )
 
-class ComparisonSummary(Message):
+
+class ComparisonSummary(ResultSummary):
     """A comparison in a listing."""
 
     id: Identifier
@@ -139,4 +171,4 @@ class Comparison(Job):
     collection: ClassVar[str] = "comparisons"
 
     request: ComparisonRequest
-    result: ComparisonResult | None = Field(description="Present if the comparison succeeded.")
+    result: ComparisonResult | None = Field(description="Result; present if the comparison has succeeded.")

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 MAX_NAME_LENGTH = 200
 MAX_MAGNITUDE = 1e12
-"""No quantity of this field comes near it in any unit we accept, and its squares stay finite."""
+"""Largest magnitude of a number; no quantity reaches it in a supported unit, and its square is finite."""
 
 
 class Message(BaseModel):
@@ -52,6 +52,11 @@ Newtons = Annotated[Value, Field(json_schema_extra={"unit": "N"})]
 Compliance = Annotated[Value, Field(json_schema_extra={"unit": "rad/(N.m)"})]
 Stiffness = Annotated[Value, Field(json_schema_extra={"unit": "N.m/rad"})]
 TranslationalCompliance = Annotated[Value, Field(json_schema_extra={"unit": "m/N"})]
+TranslationPerMoment = Annotated[Value, Field(json_schema_extra={"unit": "m/(N.m)"})]
+RotationPerForce = Annotated[Value, Field(json_schema_extra={"unit": "rad/N"})]
+LinearStiffness = Annotated[Value, Field(json_schema_extra={"unit": "N/m"})]
+Torque = Annotated[Value, Field(json_schema_extra={"unit": "N.m"})]
+SquareCompliance = Annotated[Value, Field(json_schema_extra={"unit": "rad2/(N.m)2"})]
 SquareMetres = Annotated[Value, Field(json_schema_extra={"unit": "m2"})]
 SquareRadians = Annotated[Value, Field(json_schema_extra={"unit": "rad2"})]
 MixedSquares = Annotated[Value, Field(json_schema_extra={"unit": "m2, m.rad, rad2"})]

@@ -1,4 +1,4 @@
-"""Whether the service can do its work."""
+"""Health of the service."""
 
 from __future__ import annotations
 
@@ -14,5 +14,14 @@ class Health(Message):
 
     status: Literal["ok"]
     version: str = Field(description="Version of Jointstiff.")
-    workers: int = Field(description="Workers heard of within 30 s; without one, long jobs wait.")
+    workers: int = Field(
+        description="Number of workers with a sign of life within 30 s; without workers, long jobs wait."
+    )
+    failing_workers: int = Field(
+        description="Workers of this service that end soon after each start; its log says why."
+    )
     database: Literal["sqlite", "postgresql"]
+    access: Literal["loopback", "none"] = Field(
+        description="Who is answered. `loopback`: programs of the service's own machine. `none`: whoever "
+        "reaches its address (`--no-access-control`); a proxy before it must authenticate."
+    )

@@ -12,30 +12,30 @@ from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, 
 
 
 class ImportRequest(ImportOptions):
-    """How the files are written, and what no file tells of a measurement set."""
+    """Format of the files, and the parts of a measurement set that no file contains."""
 
-    name: Name | None = Field(default=None, description="Of the set; that of the first file if absent.")
-    encoders: Literal["motor", "secondary"] | None = Field(
-        default=None, description="Which encoders close the position loop; never guessed."
+    name: Name | None = Field(
+        default=None, description="Name of the measurement set; default: that of the first file."
     )
-    noise: Noise | None = Field(default=None, description="Of the readings, as in a measurement set.")
+    encoders: Literal["motor", "secondary"] | None = Field(
+        default=None, description="Encoders that close the position loop; never guessed."
+    )
+    noise: Noise | None = Field(default=None, description="Noise of the readings, as in a measurement set.")
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
         description="Targets in the flange frame, in the files' unit of length; needed for deflections.",
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Where the force acts, flange frame, in the files' unit of length, if no column says it.",
+        description="Load point in the flange frame, in the files' unit of length, unless a column has it.",
     )
 
 
 class ImportAnswer(Message):
-    """What was understood, and the measurement set that it makes."""
+    """Preview of the files, and the measurement set made from them."""
 
     preview: ImportPreview
-    missing: list[str] = Field(
-        description="What a measurement set needs beyond files and options, in words; empty if nothing."
-    )
+    missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
     measurement_set: MeasurementSetDocument | None = Field(
-        description="With `robot_id` added it can be posted as it is; null while something is missing."
+        description="Measurement set, ready to be posted with `robot_id` added; null if something is missing."
     )

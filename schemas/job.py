@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Timestamp
 from jointstiff.schemas.problem import Problem
 
@@ -13,9 +15,9 @@ JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
 
 class Provenance(Message):
-    """What it takes to repeat a job and get the same numbers."""
+    """Provenance: versions and input needed to reproduce the numbers of a job."""
 
-    versions: dict[str, str] = Field(description="Versions of this software and of what it computes with.")
+    versions: dict[str, str] = Field(description="Versions of this software and of its numerical libraries.")
     input_hash: str = Field(description="SHA-256 of robot, readings and request.")
     created_at: Timestamp
     started_at: Timestamp | None
@@ -28,7 +30,16 @@ class Progress(Message):
     done: int
     total: int
     unit: str = Field(description="Unit of both numbers.", examples=["resamples"])
-    activity: str = Field(description="What the job is doing.", examples=["resampling"])
+    activity: str = Field(description="Current step of the job.", examples=["resampling"])
+
+
+class Result(Message, ABC):
+    """The result of a job that is assessed."""
+
+    @property
+    @abstractmethod
+    def summary(self) -> ResultSummary:
+        """Excerpt of the job for listings."""
 
 
 class Job(Message):
@@ -44,11 +55,12 @@ class Job(Message):
 
     id: Identifier
     state: JobState = Field(
-        description="`queued` and `running` jobs have not ended: look again, or follow the address of the "
-        "job, /events."
+        description="State of the job. While `queued` or `running`, poll its address or follow its /events."
     )
-    progress: Progress | None = Field(default=None, description="Null for a job that is carried out at once.")
+    progress: Progress | None = Field(
+        default=None, description="Progress; null for a job that is computed immediately."
+    )
     request: Message
-    result: Message | None = Field(description="Present if the job succeeded.")
-    error: Problem | None = Field(description="Present if the job failed.")
+    result: Message | None = Field(description="Time of success; present if the job has succeeded.")
+    error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance

@@ -1,4 +1,4 @@
-"""Where the joints of a robot are in given configurations, for those who draw it."""
+"""Positions of a robot's joints in given configurations, for drawing."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MAX_POSTURES = 1_000
 class KinematicsRequest(Message):
     """A robot, stored or not, and configurations of it."""
 
-    robot_id: Identifier | None = Field(default=None, description="A stored robot; or give `robot`.")
+    robot_id: Identifier | None = Field(default=None, description="Id of a stored robot; or give `robot`.")
     robot: RobotDocument | None = Field(
-        default=None, description="A robot that is not stored: to see it before it is."
+        default=None, description="Robot document that is not stored, to preview it."
     )
     joints: Radians[
         Annotated[
@@ -35,7 +35,8 @@ class KinematicsRequest(Message):
         ]
     ] = Field(
         default_factory=list,
-        description="Angles as the controller shows them, a list a configuration; all zeros if empty.",
+        description="Joint angles as displayed by the controller, one list per configuration; default: all "
+        "zeros.",
     )
 
     @model_validator(mode="after")

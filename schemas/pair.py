@@ -6,8 +6,17 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from jointstiff.schemas.fields import Compliance, Identifier, Message, Name, Stiffness, Timestamp
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.assessment import Assessment, ResultSummary
+from jointstiff.schemas.fields import (
+    Compliance,
+    Dimensionless,
+    Identifier,
+    Message,
+    Name,
+    Stiffness,
+    Timestamp,
+)
+from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.run import Certificate, JointResult, RunOptions
 
@@ -16,10 +25,11 @@ class PairSide(Message):
     """One side of a pair: a measurement set, or a run."""
 
     measurement_set_id: Identifier | None = Field(
-        default=None, description="A set, identified as the pair's `options` say."
+        default=None, description="Id of a measurement set, identified with the pair's `options`."
     )
     run_id: Identifier | None = Field(
-        default=None, description="A run: its set, identified as that run says but for its resampling."
+        default=None,
+        description="Id of a run: its set, identified with that run's options, but without resampling.",
     )
 
     @model_validator(mode="after")
@@ -30,20 +40,20 @@ class PairSide(Message):
 
 
 class PairOptions(Message):
-    """How to compare."""
+    """Options of a comparison of two sides."""
 
     options: RunOptions = Field(
         default_factory=RunOptions,
-        description="How to identify the sides that are sets. Without priors, which would speak on both "
-        "sides, and without resampling.",
+        description="Options of the identification of sides given as sets, without priors (they would enter "
+        "both sides) and resampling.",
     )
     ordered: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="Also identify both in one problem in which no joint is softer on the second side, as "
-        "where secondary encoders are switched on.",
+        description="Also identify both sides in one problem in which no joint is softer on the second side, "
+        "as with secondary encoders switched on.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] | None = Field(
-        default=None, description="Level of the intervals; that of the options if absent."
+        default=None, description="Confidence level of the intervals; default: that of the options."
     )
 
     @property
@@ -59,46 +69,53 @@ class PairOptions(Message):
     @classmethod
     def _of_independent_readings(cls, options: RunOptions) -> RunOptions:
         if options.priors or options.resampling is not None:
-            raise ValueError("takes neither `priors` nor `resampling` here")
+            raise ValueError("must have neither `priors` nor `resampling` here")
         return options
 
 
 class PairRequest(PairOptions):
     """A pair as it is posted."""
 
-    first: PairSide = Field(description="Such as with the motors' encoders in the loop, or before.")
-    second: PairSide = Field(description="Such as with secondary encoders in the loop, or after.")
+    first: PairSide = Field(
+        description="First side, such as the position loop on the motors' encoders, or before a change."
+    )
+    second: PairSide = Field(
+        description="Second side, such as the position loop on secondary encoders, or after a change."
+    )
 
 
 class PairedJoint(Message):
     """One joint on both sides."""
 
     name: Name
-    first: JointResult = Field(description="From the first side alone.")
-    second: JointResult = Field(description="From the second side alone.")
+    first: JointResult = Field(description="Compliance identified from the first side alone.")
+    second: JointResult = Field(description="Compliance identified from the second side alone.")
     ratio: float | None = Field(
-        description="Stiffness on the second side over that on the first, of the estimates without "
-        "constraints; null where one of them is not positive. Dimensionless."
+        description="Ratio of the stiffnesses, second side to first, of the estimates without constraints; "
+        "null if one is not positive. Dimensionless."
     )
     ratio_interval: tuple[float | None, float | None] | None = Field(
-        description="Fieller's interval of that ratio, cut at zero where compliances are positive. An end of "
-        "null means: no limit. Null where nothing can be said. Dimensionless."
+        description="Fieller's interval of the ratio, cut at zero where compliances are positive. Null as an "
+        "end: no limit. Null: unknown. Dimensionless."
     )
     ratio_excluded: tuple[float, float] | None = Field(
-        description="Where the readings exclude only ratios between two values, these. Dimensionless."
+        description="Excluded ratios, where the readings exclude only those between two values. "
+        "Dimensionless."
     )
     p_value: float | None = Field(
-        description="Of the hypothesis that the compliance has not changed (two-sided). Small: it has."
+        description="p-value of the hypothesis that the compliance has not changed (two-sided). "
+        "Small: it has "
+        "changed."
     )
-    reason: str | None = Field(description="Why there is no ratio.")
+    reason: str | None = Field(description="Reason why there is no ratio.")
 
 
 class DeflectionShare(Message):
     """1 - mean deflection on the second side / mean deflection on the first. Dimensionless."""
 
-    value: float | None = Field(description="Null where it is not known. Dimensionless.")
+    value: float | None = Field(description="Value; null if unknown.")
     standard_uncertainty: float | None = Field(
-        default=None, description="From sigma; null where that is not known. Dimensionless."
+        default=None, description="Standard uncertainty from sigma; null if sigma is unknown."
     )
 
 
@@ -106,26 +123,29 @@ class ConfigurationShare(Message):
     """The share of the deflection avoided in one observation, over its targets."""
 
     observation: Name
-    side: Literal["first", "second", "both"] = Field(description="Which sides have this observation.")
-    measured: DeflectionShare | None = Field(description="If both sides have it.")
+    side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
+    measured: DeflectionShare | None = Field(
+        description="Measured share; only if both sides have the observation."
+    )
     predicted: float | None = Field(
-        description="From both sides' compliances; null where a joint that bends here is not observable on "
-        "one side. Dimensionless."
+        description="Predicted share from both sides' compliances; null if a joint that deflects here is not "
+        "observable on one side. Dimensionless."
     )
 
 
 class AvoidedDeflection(Message):
-    """How much of the deflection the second side avoids."""
+    """Share of the deflection that the second side avoids."""
 
     matching: int = Field(
-        description="Observations of the same label, posture (1 mrad) and load (0.5 %, 1 mm) on both sides."
+        description="Number of observations with the same label, posture (1 mrad) and load (0.5 %, 1 mm) on "
+        "both sides."
     )
     measured: DeflectionShare | None = Field(
-        description="Of the mean deflection of the matching observations; null if there are none."
+        description="Measured share of the mean deflection of the matching observations; null if there are "
+        "none."
     )
     predicted: float | None = Field(
-        description="Of the mean predicted deflection of all observations, matching ones counted once. "
-        "Dimensionless."
+        description="Predicted share of the mean deflection of all observations, matching ones counted once."
     )
     configurations: list[ConfigurationShare]
 
@@ -135,14 +155,16 @@ class OrderedJoint(Message):
 
     name: Name
     compliance_first: Compliance[float | None]
-    compliance_second: Compliance[float | None] = Field(description="Never above `compliance_first`.")
+    compliance_second: Compliance[float | None] = Field(
+        description="Compliance on the second side, never larger than `compliance_first`."
+    )
     stiffness_first: Stiffness[float | None] = Field(description="1 / compliance; null where that is zero.")
     stiffness_second: Stiffness[float | None]
     compliance_interval_first: Compliance[tuple[float, float] | None] = Field(
         description="Profile-likelihood interval under all constraints."
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
-    equal: bool = Field(description="Whether the order holds both together: alone they would cross.")
+    equal: bool = Field(description="True if the order makes both equal: separate fits would violate it.")
 
 
 class OrderedResult(Message):
@@ -150,30 +172,53 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Of both sides' residuals over their least without the order. Far above the number of "
-        "joints held equal, the readings contradict the order. Dimensionless."
+        description="Increase of both sides' χ² due to the order. If far larger than the number of "
+        "joints held "
+        "equal, the readings contradict the order. Dimensionless."
     )
-    certificate: Certificate = Field(description="The greatest violations of the stages.")
+    certificate: Certificate = Field(description="Largest violations over the stages.")
 
 
-class PairResult(Message):
+class PairResult(Result):
     """The numbers."""
 
+    assessment: Assessment = Field(
+        description="The worse verdict of the two sides, with the reasons of both."
+    )
+    compensation_first: Dimensionless[float | None] = Field(
+        description="Share of the mean deflection of the first side that its model predicts; null where "
+        "nothing moved."
+    )
+    compensation_second: Dimensionless[float | None] = Field(description="The same of the second side.")
     joints: list[PairedJoint]
     avoided: AvoidedDeflection
-    ordered: OrderedResult | None = Field(description="If it was asked for.")
+    ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
     warnings: list[QualityWarning] = Field(
-        description="Of both sides, then of the pair; `where` begins with the side."
+        description="Warnings of both sides, then of the pair; `where` begins with the side."
     )
 
+    @property
+    def summary(self) -> ResultSummary:
+        """Excerpt for listings."""
+        shares = (self.compensation_first, self.compensation_second)
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            compensation=min((share for share in shares if share is not None), default=None),
+            joints_identified=sum(
+                joint.first.status == joint.second.status == "identified" for joint in self.joints
+            ),
+            joint_count=len(self.joints),
+            warning_count=len(self.warnings),
+        )
 
-class PairSummary(Message):
+
+class PairSummary(ResultSummary):
     """A pair in a listing."""
 
     id: Identifier
     first_set_id: Identifier
     second_set_id: Identifier
-    robot_id: Identifier = Field(description="The first side's.")
+    robot_id: Identifier = Field(description="Robot of the first side.")
     state: JobState
     created_at: Timestamp
 
@@ -184,7 +229,7 @@ class Pair(Job):
     kind: ClassVar[str] = "pair"
     collection: ClassVar[str] = "pairs"
 
-    first_set_id: Identifier = Field(description="The set of the first side.")
-    second_set_id: Identifier = Field(description="The set of the second side.")
+    first_set_id: Identifier = Field(description="Measurement set of the first side.")
+    second_set_id: Identifier = Field(description="Measurement set of the second side.")
     request: PairRequest
-    result: PairResult | None = Field(description="Present if the comparison succeeded.")
+    result: PairResult | None = Field(description="Result; present if the comparison has succeeded.")

@@ -11,20 +11,20 @@ class ProblemItem(Message):
     """One fault in a request."""
 
     where: str = Field(description="Path of the field.", examples=["observations[3].force"])
-    reason: str = Field(description="What is wrong with it.")
-    remedy: str | None = Field(default=None, description="How to mend it.")
+    reason: str = Field(description="Description of the fault.")
+    remedy: str | None = Field(default=None, description="Recommended correction.")
 
 
 class Problem(Message):
-    """What went wrong, where, and how to mend it."""
+    """Problem details: the fault, its place and its remedy."""
 
     type: str = Field(
         description="Identifies the kind of problem.",
         examples=["urn:jointstiff:problem:invalid-request"],
     )
-    title: str = Field(description="The kind of problem in words.")
+    title: str = Field(description="Title of the kind of problem.")
     status: int = Field(description="HTTP status code.")
-    detail: str = Field(description="This problem in a sentence.")
+    detail: str = Field(description="Description of this problem in one sentence.")
     where: str | None = Field(default=None, description="Path of the field, if there is one.")
-    remedy: str | None = Field(default=None, description="How to mend it.")
-    errors: list[ProblemItem] = Field(default_factory=list, description="The faults found, the first twenty.")
+    remedy: str | None = Field(default=None, description="Recommended correction.")
+    errors: list[ProblemItem] = Field(default_factory=list, description="First twenty faults.")

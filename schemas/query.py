@@ -20,70 +20,84 @@ Reference = Annotated[str, Field(max_length=64)]
 class PageQuery(Message):
     """Which page of a listing."""
 
-    limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = Field(default=50, description="Resources on a page.")
+    limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = Field(
+        default=50, description="Maximum number of resources per page."
+    )
     cursor: Annotated[str, Field(max_length=64)] | None = Field(
-        default=None, description="`next` of the page before; none for the newest."
+        default=None, description="`next` of the previous page; omit it for the first page."
     )
 
     def filters(self) -> dict[str, str]:
         """The filters that were given."""
-        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor"})
+        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor", "deleted"})
         return {name: str(value) for name, value in chosen.items()}
 
 
+class JobQuery(PageQuery):
+    """Which jobs of a kind."""
+
+    state: JobState | None = Field(default=None, description="Filter by state.")
+    deleted: bool = Field(
+        default=False, description="Only deleted ones, which can be restored, instead of the others."
+    )
+
+
 class WaitQuery(Message):
-    """How long the answer to a post may take."""
+    """Waiting time of a post."""
 
     wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
-        default=5, description="Seconds to wait for the end if it takes long."
+        default=5, description="Time to wait for a long job to finish, in seconds."
     )
 
 
 class RobotQuery(PageQuery):
     """Which robots."""
 
-    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
+    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
 
 
 class SetQuery(PageQuery):
     """Which measurement sets."""
 
-    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Only with these.")
 
 
-class RunQuery(PageQuery):
+class RunQuery(JobQuery):
     """Which runs."""
 
-    measurement_set_id: Reference | None = Field(default=None, description="Only those of this set.")
-    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    method: Method | None = Field(default=None, description="Only those by this method.")
-    weighting: Weighting | None = Field(default=None, description="Only those with these weights.")
-    elasticity: Elasticity | None = Field(default=None, description="Only those in which this bends.")
-    state: JobState | None = Field(default=None, description="Only those in this state.")
+    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+    method: Method | None = Field(default=None, description="Filter by method.")
+    weighting: Weighting | None = Field(default=None, description="Filter by weighting.")
+    elasticity: Elasticity | None = Field(default=None, description="Filter by elasticity.")
 
 
-class ComparisonQuery(PageQuery):
+class ComparisonQuery(JobQuery):
     """Which comparisons."""
 
-    measurement_set_id: Reference | None = Field(default=None, description="Only those of this set.")
-    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    state: JobState | None = Field(default=None, description="Only those in this state.")
+    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
 
 
-class PairQuery(PageQuery):
+class PairQuery(JobQuery):
     """Which pairs."""
 
-    first_set_id: Reference | None = Field(default=None, description="Only those with this first set.")
-    second_set_id: Reference | None = Field(default=None, description="Only those with this second set.")
-    robot_id: Reference | None = Field(default=None, description="Only those of this robot.")
-    state: JobState | None = Field(default=None, description="Only those in this state.")
+    first_set_id: Reference | None = Field(default=None, description="Filter by the first measurement set.")
+    second_set_id: Reference | None = Field(default=None, description="Filter by the second measurement set.")
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
 
 
-class GeometryQuery(PageQuery):
+class GeometryQuery(JobQuery):
     """Which geometries."""
 
-    name: ExactName | None = Field(default=None, description="Only those of exactly this name.")
-    robot_id: Reference | None = Field(default=None, description="Only those with this nominal model.")
-    state: JobState | None = Field(default=None, description="Only those in this state.")
+    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
+    robot_id: Reference | None = Field(default=None, description="Filter by the robot of the nominal model.")
+
+
+class PlanQuery(JobQuery):
+    """Which plans."""
+
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")

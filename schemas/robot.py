@@ -32,8 +32,9 @@ class DhModel(Message):
         "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
     )
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="One row a joint, from base to flange. All joints are revolute. "
-        "The flange frame is the last frame of the table."
+        description="Rows from base to flange, one per joint. All joints are revolute. The flange "
+        "frame is the "
+        "last frame of the table."
     )
 
 
@@ -44,7 +45,7 @@ class UrdfModel(Message):
     urdf: str = Field(
         min_length=1,
         max_length=MAX_URDF_CHARACTERS,
-        description="The document, xacro already expanded, at most 2 MiB.",
+        description="URDF document with xacro already expanded, at most 2 MiB.",
         examples=['<robot name="arm">…</robot>'],
     )
     base: Name = Field(description="Link whose frame is R0, the robot's base frame.")
@@ -67,35 +68,36 @@ class JointMap(Message):
 
     matrix: Annotated[
         list[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
-    ] = Field(description="n × n, invertible; dimensionless.")
+    ] = Field(description="Invertible n × n matrix; dimensionless.")
     offset: Radians[Annotated[list[Quantity], Field(max_length=MAX_JOINTS)]] = Field(description="n numbers.")
 
 
 class RobotDocument(Message):
     """A robot as it is posted, or as it stands in a campaign file."""
 
-    name: Name = Field(description="What people call this robot.", examples=["KR 240 cell 3"])
+    name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: Model
     joint_map: JointMap | None = Field(
         default=None,
-        description="For coupled axes and flipped signs; the identity if absent.",
+        description="Joint map for coupled axes and flipped signs; default: identity.",
     )
 
 
 class RobotRequest(Message):
     """A robot as it is posted: described, or as a stored geometry found it."""
 
-    name: Name = Field(description="What people call this robot.", examples=["KR 240 cell 3"])
+    name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: PostedModel
     joint_map: JointMap | None = Field(
         default=None,
-        description="For coupled axes and flipped signs; the identity if absent. A geometry has its own.",
+        description="Joint map for coupled axes and flipped signs; default: identity. A geometry "
+        "has its own.",
     )
 
     @model_validator(mode="after")
     def _one_joint_map(self) -> RobotRequest:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
-            raise ValueError("leave `joint_map` out: the geometry has its own")
+            raise ValueError("omit `joint_map`: the geometry has its own")
         return self
 
 
@@ -108,12 +110,13 @@ class Joint(Message):
 
 
 class Wrist(Message):
-    """Whether the last three axes meet in one point, which the decoupled method needs."""
+    """Wrist of the robot; the decoupled method needs the last three axes to meet in one point."""
 
     spherical: bool
     miss_distance: Metres[float | None] = Field(
-        description="How far the last three axes pass from their nearest common point; "
-        "null where there is no such point."
+        description="Distance of the last three axes from their nearest common point; null if "
+        "there is no such "
+        "point."
     )
 
 
@@ -133,7 +136,7 @@ class Robot(RobotDocument):
     joints: list[Joint]
     wrist: Wrist
     geometry_id: Identifier | None = Field(
-        default=None, description="The geometry that the model comes from, if it was posted so."
+        default=None, description="Geometry of the model, if it was posted as one."
     )
-    content_hash: str = Field(description="SHA-256 of the document as it was understood.")
+    content_hash: str = Field(description="SHA-256 of the parsed document.")
     created_at: Timestamp

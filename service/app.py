@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Final
+from typing import Any, Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
@@ -13,9 +13,14 @@ from fastapi.routing import APIRoute
 
 from jointstiff.service.api import (
     LARGE_BODIES,
+    AnswerHeaders,
     BodyLimits,
     Followers,
+    Posture,
+    PostureGuard,
+    Watch,
     comparisons,
+    deflections,
     health,
     imports,
     install_error_handlers,
@@ -44,17 +49,30 @@ how to mend it. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 
-def create_app(store: Store, enqueue: Enqueue | None = None) -> FastAPI:
+class _Application(FastAPI):
+    """FastAPI whose description gives each schema a title of its own, from which generators name classes."""
+
+    def openapi(self) -> dict[str, Any]:
+        """Return the OpenAPI description."""
+        document = super().openapi()
+        for name, schema in document["components"]["schemas"].items():
+            if name.endswith("-Output"):
+                schema["title"] = name.replace("-", "")
+        return document
+
+
+def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | None = None) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
     Args:
         store: where robots, measurement sets and runs are kept.
         enqueue: leaves long jobs to workers; without it they are carried out at once.
+        posture: whom it trusts; without it, who is on this machine.
 
     Returns:
         The ASGI application.
     """
-    app = FastAPI(
+    app = _Application(
         title="Jointstiff",
         version=JOINTSTIFF_VERSION,
         description=_DESCRIPTION,
@@ -66,18 +84,24 @@ def create_app(store: Store, enqueue: Enqueue | None = None) -> FastAPI:
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
+    posture = posture or Posture()
+    app.state.watch = Watch(store)
+    app.state.access = posture.access
     app.state.parts = Parts.of(store, enqueue)
     app.state.is_closing = lambda: False
+    app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.add_middleware(BodyLimits)
-    for module in (robots, kinematics, measurement_sets, imports, comparisons, health):
+    for module in (robots, kinematics, measurement_sets, imports, comparisons, deflections, health):
         app.include_router(module.router)
     for kind in KINDS:
         app.include_router(job_routes(kind))
     install_page(app)
     install_error_handlers(app)
     app.add_middleware(Methods, routes=app.routes)
+    app.add_middleware(PostureGuard, posture=posture)
+    app.add_middleware(AnswerHeaders)
     return app
 
 
@@ -88,6 +112,7 @@ def _operation_id(route: APIRoute) -> str:
 
 
 @asynccontextmanager
-async def _lifespan(_: FastAPI) -> AsyncIterator[None]:
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
-    yield
+    with app.state.watch:
+        yield

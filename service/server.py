@@ -8,21 +8,29 @@ import os
 import signal
 import socket
 import sys
-from contextlib import ExitStack, closing
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Final
 
 import uvicorn
 from sqlalchemy import make_url
 
+from jointstiff.service.api import Posture
+from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.render import console
-from jointstiff.service.store import Store
+from jointstiff.service.store import Store, StoreError
 from jointstiff.service.versions import JOINTSTIFF_VERSION
-from jointstiff.service.workers import Ledger, Supervisor
+from jointstiff.service.workers import JobQueue, Supervisor
 
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""
+_UNCONTROLLED: Final = (
+    "warning: no access control; whoever reaches this address reads, posts and deletes, "
+    "unless a proxy refuses them"
+)
 
 
 class ServerError(Exception):
@@ -34,7 +42,26 @@ class ServerError(Exception):
         self.remedy = remedy
 
 
-def run_server(host: str, port: int, database: str, workers: int) -> None:
+class _Server(uvicorn.Server):
+    """A server that accepts few connections at a time, of the many that the kernel keeps meanwhile."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen; asyncio takes one number for both."""
+        await super().startup(sockets)
+        for listener in sockets or ():
+            listener.listen(QUEUED_CONNECTIONS)
+
+
+def run_server(
+    host: str,
+    port: int,
+    database: str,
+    workers: int,
+    then: Callable[[str], object] | None = None,
+    *,
+    allowed_hosts: Sequence[str] = (),
+    access_control: bool = True,
+) -> None:
     """Serve until interrupted.
 
     Args:
@@ -42,19 +69,25 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
         port: TCP port, 0 for a free one.
         database: URL of the store.
         workers: processes for long runs; with none, other machines' workers carry them out.
+        then: called in a thread with the service's address once requests are taken.
+        allowed_hosts: names in the Host header that are answered besides those of the loopback address.
+        access_control: refuse to listen where others reach the service; False leaves it to a proxy, and needs
+            `allowed_hosts` (`*` for any).
 
     Raises:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
     """
+    posture = _posture(host, allowed_hosts, access_control=access_control)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         listener = stack.enter_context(_listen(host, port))
         store = stack.enter_context(Store.open(database))
-        ledger = stack.enter_context(closing(Ledger(store, database)))
+        queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
-        stack.enter_context(Supervisor(database, workers, f"{socket.gethostname()}-{port}-{_mark(database)}"))
+        prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
+        supervisor = stack.enter_context(Supervisor(database, workers, prefix, _forgetting(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {JOINTSTIFF_VERSION} at {address}, API description at {address}/openapi.json\n"
@@ -62,18 +95,36 @@ def run_server(host: str, port: int, database: str, workers: int) -> None:
             markup=False,
             soft_wrap=True,
         )
-        app = create_app(store, ledger.enqueue)
+        if posture.access == "none":
+            console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
+        app = create_app(store, queue.enqueue, posture)
+        app.state.failing_workers = lambda: supervisor.failing
         config = uvicorn.Config(
             app,
             log_level="warning",
             access_log=False,
             server_header=False,
+            http=BoundedProtocol,
+            ws="none",
+            backlog=ACCEPTED_AT_ONCE,
             timeout_graceful_shutdown=_GOODBYE_SECONDS,
         )
         gc.freeze()  # libraries stay to the end; no collection need look through them
-        server = uvicorn.Server(config)
+        server = _Server(config)
         app.state.is_closing = lambda: server.should_exit
+        if then is not None:  # the socket listens already; requests wait for the server
+            threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=[listener])
+
+
+def _forgetting(store: Store) -> Callable[[str], None]:
+    """Return what takes a worker from the living; a database that is away finds out by its silence."""
+
+    def forget(worker: str) -> None:
+        with suppress(StoreError):
+            store.heartbeats.forget(worker)
+
+    return forget
 
 
 def _mark(database: str) -> str:
@@ -89,6 +140,17 @@ def _shown(database: str) -> str:
     return url.render_as_string(hide_password=True)
 
 
+def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool) -> Posture:
+    try:
+        return Posture.of(host, tuple(allowed_hosts), access_control=access_control)
+    except ValueError as error:
+        raise ServerError(
+            f"will not listen on {host}: {error}",
+            "listen on 127.0.0.1, or put a proxy that authenticates before it and add --no-access-control "
+            "and --allowed-host NAME, the name in its addresses ('*' for any)",
+        ) from error
+
+
 def _listen(host: str, port: int) -> socket.socket:
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -96,7 +158,7 @@ def _listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
-            "choose another --port or --host, or end the program that uses it",
+            "choose another --port or --host, or stop the program that uses it",
         ) from error
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

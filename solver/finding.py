@@ -40,6 +40,10 @@ FindingCode = Literal[
     "low_compensation",
     "stiffness_implausible",
     "complementary_stiffness_matters",
+    "base_drifted",
+    "base_target_moved",
+    "link_penalty_at_end",
+    "link_penalty_raised",
 ]
 
 

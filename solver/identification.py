@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -16,6 +17,7 @@ from jointstiff.solver.fitting import (
     PartialPose,
     Settings,
     fit_once,
+    force_response,
     iterate_to_convergence,
     neglected_shift,
     require_observable,
@@ -51,7 +53,8 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     iterations = 0
     if settings.complementary_stiffness:
         last, iterations = iterate_to_convergence(robot, measurements, settings, new_method, first)
-    estimate = _assembled(robot, measurements, settings, last, length)
+    common = _common_errors(robot, measurements, settings, last)
+    estimate = _assembled(robot, measurements, settings, last, length, common)
     if settings.complementary_stiffness:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
@@ -67,7 +70,12 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
 
 
 def _assembled(
-    robot: Robot, measurements: Measurements, settings: Settings, last: Iteration, length: float | None
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    last: Iteration,
+    length: float | None,
+    common: Callable[[float], FloatArray] | None,
 ) -> Estimate:
     """The estimate of the last fit; a robust scale takes the place of a sigma that is not known."""
     robust, targets = last.robust, last.targets
@@ -81,6 +89,7 @@ def _assembled(
         characteristic_length=length,
         inflation=1.0 if robust is None else robust.inflation,
         sigma_given=measurements.sigma is not None,
+        common=common,
     )
     if robust is None or targets is None:
         return estimate
@@ -90,6 +99,21 @@ def _assembled(
         certificates=(robust.certificate, *estimate.certificates),
         robust=robust,
     )
+
+
+def _common_errors(
+    robot: Robot, measurements: Measurements, settings: Settings, last: Iteration
+) -> Callable[[float], FloatArray] | None:
+    """Return what carries the uncertainty of the force into the estimate, given sigma; None without one."""
+    if measurements.force_uncertainty is None:
+        return None
+
+    def response(sigma: float) -> FloatArray:
+        prior = None if settings.prior is None else settings.prior.rows(sigma)
+        included = settings.complementary_stiffness
+        return force_response(robot, measurements, last, prior, complementary_stiffness=included)
+
+    return response
 
 
 def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:
@@ -122,13 +146,14 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
     _refuse_prior_or_order(settings)
     if measurements.encoders is not None and settings.weighting != "covariance":
         raise UnsupportedMethodError(
-            f"weighting {settings.weighting} cannot weigh the encoders' angles against lengths",
+            f"weighting {settings.weighting} cannot combine encoder readings (angles) with positions "
+            "(lengths)",
             where="weighting",
-            remedy="use weighting covariance, or leave the encoder readings out",
+            remedy="use weighting covariance, or omit the encoder readings",
         )
     if settings.weighting == "characteristic_length" and settings.method != "complete_pose":
         raise UnsupportedMethodError(
-            f"{settings.method} has no rotations to weigh against translations",
+            f"weighting characteristic_length needs rotations, which method {settings.method} does not use",
             where="weighting",
             remedy="use weighting covariance, or method complete_pose",
         )
@@ -137,9 +162,9 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
 def _refuse_prior_or_order(settings: Settings) -> None:
     if settings.prior is not None and settings.weighting != "covariance":
         raise UnsupportedMethodError(
-            f"weighting {settings.weighting} does not say what a reading is worth beside a prior",
+            f"weighting {settings.weighting} has no uncertainty of a reading to weigh a prior against",
             where="weighting",
-            remedy="use weighting covariance, or leave the priors out",
+            remedy="use weighting covariance, or omit `priors`",
         )
 
 
@@ -152,16 +177,16 @@ def spherical_wrist(robot: Robot) -> Wrist:
     wrist = find_wrist(robot)
     if wrist is None or robot.n == WRIST_JOINTS:
         raise UnsupportedMethodError(
-            f"{robot.n} joints do not make an arm with a wrist of three axes that meet",
+            f"a robot with {robot.n} joints has no arm with a spherical wrist",
             where="method",
             remedy="use method partial_pose",
         )
     if not wrist.spherical:
         raise UnsupportedMethodError(
             f"the last three axes miss each other by {1e3 * wrist.miss_distance:.3g} mm, more than "
-            f"{1e3 * Wrist.TOLERANCE:g} mm, so there is no wrist centre that stands still",
+            f"{1e3 * Wrist.TOLERANCE:g} mm, so the wrist has no centre",
             where="method",
-            remedy="use method partial_pose, or mend the robot's model",
+            remedy="use method partial_pose, or correct the robot's model",
         )
     return wrist
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import itertools
 import os
-import re
 import shutil
 import subprocess
-import sys
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
@@ -16,8 +14,15 @@ from pathlib import Path
 import httpx
 import psycopg
 import pytest
+from support import lanes
+from support.processes import Service
 
 REQUIRE_POSTGRESQL = "JOINTSTIFF_REQUIRE_POSTGRESQL"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let tests be marked by what they use, and processes be refused where there is no mark."""
+    config.pluginmanager.register(lanes)
 
 
 @pytest.fixture(scope="session")
@@ -87,40 +92,6 @@ def _postgresql_binaries() -> Path:
     if os.environ.get(REQUIRE_POSTGRESQL) == "1":
         pytest.fail(f"{reason} ({REQUIRE_POSTGRESQL}=1)")
     pytest.skip(reason)
-
-
-class Service:
-    """A service process of our own, on a real socket and a real database."""
-
-    def __init__(self, database_url: str) -> None:
-        command = [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", database_url]
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed by stop
-        self.process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"},
-        )
-        line = self.process.stdout.readline()
-        found = re.search(r"http://[^\s,]+", line)
-        assert found, self.log()
-        self.url = found[0]
-
-    def log(self) -> str:
-        """What it wrote to its standard error."""
-        self._log.seek(0)
-        return self._log.read()
-
-    def stop(self) -> None:
-        """End it as a service manager would."""
-        self.process.terminate()
-        try:
-            self.process.wait(timeout=20)
-        finally:
-            self.process.kill()
-            self.process.stdout.close()
-            self._log.close()
 
 
 @pytest.fixture(scope="session")

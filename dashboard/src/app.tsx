@@ -1,11 +1,14 @@
 /** The frame of the page: header, the view of the address, messages. */
-import { useEffect, useRef } from "preact/hooks";
-import { Choice, Empty, Title } from "./parts/basics";
-import { STIFFNESS_UNITS, type StiffnessUnit } from "./pure/units";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { api } from "./api/client";
+import { Tip } from "./charts/tip";
+import { Choice, Empty, Select, Title } from "./components/basics";
+import { Boundary } from "./components/boundary";
+import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
 import { type Route, useRoute } from "./state/router";
 import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
 import { dismiss, useToasts } from "./state/toasts";
-import { text } from "./text";
+import { text } from "./i18n";
 import { CompareView } from "./views/compare";
 import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
@@ -15,6 +18,7 @@ import { RobotView } from "./views/robot";
 import { RunView } from "./views/run";
 import { RunsView } from "./views/runs";
 import { SetView } from "./views/set";
+import { SideBySideView } from "./views/side_by_side";
 import { StartView } from "./views/start";
 import { TrendView } from "./views/trend";
 
@@ -48,12 +52,28 @@ export function App() {
         {text.app.skip}
       </a>
       <Header section={sectionOf(route)} settings={settings} />
+      <AccessNote />
       <main id="content" tabIndex={-1} ref={main}>
-        <View key={viewKey(route)} route={route} />
+        <Boundary key={viewKey(route)}>
+          <View route={route} />
+        </Boundary>
       </main>
       <Toasts />
+      <Tip />
     </SettingsContext.Provider>
   );
+}
+
+/** Say that nothing controls who is answered, where that is so. */
+function AccessNote() {
+  const [open, setOpen] = useState(false);
+  useEffect(() => {
+    void api.health().then(
+      ({ access }) => setOpen(access === "none"),
+      () => setOpen(false),
+    );
+  }, []);
+  return open ? <p class="note warn">{text.app.noAccessControl}</p> : null;
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string => (first === "sets" ? "robots" : first);
@@ -67,19 +87,24 @@ function View({ route }: { route: Route }) {
     case undefined:
       return <StartView query={route.query} />;
     case "runs":
-      return second ? <RunView id={second} part={third ?? "result"} /> : <RunsView query={route.query} />;
+      return second ? (
+        <RunView id={second} part={third ?? "result"} query={route.query} />
+      ) : (
+        <RunsView query={route.query} />
+      );
     case "sets":
       return second ? <SetView id={second} /> : <RobotsView list="sets" />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
     case "compare":
-      return <Compared kind={second} id={third} />;
+      return <Compared kind={second} id={third} query={route.query} />;
     default:
       return <Lost />;
   }
 }
 
-function Compared({ kind, id }: { kind: string | undefined; id: string | undefined }) {
+function Compared({ kind, id, query }: { kind: string | undefined; id: string | undefined; query: URLSearchParams }) {
+  if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
   if (kind === "methods" && id) return <ComparisonView id={id} />;
   if (kind === "pairs" && id) return <PairView id={id} />;
   if (kind === "trend" && id) return <TrendView robot={id} />;
@@ -120,8 +145,29 @@ function Header({ section, settings }: { section: string; settings: Settings }) 
           </a>
         ))}
       </nav>
+      <Documentation />
       <Display settings={settings} />
     </header>
+  );
+}
+
+/** The way to the documentation, unless this service was installed without it. */
+function Documentation() {
+  const [built, setBuilt] = useState(true);
+  useEffect(() => {
+    void fetch("docs/", { method: "HEAD" }).then(
+      ({ status }) => setBuilt(status !== 404),
+      () => undefined,
+    );
+  }, []);
+  if (!built) return null;
+  return (
+    <a class="docs" href="docs/" aria-label={text.app.docs}>
+      <svg viewBox="0 0 24 24" aria-hidden="true">
+        <path d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
+      </svg>
+      <span>{text.app.docs}</span>
+    </a>
   );
 }
 
@@ -157,11 +203,11 @@ function Display({ settings }: { settings: Settings }) {
           change={(theme: Theme) => settings.change({ theme })}
           options={(["auto", "light", "dark"] as const).map((value) => ({ value, label: text.app.themes[value] }))}
         />
-        <Choice
+        <Select
           label={text.app.unit}
           value={settings.unit}
-          change={(unit: StiffnessUnit) => settings.change({ unit })}
-          options={(["MNm", "Nm"] as const).map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
+          change={(unit) => settings.change({ unit: unit as StiffnessUnit })}
+          options={UNIT_NAMES.map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
         />
       </div>
     </details>

@@ -1,7 +1,9 @@
 import { render } from "preact";
 import { App } from "./app";
-import { text } from "./text";
+import { reportStrays } from "./components/boundary";
+import { text } from "./i18n";
 
 document.documentElement.lang = text.language;
 const page = document.getElementById("page");
+reportStrays();
 if (page) render(<App />, page);

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { understand } from "../src/pure/campaign";
+import { understand } from "../src/lib/campaign";
 
 const SET = {
   name: "cell 3",

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { csv, csvCell, fileName } from "../src/pure/csv";
+import { csv, csvCell, fileName } from "../src/lib/csv";
 
 describe("cells", () => {
   it("leave numbers as they are, negative ones too", () => {

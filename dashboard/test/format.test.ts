@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { clip, decimalsFor, fixed, percent, powerOfTen, pValue, significant } from "../src/pure/format";
+import { clip, decimalsFor, fixed, percent, powerOfTen, pValue, significant } from "../src/lib/format";
 
 describe("digits from the uncertainty (GUM 7.2.6)", () => {
   it.each([

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { contentKey } from "../src/pure/hash";
+import { contentKey } from "../src/lib/hash";
 import { link, parse } from "../src/state/router";
 import { documentOf, newDh, numberOf } from "../src/views/dh_editor";
 

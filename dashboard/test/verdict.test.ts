@@ -1,21 +1,23 @@
 import { describe, expect, it } from "vitest";
 import type { JointResult } from "../src/api/types";
-import { shownStiffness } from "../src/pure/stiffness";
-import { lowerLimit, stiffnessUncertainty, verdictOf } from "../src/pure/verdict";
+import { shownStiffness } from "../src/lib/stiffness";
+import { lowerLimit, stiffnessUncertainty, verdictOf } from "../src/lib/verdict";
 
-const joint = (part: Partial<JointResult>): JointResult => ({
-  name: "j",
-  status: "identified",
-  compliance: 1e-6,
-  stiffness: 1e6,
-  standard_uncertainty: 1e-8,
-  compliance_interval: null,
-  stiffness_interval: [0.98e6, 1.02e6],
-  one_sided: null,
-  prior_to_data: null,
-  reason: null,
-  ...part,
-});
+/** A joint with what the page looks at. */
+const joint = (part: Partial<JointResult>): JointResult =>
+  ({
+    name: "j",
+    status: "identified",
+    compliance: 1e-6,
+    stiffness: 1e6,
+    standard_uncertainty: 1e-8,
+    compliance_interval: null,
+    stiffness_interval: [0.98e6, 1.02e6],
+    one_sided: null,
+    prior_to_data: null,
+    reason: null,
+    ...part,
+  }) as JointResult;
 
 describe("verdicts", () => {
   it.each([
@@ -57,6 +59,27 @@ describe("stiffness in the unit that was chosen", () => {
       joint({ status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] }),
       "MNm",
     );
-    expect(shown).toMatchObject({ value: null, uncertainty: null, limit: "2.0", interval: { low: "2.0", high: null } });
+    expect(shown).toMatchObject({
+      value: null,
+      uncertainty: null,
+      limit: "≥ 2.0",
+      interval: { low: "2.0", high: null },
+    });
+  });
+});
+
+describe("units", () => {
+  // 1e6 N·m/rad: 17.453 kN·m/°, 290.89 N·m/arcmin, 1 µrad/(N·m)
+  const k = joint({ stiffness: 1e6, compliance: 1e-6, standard_uncertainty: 1e-8, stiffness_interval: [0.8e6, 2e6] });
+  it.each([
+    ["kNmDeg", "17.45", "0.17", "13.96", "34.91"],
+    ["NmArcmin", "290.9", "2.9", "232.7", "581.8"],
+    ["compliance", "1.000", "0.010", "0.500", "1.250"],
+  ] as const)("%s", (unit, value, uncertainty, low, high) =>
+    expect(shownStiffness(k, unit)).toMatchObject({ value, uncertainty, interval: { low, high } }),
+  );
+  it("a compliance without a lower end goes down to zero", () => {
+    const open = joint({ stiffness_interval: [0.5e6, null] });
+    expect(shownStiffness(open, "compliance")).toMatchObject({ interval: { low: "0", high: "2.0" }, limit: "≤ 2.0" });
   });
 });

@@ -101,7 +101,7 @@ class SpringArm:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Where the axes and the flange of an arm are, in R0.
+    """Positions of the axes and the flange of an arm, in R0.
 
     Attributes:
         axis_points: Point o_j on each axis [m], (..., n, 3).

@@ -150,7 +150,7 @@ def simulate_campaign(
 
 
 def truth(arm: SpringArm, document: Document) -> Document:
-    """What an identification from this campaign ought to find.
+    """Return the true values that an identification from this campaign should find.
 
     Args:
         arm: The arm that was simulated.

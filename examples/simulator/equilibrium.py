@@ -56,7 +56,7 @@ def torques(
 def torque_derivative(
     arm: SpringArm, q: ArrayLike, force: ArrayLike, moment: ArrayLike, load_point: ArrayLike
 ) -> FloatArray:
-    """How the torques change with the angles, ∂τ_j/∂θ_k [N·m/rad], row j, column k, (..., n, n).
+    """Return the derivative of the torques, ∂τ_j/∂θ_k [N·m/rad], row j, column k, (..., n, n).
 
     With v_j = a_j × (p_W − o_j): a joint k before j turns a_j and v_j, a joint k after j moves p_W
     by v_k. So `∂τ_j/∂θ_k = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)`. The part of F

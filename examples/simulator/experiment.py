@@ -1,4 +1,4 @@
-"""What is done in a campaign, and what the tracker reads: configurations, wrenches, targets, noise.
+"""Simulated experiment: configurations, wrenches, targets, and noise of the tracker.
 
 Units are SI (m, rad, N, N·m); axes of R0 unless it says otherwise.
 """

@@ -1,4 +1,4 @@
-"""What keeps a real arm from being its model: links of other lengths, links that bend, a plate set awry.
+"""Imperfections of a real arm: links of other lengths, links that bend, a tilted plate.
 
 Each function takes something nominal and gives what is really there, wrong by a stated size in a random
 direction. Units are SI (m, rad, N·m).

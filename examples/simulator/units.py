@@ -28,7 +28,7 @@ SIGNIFICANT_DIGITS = 15  # drops the last bit of a conversion: 0.02, not 0.02000
 
 @dataclass(frozen=True)
 class Scales:
-    """What one unit of each quantity is worth in SI: m, rad, N, N·m.
+    """SI value of one unit of each quantity: m, rad, N, N·m.
 
     Attributes:
         length: Metres in the unit of length.

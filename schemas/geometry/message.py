@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import FailFast, Field, model_validator
 
+from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.job import Job, JobState
@@ -14,7 +15,7 @@ from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
 MAX_GEOMETRY_TARGETS = 8
 MAX_GEOMETRY_POSITIONS = 600
-"""Of all sweeps together: each has an angle of its own, and the fit takes their number cubed."""
+"""Maximum number of positions of all sweeps together: the fit takes the cube of their number."""
 MAX_GEOMETRY_READINGS = 2_000
 
 TargetPositions = Annotated[dict[Name, Vector3], Field(min_length=1, max_length=MAX_GEOMETRY_TARGETS)]
@@ -24,29 +25,33 @@ BasePositions = Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16
 class GeometryUnits(Message):
     """Units of every number of the readings."""
 
-    length: LengthUnit = Field(description="Of positions, sigma and heights.")
-    angle: AngleUnit = Field(description="Of joint angles.")
+    length: LengthUnit = Field(description="Unit of positions, sigma and heights.")
+    angle: AngleUnit = Field(description="Unit of joint angles.")
 
 
 class TrackerSheet(Message):
-    """What the tracker's sheet says: standard uncertainties along its line of sight and across it."""
+    """Uncertainty from the tracker's data sheet: along its line of sight and across it."""
 
     station: Vector3 = Field(
         default=(0.0, 0.0, 0.0),
-        description="Where the tracker stands, in the frame of the positions, in units.length: its origin, "
-        "as a rule.",
+        description="Position of the tracker in the frame of the positions, in units.length: usually its "
+        "origin.",
     )
-    range: Uncertainty = Field(description="Along the line of sight.")
-    transverse: Uncertainty = Field(description="Across it, in each of two directions.")
+    range: Uncertainty = Field(description="Uncertainty along the line of sight.")
+    transverse: Uncertainty = Field(
+        description="Uncertainty across the line of sight, in each of two directions."
+    )
 
 
 class GeometryNoise(Message):
-    """What one reading is worth. Without it sigma comes from the residuals."""
+    """Noise of one reading. Without it sigma is estimated from the residuals."""
 
     sigma: Sigma | None = Field(
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
     )
-    instrument: TrackerSheet | None = Field(default=None, description="In place of `sigma`.")
+    instrument: TrackerSheet | None = Field(
+        default=None, description="Uncertainty of the instrument, instead of `sigma`."
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> GeometryNoise:
@@ -59,7 +64,7 @@ class TrackedPosition(Message):
     """One position of the robot, unloaded."""
 
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Angles as the controller shows them, in units.angle."
+        description="Joint angles as displayed by the controller, in units.angle."
     )
     targets: TargetPositions = Field(
         description="Positions of the targets that were read, in the tracker's frame, in units.length.",
@@ -71,17 +76,18 @@ class JointSweep(Message):
     """One joint of the controller turned alone."""
 
     joint: Name = Field(
-        description="Its name: the robot's name of the joint that it turns, or joint_1, joint_2, … if no "
-        "robot is given.",
+        description="Name of the joint that turns: the robot's name of it, or joint_1, joint_2, … "
+        "if no robot "
+        "is given.",
         examples=["joint_1"],
     )
     observations: Annotated[
         list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_POSITIONS), FailFast()
-    ] = Field(description="Four positions at least; 10 to 20 over 90° or more are good practice.")
+    ] = Field(description="Positions; at least four, 10 to 20 over 90° or more are good practice.")
 
 
 class BaseRule(Message):
-    """How R0 stands to axes 1 and 2, which determine all but a convention."""
+    """Definition of R0 relative to axes 1 and 2, which determine it up to a convention."""
 
     by: Literal["nominal", "axes"] = Field(
         description="`nominal`: as in the nominal model. `axes`: z along axis 1, x from axis 1 towards axis "
@@ -94,19 +100,21 @@ class BaseRule(Message):
 
 
 class FlangeRule(Message):
-    """Where the flange frame is on the last link, which no axis shows."""
+    """Definition of the flange frame on the last link, which no axis determines."""
 
     by: Literal["nominal", "axes", "targets"] = Field(
         description="`nominal`: as in the nominal model. `axes`: z along the last axis, origin where the one "
         "before comes nearest to it: the centre of a spherical wrist. `targets`: origin at the first of "
         "three targets, x towards the second, y towards the third."
     )
-    targets: tuple[Name, Name, Name] | None = Field(default=None, description="For `targets`, the three.")
+    targets: tuple[Name, Name, Name] | None = Field(
+        default=None, description="The three targets, for `by` = `targets`."
+    )
 
     @model_validator(mode="after")
     def _three_targets(self) -> FlangeRule:
         if (self.by == "targets") != (self.targets is not None):
-            raise ValueError("give `targets`, three different ones, where and only where `by` is `targets`")
+            raise ValueError("give `targets` (three different ones) if, and only if, `by` is `targets`")
         if self.targets is not None and len(set(self.targets)) != len(self.targets):
             raise ValueError("give three different targets")
         return self
@@ -115,11 +123,13 @@ class FlangeRule(Message):
 class BaseTargetReadings(Message):
     """Targets fixed to the robot's base, read twice: they show whether tracker and robot moved."""
 
-    before: BasePositions = Field(description="Before the readings, tracker's frame, in units.length.")
+    before: BasePositions = Field(
+        description="Positions before the readings, tracker's frame, in units.length."
+    )
     after: BasePositions | None = Field(
         default=None,
-        description="After them. If absent, what is read later, such as by a measurement set in this "
-        "geometry's frame, is compared with `before`.",
+        description="Positions after the readings. If absent, later readings, such as those of a measurement "
+        "set in this geometry's frame, are compared with `before`.",
     )
 
 
@@ -134,34 +144,37 @@ class GeometryRequest(Message):
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
     robot_id: Identifier | None = Field(
-        default=None, description="The robot, whose stored model counts as nominal; or give `robot`."
+        default=None, description="Robot whose stored model is the nominal one; or give `robot`."
     )
-    robot: RobotDocument | None = Field(default=None, description="The nominal model, not stored.")
+    robot: RobotDocument | None = Field(default=None, description="Nominal model; it is not stored.")
     joint_map: JointMap | None = Field(
-        default=None, description="If no robot is given, which has its own; the identity if absent."
+        default=None, description="Joint map, if no robot is given; default: identity."
     )
     noise: GeometryNoise | None = Field(
-        default=None, description="If absent, sigma is estimated from the residuals."
+        default=None, description="Noise of the readings; if absent, sigma is estimated from the residuals."
     )
     sweeps: Annotated[list[JointSweep], Field(min_length=1, max_length=MAX_JOINTS)] | None = Field(
-        default=None, description=f"One of each joint, of {MAX_GEOMETRY_POSITIONS} positions in all."
+        default=None,
+        description=f"Sweeps, one per joint, of at most {MAX_GEOMETRY_POSITIONS} positions in all.",
     )
     poses: _Poses | None = Field(
         default=None,
-        description="In place of sweeps: unloaded poses, by which a nominal model is calibrated.",
+        description="Unloaded poses to calibrate a nominal model, instead of `sweeps`.",
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Of sweeps: each by itself, which trusts the controller least, or all in one fit, "
-        "which trusts that joints at rest are where the controller says.",
+        description="Fit of the sweeps: one by one, which trusts the controller least, or all "
+        "together, which "
+        "assumes that resting joints are where the controller says.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
-        description="Of the joint that is turned: from the readings, or the controller's. The result says "
-        "whether the controller's are good enough.",
+        description="Angles of the joint that turns: from the readings, or from the controller. The result "
+        "says whether the controller's are good enough.",
     )
     base: BaseRule | None = Field(
-        default=None, description="By the nominal model if absent; by the axes if there is none."
+        default=None,
+        description="Definition of the frame; default: the nominal model, or the axes without one.",
     )
     flange: FlangeRule | None = Field(default=None, description="Likewise.")
     base_targets: BaseTargetReadings | None = None
@@ -178,10 +191,16 @@ class GeometryRequest(Message):
     def _few_enough(self) -> GeometryRequest:
         swept = [position for sweep in self.sweeps or () for position in sweep.observations]
         if len(swept) > MAX_GEOMETRY_POSITIONS:
-            raise ValueError(f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together")
+            raise ValueError(
+                f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not {len(swept)}: "
+                "leave out every other one, 15 to 20 spread over each joint's arc are enough"
+            )
         readings = sum(len(position.targets) for position in (*swept, *(self.poses or ())))
         if readings > MAX_GEOMETRY_READINGS:
-            raise ValueError(f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all")
+            raise ValueError(
+                f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: leave out "
+                "every other position, or targets beyond three"
+            )
         return self
 
     @model_validator(mode="after")
@@ -189,23 +208,23 @@ class GeometryRequest(Message):
         if self.robot_id is not None and self.robot is not None:
             raise ValueError("give either `robot_id` or `robot`, not both")
         if self.has_robot and self.joint_map is not None:
-            raise ValueError("leave `joint_map` out: the robot has its own")
+            raise ValueError("omit `joint_map`: the robot has its own")
         if not self.has_robot and "nominal" in {rule.by for rule in (self.base, self.flange) if rule}:
             raise ValueError("give `robot_id` or `robot`, or place the frames by `axes` or `targets`")
         return self
 
     @property
     def has_robot(self) -> bool:
-        """Whether there is a nominal model."""
+        """Return True if there is a nominal model."""
         return self.robot_id is not None or self.robot is not None
 
 
-class GeometrySummary(Message):
+class GeometrySummary(ResultSummary):
     """A geometry in a listing."""
 
     id: Identifier
     name: Name
-    robot_id: Identifier | None = Field(description="Of the nominal model, if that is stored.")
+    robot_id: Identifier | None = Field(description="Robot of the nominal model, if it is stored.")
     state: JobState
     created_at: Timestamp
 
@@ -218,4 +237,4 @@ class Geometry(Job):
 
     name: Name
     request: GeometryRequest
-    result: GeometryResult | None = Field(description="Present if it succeeded.")
+    result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")

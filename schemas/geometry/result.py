@@ -1,4 +1,4 @@
-"""What a geometry says: axes, base frame, wrist centre, targets and the identified model. SI units."""
+"""Results of a geometry: axes, base frame, wrist centre, targets and the identified model. SI units."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import (
     Dimensionless,
     Message,
@@ -19,6 +20,7 @@ from jointstiff.schemas.fields import (
     SquareRadians,
     StatedUnit,
 )
+from jointstiff.schemas.job import Result
 from jointstiff.schemas.robot import DhRow, RobotDocument
 
 Square6 = Annotated[
@@ -29,34 +31,37 @@ Square6 = Annotated[
 class Rigid(Message):
     """Coordinates x in one frame become ``rotation x + translation`` in another."""
 
-    rotation: Dimensionless[Square3] = Field(description="Row by row. Dimensionless.")
+    rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row. Dimensionless.")
     translation: Metres[Point]
 
 
 class AxisPlace(Message):
     """An axis in one frame, at model angle zero of all joints."""
 
-    point: Metres[Point] = Field(description="A point on it.")
-    direction: Dimensionless[Point] = Field(description="Unit vector, positive rotation by the right hand.")
+    point: Metres[Point] = Field(description="Point on the axis.")
+    direction: Dimensionless[Point] = Field(
+        description="Unit vector along the axis; positive rotation by the right-hand rule."
+    )
     point_covariance: SquareMetres[Square3 | None] = Field(
-        description="Of where the axis passes at `point`, singular along it; null if it is not determined."
+        description="Covariance of the axis's position at `point`, singular along the axis; null if not "
+        "determined."
     )
     direction_covariance: SquareRadians[Square3 | None] = Field(
-        description="Of the unit vector; null if it is not determined."
+        description="Covariance of the unit vector; null if not determined."
     )
 
 
 class IdentifiedAxis(Message):
     """One axis of the model."""
 
-    name: Name = Field(description="Of the model's joint.")
-    tracker: AxisPlace = Field(description="In the tracker's frame.")
-    base: AxisPlace = Field(description="In R0, the uncertainty of R0 included.")
+    name: Name = Field(description="Name of the model's joint.")
+    tracker: AxisPlace = Field(description="Axis in the tracker's frame.")
+    base: AxisPlace = Field(description="Axis in R0, including the uncertainty of R0.")
     position_uncertainty: Metres[float | None] = Field(
-        description="Greatest standard uncertainty across the axis at `point`, tracker's frame."
+        description="Largest standard uncertainty across the axis at `point`, tracker's frame."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Greatest standard uncertainty of the direction, tracker's frame."
+        description="Largest standard uncertainty of the direction, tracker's frame."
     )
 
 
@@ -66,29 +71,30 @@ class SweptTarget(Message):
     name: Name
     readings: int
     radius: Metres[float | None] = Field(
-        description="Distance from the axis; null in a sweep that turns two axes."
+        description="Radius: distance from the axis; null in a sweep that turns two axes."
     )
     radial_rms: Metres[float | None] = Field(
-        description="Root mean square of the residuals towards the axis; across the axis in a sweep that "
-        "turns two. Null without a reading."
+        description="Root mean square of the radial residuals; of those across the axis in a sweep "
+        "that turns "
+        "two. Null without a reading."
     )
-    axial_rms: Metres[float | None] = Field(description="The same along the axis.")
+    axial_rms: Metres[float | None] = Field(description="Root mean square of the residuals along the axis.")
 
 
 class SweepEvidence(Message):
     """One sweep, fitted by itself."""
 
-    joint: Name = Field(description="As it was posted.")
-    turned: list[Name] = Field(description="Joints of the model that turn.")
+    joint: Name = Field(description="Name of the joint, as posted.")
+    turned: list[Name] = Field(description="Names of the model's joints that turn.")
     positions: int
-    arc: Radians[float] = Field(description="Angle that the readings cover.")
+    arc: Radians[float] = Field(description="Arc covered by the readings.")
     targets: list[SweptTarget]
     angle_scale: float = Field(
-        description="How far the joint turned over how far controller and joint map say. Dimensionless."
+        description="Measured rotation of the joint over that of controller and joint map. Dimensionless."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square of the angle from the readings less the controller's; null where the "
-        "controller's are taken."
+        description="Root mean square of the angles from the readings minus the controller's; null where the "
+        "controller's are used."
     )
     variance_factor: float = Field(
         description="χ²/dof of this sweep: 1 on average if sigma is right. Dimensionless."
@@ -96,22 +102,22 @@ class SweepEvidence(Message):
 
 
 class PoseEvidence(Message):
-    """What the poses determine."""
+    """Unknowns that the poses determine."""
 
     positions: int
-    unknowns: int = Field(description="Four of each axis and three of each target.")
-    determined: int = Field(description="Independent combinations of them that the poses determine.")
+    unknowns: int = Field(description="Number of unknowns: four per axis and three per target.")
+    determined: int = Field(description="Number of independent combinations that the poses determine.")
     only_together: list[list[str]] = Field(
-        description="The unknowns of each combination that is not determined; they keep their nominal values."
+        description="Unknowns of each combination that is not determined; they keep their nominal values."
     )
-    rms_residual: Metres[float] = Field(description="Of a coordinate.")
+    rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
 
 
 class GeometryGoodness(Message):
-    """How well one robot fits all readings."""
+    """Goodness of fit of one robot model to all readings."""
 
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, by which all others are stated; of an instrument "
+        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
         "the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
@@ -121,11 +127,11 @@ class GeometryGoodness(Message):
         "Dimensionless."
     )
     agreement_probability: float | None = Field(
-        description="That noise alone makes one robot fit all sweeps so badly. Small: fit them one by one."
+        description="p-value of one robot model for all sweeps. Small: fit them one by one."
     )
     controller_probability: float | None = Field(
-        description="That noise alone makes the controller's angles fit so badly. Not small: `angles` of "
-        "`controller` is the better estimate."
+        description="p-value of the controller's angles. Not small: `angles` = `controller` gives the better "
+        "estimate."
     )
 
 
@@ -135,8 +141,9 @@ class BaseFrameResult(Message):
     by: Literal["nominal", "axes"]
     transform_tracker_to_base: Rigid
     covariance: MixedSquares[Square6 | None] = Field(
-        description="Of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: translation, then "
-        "rotation; null if the readings do not determine it."
+        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: "
+        "translation, "
+        "then rotation; null if not determined."
     )
 
 
@@ -146,16 +153,14 @@ class WristCentre(Message):
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
     base: Metres[Point] = Field(description="In R0.")
-    base_covariance: SquareMetres[Square3] = Field(description="The uncertainty of R0 included.")
+    base_covariance: SquareMetres[Square3] = Field(description="Covariance, including the uncertainty of R0.")
 
 
 class WristEstimate(WristCentre):
     """One of the ways."""
 
     way: Literal["sphere", "axes", "trilateration"]
-    weight: float = Field(
-        description="Its share in the combined centre, over three directions. Dimensionless."
-    )
+    weight: float = Field(description="Weight in the combined centre, over three directions. Dimensionless.")
 
 
 class WristDistance(Message):
@@ -164,26 +169,25 @@ class WristDistance(Message):
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="That noise alone does this.")
+    probability: float = Field(description="p-value of the drift.")
 
 
 class WristResult(Message):
-    """Where the last three axes meet, and whether they do."""
+    """Wrist centre, and the test of the last three axes for intersection."""
 
     estimates: list[WristEstimate]
-    combined: WristCentre = Field(description="Mean of the ways, each weighted by its information.")
+    combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
     posture: Radians[list[float]] = Field(
-        description="Model angles in which the centre is where it is stated; those of the wrist do not "
-        "matter."
+        description="Model angles for which the centre is stated; those of the wrist do not matter."
     )
     miss_distance: Metres[float] = Field(
-        description="Greatest distance of one of the three axes from the point nearest to them."
+        description="Largest distance of one of the three axes from the point nearest to them."
     )
     miss_uncertainty: Metres[float]
-    miss_probability: float = Field(description="That axes which do meet are found so far apart.")
+    miss_probability: float = Field(description="p-value of the hypothesis that the axes intersect.")
     decoupled_method: bool = Field(
-        description="Whether the decoupled method applies: the axes miss by no more than 0.5 mm."
+        description="True if the decoupled method applies: the axes miss each other by no more than 0.5 mm."
     )
 
 
@@ -192,32 +196,33 @@ class FlangeTarget(Message):
 
     name: Name
     position: Metres[Point]
-    covariance: SquareMetres[Square3 | None] = Field(description="Null if the readings do not determine it.")
+    covariance: SquareMetres[Square3 | None] = Field(
+        description="Standard uncertainty; null if not determined."
+    )
 
 
 class LinkComparison(Message):
     """A length or an angle of the robot, nominal beside identified."""
 
     quantity: Literal["a", "alpha", "beta", "d", "theta"] = Field(
-        description="As Denavit and Hartenberg name them; beta is the other angle of axes meant to be "
-        "parallel."
+        description="Denavit-Hartenberg parameter; beta is the second angle of axes meant to be parallel."
     )
-    joint: Name = Field(description="Of the axis, or of the first of two neighbours.")
-    unit: Literal["m", "rad"] = Field(description="Of the numbers.")
+    joint: Name = Field(description="Joint of the axis, or of the first of two neighbours.")
+    unit: Literal["m", "rad"] = Field(description="Unit of the numbers.")
     nominal: StatedUnit[float]
     identified: StatedUnit[float]
-    difference: StatedUnit[float] = Field(description="Identified less nominal.")
+    difference: StatedUnit[float] = Field(description="Identified minus nominal value.")
     standard_uncertainty: StatedUnit[float | None] = Field(
-        description="Of the identified one; null if the readings do not determine it."
+        description="Standard uncertainty of the identified value; null if not determined."
     )
 
 
 class NearlyParallel(Message):
     """Neighbouring axes that are nearly parallel."""
 
-    joint: Name = Field(description="Of the first.")
+    joint: Name = Field(description="Joint of the first axis.")
     angle: Radians[float]
-    made_parallel: bool = Field(description="Whether the table takes them as parallel.")
+    made_parallel: bool = Field(description="True if the table treats the axes as parallel.")
 
 
 class IdentifiedDh(Message):
@@ -225,28 +230,30 @@ class IdentifiedDh(Message):
 
     convention: Literal["standard", "modified"]
     rows: list[DhRow]
-    base: Rigid = Field(description="From frame 0 to R0.")
-    tool: Rigid = Field(description="From the flange frame to frame n.")
+    base: Rigid = Field(description="Transform from frame 0 to R0.")
+    tool: Rigid = Field(description="Transform from the flange frame to frame n.")
     parallel: list[NearlyParallel]
     deviation: Metres[float] = Field(
-        description="Greatest distance of the table's flange from the identified model's, over 200 random "
-        "postures: what making axes parallel leaves out."
+        description="Largest distance between the table's flange and the identified model's, over 200 random "
+        "postures: the effect of treating axes as parallel."
     )
 
 
 class Drift(Message):
     """Motion of tracker and robot against each other between two readings of the base targets."""
 
-    transform_after_to_before: Rigid = Field(description="Removes the drift from later readings.")
+    transform_after_to_before: Rigid = Field(
+        description="Transform that corrects the drift in later readings."
+    )
     displacement: Metres[Point] = Field(
-        description="Of the middle of the targets on the flange, tracker's frame."
+        description="Translation of the middle of the flange targets, tracker's frame."
     )
     displacement_covariance: SquareMetres[Square3]
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
-    probability: float = Field(description="That noise alone does this.")
-    deformation_probability: float = Field(description="That noise alone leaves these residuals.")
+    probability: float = Field(description="p-value of the drift.")
+    deformation_probability: float = Field(description="p-value of the residuals.")
     significant: bool
-    moved_targets: list[Name] = Field(description="Base targets that moved against the others.")
+    moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
 
 
 class GeometryFinding(Message):
@@ -269,26 +276,41 @@ class GeometryFinding(Message):
     ]
     severity: Literal["error", "warning", "note"]
     where: str
-    figure: StatedUnit[float] = Field(description="The number that raised it, in `unit`.")
-    unit: str = Field(description="Of the figure; empty where it has none.")
+    figure: StatedUnit[float] = Field(description="Value that caused the finding, in `unit`.")
+    unit: str = Field(description="Unit of the value; empty if it has none.")
     message: str
     remedy: str
 
 
-class GeometryResult(Message):
+class GeometryResult(Result):
     """The robot as it was found."""
 
+    assessment: Assessment = Field(description="By the findings; notes are no reasons.")
     axes: list[IdentifiedAxis]
-    sweeps: list[SweepEvidence] = Field(description="Empty for poses.")
-    poses: PoseEvidence | None = Field(description="Null for sweeps.")
+    sweeps: list[SweepEvidence] = Field(description="Sweeps; empty for poses.")
+    fit: Literal["one_by_one", "together"] | None = Field(
+        description="Fit that gave the axes from sweeps: one_by_one also if `together` was requested and the "
+        "sweeps disagree (finding `sweeps_disagree`). Null for poses."
+    )
+    poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     goodness: GeometryGoodness
     base_frame: BaseFrameResult
-    wrist: WristResult | None = Field(description="Null where there is none: see `no_wrist`.")
-    no_wrist: str | None = Field(description="Why there is no wrist centre.")
+    wrist: WristResult | None = Field(description="Wrist centre; null if there is none, see `no_wrist`.")
+    no_wrist: str | None = Field(description="Reason why there is no wrist centre.")
     targets: list[FlangeTarget]
-    flange: Literal["nominal", "axes", "targets"] = Field(description="What places the flange frame.")
-    links: list[LinkComparison] = Field(description="Empty without a nominal model.")
-    robot: RobotDocument = Field(description="The identified model as a robot, ready to be posted.")
+    flange: Literal["nominal", "axes", "targets"] = Field(description="Definition of the flange frame.")
+    links: list[LinkComparison] = Field(description="Link parameters; empty without a nominal model.")
+    robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
-    drift: Drift | None = Field(description="Null unless base targets were read before and after.")
+    drift: Drift | None = Field(
+        description="Drift of the base targets; null unless they were read before and after."
+    )
     findings: list[GeometryFinding]
+
+    @property
+    def summary(self) -> ResultSummary:
+        """Excerpt for listings."""
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            warning_count=sum(finding.severity != "note" for finding in self.findings),
+        )

@@ -20,13 +20,21 @@ from jointstiff.schemas.measurement.measurement_set import (
     Units,
     WarningCode,
 )
-from jointstiff.schemas.measurement.noise import Instrument, Matrix3, Noise, Sigma, Uncertainty
+from jointstiff.schemas.measurement.noise import (
+    ForceUncertainty,
+    Instrument,
+    Matrix3,
+    Noise,
+    Sigma,
+    Uncertainty,
+)
 
 __all__ = [
     "MAX_OBSERVATIONS",
     "MAX_TARGETS",
     "AngleUnit",
     "EncoderReading",
+    "ForceUncertainty",
     "Frame",
     "Instrument",
     "LengthUnit",

@@ -15,23 +15,25 @@ class Frame(Message):
     """Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0."""
 
     geometry_id: Identifier | None = Field(
-        default=None, description="A geometry by the same tracker at the same station, of the same robot."
+        default=None,
+        description="Geometry of the same robot, measured by the same tracker from the same station.",
     )
     rotation: Dimensionless[Rotation | None] = Field(
-        default=None, description="Row by row, tracker to R0. Dimensionless."
+        default=None, description="Rotation matrix row by row, tracker to R0."
     )
     translation: Vector3 | None = Field(
         default=None, description="The tracker's origin in R0, in units.length."
     )
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
-        description="With `geometry_id`: its base targets, read again with this set, in units.length. What "
-        "tracker and robot moved against each other since then is removed, and warned of.",
+        description="Base targets of the geometry (needs `geometry_id`), read again with this set, in "
+        "units.length. The motion between tracker and robot since then is corrected, with a "
+        "warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
-        description="Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight "
-        "pulls along the vertical of a levelled tracker.",
+        description="Frame of forces and moments: R0, or the tracker's frame, for instance if a weight pulls "
+        "along the vertical of a levelled tracker.",
     )
 
     @model_validator(mode="after")
@@ -46,11 +48,12 @@ class Frame(Message):
 
 
 class ResolvedFrame(Message):
-    """What a frame meant when the set was stored; it holds though the geometry may be deleted."""
+    """Frame as resolved when the set was stored; it remains valid if the geometry is deleted."""
 
-    rotation: Dimensionless[Rotation] = Field(description="Row by row, tracker to R0. Dimensionless.")
+    rotation: Dimensionless[Rotation] = Field(description="Rotation matrix row by row, tracker to R0.")
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
-        description="The geometry's targets in the flange frame, used for deflections of targets that the "
-        "set does not place; empty if it is of another flange frame."
+        description="Targets of the geometry in the flange frame, used for deflections of targets "
+        "that the set "
+        "does not place; empty if it has another flange frame."
     )

@@ -23,13 +23,13 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
 class Units(Message):
     """Units of every number in the set. Mandatory: kg instead of N cannot be found out later."""
 
-    length: LengthUnit = Field(description="Of positions, deflections, load points and sigma.")
-    angle: AngleUnit = Field(description="Of joint angles, encoder readings and encoder_sigma.")
-    force: ForceUnit = Field(description="Of forces; 1 kgf = 9.80665 N.")
+    length: LengthUnit = Field(description="Unit of positions, deflections, load points and sigma.")
+    angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
+    force: ForceUnit = Field(description="Unit of forces; 1 kgf = 9.80665 N.")
     moment: MomentUnit | None = Field(
         default=None,
-        description="Of moments. May be absent where no moment is given, or where lengths are in "
-        "m: then it is the unit of force times m.",
+        description="Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the "
+        "unit of force times m.",
     )
 
 
@@ -38,7 +38,7 @@ class Reading(Message):
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
-        default=None, description="Position in R0 before the load, in units.length."
+        default=None, description="Position in R0 without load, in units.length."
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     deflection: Vector3 | None = Field(
@@ -53,10 +53,12 @@ class Reading(Message):
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
-        description="In place of `sigma`: covariance of the position before the load, axes of R0, in "
-        "units.length squared. A deflection is a difference of two positions, and states both, too.",
+        description="Covariance of the unloaded position, axes of R0, in units.length squared, instead of "
+        "`sigma`. A deflection, the difference of two positions, needs both covariances.",
     )
-    loaded_covariance: Matrix3 | None = Field(default=None, description="The same under load.")
+    loaded_covariance: Matrix3 | None = Field(
+        default=None, description="Covariance of the position under load."
+    )
 
     @model_validator(mode="after")
     def _one_kind_of_noise(self) -> Reading:
@@ -80,10 +82,11 @@ class EncoderReading(Message):
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Angle before the load, in units.angle, counted as the robot's model counts the joint: "
-        "with the sign of its axis, after the joint map. A constant offset does not matter."
+        description="Unloaded angle of the model's joint, in units.angle: with the sign of its "
+        "axis, after the "
+        "joint map. A constant offset does not matter."
     )
-    loaded: Quantity = Field(description="The same under load, in units.angle.")
+    loaded: Quantity = Field(description="Angle under load, in units.angle.")
 
 
 _EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_length=MAX_JOINTS)]
@@ -92,9 +95,9 @@ _EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_lengt
 class Observation(Message):
     """One configuration under one load."""
 
-    label: Name = Field(description="Unique in the set.", examples=["c01"])
+    label: Name = Field(description="Label, unique in the set.", examples=["c01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Angles as the controller shows them, in units.angle."
+        description="Joint angles as displayed by the controller, in units.angle."
     )
     force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
     moment: Vector3 | None = Field(
@@ -103,35 +106,38 @@ class Observation(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Where the force acts, flange frame, in units.length; the set's if absent.",
+        description="Load point in the flange frame, in units.length; default: that of the set.",
     )
     readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
-        description="What was read of each target, at most once a target."
+        description="Readings of the targets, at most one per target."
     )
     encoder_readings: _EncoderReadings | None = Field(
         default=None,
-        description="What secondary encoders read, at most once a joint. Not where they close the loop, as "
-        "they show no deflection then.",
+        description="Readings of secondary encoders, at most one per joint. Not if they close the loop: then "
+        "they show no deflection.",
     )
 
 
 class MeasurementSetHeader(Message):
-    """What holds for all observations of a set."""
+    """Fields common to all observations of a set."""
 
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Which encoders close the position loop: those of the motors, or secondary "
-        "encoders behind the gearboxes."
+        description="Encoders that close the position loop: those of the motors, or secondary "
+        "encoders behind "
+        "the gearboxes."
     )
     noise: Noise | None = Field(
         default=None,
-        description="If absent, and no reading states its own, sigma is estimated from the residuals.",
+        description="Noise of the readings; if absent, and no reading states its own, sigma is "
+        "estimated from "
+        "the residuals.",
     )
     frame: Frame | None = Field(
         default=None,
-        description="Where positions and deflections, and covariances and the tracker's station, are in a "
-        "tracker's frame; R0 if absent.",
+        description="Frame of positions, deflections, covariances and the tracker's station, if it is a "
+        "tracker's; default: R0.",
     )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
@@ -139,7 +145,7 @@ class MeasurementSetHeader(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Where the force acts, flange frame, in units.length; an observation may give its own.",
+        description="Load point in the flange frame, in units.length; an observation may have its own.",
     )
 
 
@@ -154,7 +160,7 @@ class MeasurementSetDocument(MeasurementSetHeader):
 class MeasurementSetRequest(MeasurementSetDocument):
     """A measurement set as it is posted."""
 
-    robot_id: Identifier = Field(description="The robot that was measured.")
+    robot_id: Identifier = Field(description="Id of the robot that was measured.")
 
 
 Severity = Literal["error", "warning", "note"]
@@ -194,6 +200,8 @@ WarningCode = Literal[
     "robot_models_differ",
     "base_drifted",
     "base_target_moved",
+    "link_penalty_at_end",
+    "link_penalty_raised",
     "stiffness_implausible",
     "complementary_stiffness_matters",
 ]
@@ -202,15 +210,19 @@ WarningCode = Literal[
 class QualityWarning(Message):
     """Something suspicious but not impossible, in a set or in a fit. Shown on every run."""
 
-    code: WarningCode = Field(description="Kind of the suspicion.")
+    code: WarningCode = Field(description="Kind of the finding.")
     severity: Severity = Field(
         default="warning",
-        description="`error`: almost certainly a mistake, mend it before trusting any number; `warning`: "
-        "look into it; `note`: good to know. Nothing is refused or changed for any of them.",
+        description="`error`: almost certainly a mistake, correct it before using any number; "
+        "`warning`: check "
+        "it; `note`: for information. The data are never refused or changed because of a finding.",
     )
-    where: str | None = Field(description="Which observation or reading; null for the whole set.")
-    message: str = Field(description="What was seen, with its figure and unit.")
-    remedy: str = Field(description="What to check.")
+    where: str | None = Field(description="Observation or reading; null for the whole set.")
+    observation: Name | None = Field(
+        default=None, description="Label of the observation; null where it is about no single one."
+    )
+    message: str = Field(description="Observed effect, with value and unit.")
+    remedy: str = Field(description="Recommended checks.")
 
 
 class MeasurementSetSummary(Message):
@@ -228,9 +240,9 @@ class MeasurementSetSummary(Message):
 class StoredMeasurementSet(MeasurementSetHeader):
     """A stored measurement set without its observations."""
 
-    robot_id: Identifier = Field(description="The robot that was measured.")
+    robot_id: Identifier = Field(description="Id of the robot that was measured.")
     id: Identifier
-    resolved_frame: ResolvedFrame | None = Field(default=None, description="What `frame` stands for.")
+    resolved_frame: ResolvedFrame | None = Field(default=None, description="Meaning of `frame`.")
     warnings: list[QualityWarning]
     content_hash: str = Field(description="SHA-256 of everything that was posted.")
     created_at: Timestamp

@@ -1,14 +1,25 @@
-"""What a reading is worth: one sigma for all, an instrument's sheet, or a figure of each reading's own."""
+"""Noise of the readings: one sigma for all, a tracker's data sheet, or one figure per reading."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from jointstiff.schemas.fields import Dimensionless, Message, Quantity, Vector3
+from jointstiff.schemas.fields import Dimensionless, Message, Quantity, Radians, Vector3
 
-Sigma = Annotated[float, Field(strict=True, ge=1e-9, le=1e3)]
+LEAST_SIGMA = 1e-9
+
+
+def _stated(sigma: object) -> object:
+    if isinstance(sigma, int | float) and not isinstance(sigma, bool) and sigma < LEAST_SIGMA:
+        raise ValueError(
+            f"must be positive, at least {LEAST_SIGMA:g}: omit `noise` to estimate sigma from the residuals"
+        )
+    return sigma
+
+
+Sigma = Annotated[float, Field(strict=True, ge=LEAST_SIGMA, le=1e3), BeforeValidator(_stated)]
 """Standard uncertainty of a length, in the set's unit of length."""
 
 Matrix3 = Annotated[tuple[Vector3, Vector3, Vector3], Field(description="Row by row, symmetric.")]
@@ -20,10 +31,10 @@ class Uncertainty(Message):
     """Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument."""
 
     constant: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
-        description="In the set's unit of length.", examples=[1e-5]
+        description="Constant part, in the set's unit of length.", examples=[1e-5]
     )
     per_distance: Dimensionless[_PerDistance] = Field(
-        description="A number: 5e-6 is 5 µm in a metre, whatever the unit of length.", examples=[5e-6]
+        description="Part per distance: 5e-6 is 5 µm per metre, in any unit of length.", examples=[5e-6]
     )
 
     @model_validator(mode="after")
@@ -40,21 +51,50 @@ class Instrument(Message):
     the sheet says, or by 2 if it says nothing.
     """
 
-    station: Vector3 = Field(description="Where the tracker stands, in R0, in units.length.")
-    range: Uncertainty = Field(description="Along the line of sight.")
-    transverse: Uncertainty = Field(description="Across it, in each of two directions.")
+    station: Vector3 = Field(description="Position of the tracker in R0, in units.length.")
+    range: Uncertainty = Field(description="Uncertainty along the line of sight.")
+    transverse: Uncertainty = Field(
+        description="Uncertainty across the line of sight, in each of two directions."
+    )
+
+
+class ForceUncertainty(Message):
+    """Standard uncertainties of the load, each common to all observations of the set.
+
+    They belong to the one scale or load cell that every observation used, so no number of readings averages
+    them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+    """
+
+    scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Of the size of forces and moments: 0.01 is one per cent. It goes one to one into every "
+        "stiffness.",
+        examples=[0.005],
+    )
+    direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Of a rotation of all forces and moments about each axis of R0, in rad whatever the "
+        "set's unit of angle.",
+        examples=[0.002],
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ForceUncertainty:
+        if self.scale == 0.0 and self.direction == 0.0:
+            raise ValueError("give a positive `scale` or `direction`, or leave `force` out")
+        return self
 
 
 class Noise(Message):
-    """What one reading of the tracker, and of a secondary encoder, is worth.
+    """Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
 
     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
     """
 
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one position reading, in the set's "
-        "unit of length. A deflection, being a difference of two, has √2 times that.",
+        description="Standard uncertainty of one coordinate of one position reading, in the set's unit of "
+        "length. That of a deflection, a difference of two, is √2 times larger.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
@@ -64,15 +104,18 @@ class Noise(Message):
         examples=[5e-6],
     )
     instrument: Instrument | None = Field(
-        default=None, description="What the tracker's sheet says, in place of `sigma`."
+        default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
+    )
+    force: ForceUncertainty | None = Field(
+        default=None, description="Uncertainty of the load; if absent, forces and moments count as exact."
     )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Noise:
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
-        if self.sigma is None and self.instrument is None and self.encoder_sigma is None:
-            raise ValueError("give `sigma` or `instrument`, or leave `noise` out")
+        if all(value is None for value in (self.sigma, self.instrument, self.encoder_sigma, self.force)):
+            raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
         return self
 
 

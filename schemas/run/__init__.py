@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.schemas.run.identifiability import Identifiability
-from jointstiff.schemas.run.joints import JointResult, OneSidedBounds
+from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinkCompliance, LinksResult, ModelSelection
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
 from jointstiff.schemas.run.resampling import (
@@ -37,4 +37,5 @@ __all__ = [
     "RunResult",
     "RunSummary",
     "Weighting",
+    "identified_in",
 ]

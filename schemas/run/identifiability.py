@@ -1,4 +1,4 @@
-"""What the readings can determine, and what to measure next."""
+"""Observability of the parameters, and advice on the next measurements."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from jointstiff.schemas.fields import Compliance, Message, Name, Newtons, Point,
 
 
 class StageIdentifiability(Message):
-    """Of one stage of a method, over the joints that it sees."""
+    """Observability in one stage of a method, over the joints of that stage."""
 
-    rank: int = Field(description="How many compliances, or combinations, are determined.")
-    condition_number: float | None = Field(
-        description="Of the weighted regressor, columns of unit norm; null where the rank is not full. "
-        "Dimensionless."
+    rank: int = Field(
+        description="Rank: number of compliances, or combinations, that the readings determine."
     )
-    singular_values: list[float] = Field(description="Of the same matrix, largest first. Dimensionless.")
+    condition_number: float | None = Field(
+        description="Condition number of the weighted regressor with columns of unit norm; null if "
+        "rank-deficient. Dimensionless."
+    )
+    singular_values: list[float] = Field(
+        description="Singular values of the same matrix, largest first. Dimensionless."
+    )
 
 
 class ObservabilityIndices(Message):
@@ -40,48 +44,52 @@ class Advice(Message):
     """A measurement that would tell more of a joint."""
 
     joint: Name
-    message: str = Field(description="In words: which posture, which load, and what it would bring.")
-    joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
-    observation: Name | None = Field(description="The observation that has this posture, if one has.")
+    message: str = Field(description="Advice in words: posture, load, and the expected gain.")
+    joints: Radians[list[float]] = Field(description="Joint angles as displayed by the controller.")
+    observation: Name | None = Field(description="Observation with this posture, if there is one.")
     force: Newtons[Point] = Field(
-        description="On the robot, axes of R0, as strong as the strongest of the set; at the load point of "
-        "that observation, for a new posture at that of the strongest force."
+        description="Force on the robot, axes of R0, as large as the largest of the set; at the "
+        "load point of "
+        "that observation, or for a new posture that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets over that "
-        "before, as the partial pose has them, without constraints and priors; null where the readings so "
-        "far do not determine the compliance. Dimensionless."
+        description="Ratio of the standard uncertainties of the compliance, after one such reading of all "
+        "targets to before, with partial pose, without constraints and priors; null if the "
+        "readings so far do not determine the compliance. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
-        default=None, description="Of the compliance after that reading; null where sigma is unknown."
+        default=None,
+        description="Standard uncertainty of the compliance after that reading; null if sigma is unknown.",
     )
 
 
 class Identifiability(Message):
-    """What the readings can determine, by a model of joints alone."""
+    """Observability of the parameters of the joint model."""
 
     parameters: int = Field(description="Number of joints of the robot.")
-    rank: int = Field(description="How many compliances, or combinations, are determined.")
+    rank: int = Field(
+        description="Rank: number of compliances, or combinations, that the readings determine."
+    )
     condition_number: float | None = Field(
-        description="The greatest of the stages'; null where a rank is not full. Dimensionless."
+        description="Condition number, the largest of all stages; null if rank-deficient. Dimensionless."
     )
     combinations: list[list[Name]] = Field(
-        description="Groups of joints whose compliances show in the readings only together."
+        description="Groups of joints of which only combinations are observable."
     )
     observability: ObservabilityIndices | None = Field(
-        default=None, description="Over the joints that the readings see; null where the rank is not full."
+        default=None, description="Observability indices of the observable joints; null if rank-deficient."
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="What to measure next, for at most three joints: those without a number, at zero "
-        "compliance, or with a standard uncertainty above a tenth of it. At most two pieces a joint, the "
-        "better first: another load in a posture of the set, and a new posture.",
+        description="Advice on the next measurements, for at most three joints: those without a number, at "
+        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces of advice "
+        "per joint, the better first: another load in a posture of the set, and a new posture.",
     )
     weakest: list[str] = Field(
         default_factory=list,
-        description="In words, for each stage with a condition number above 100: which joints the readings "
-        "hardly tell apart, and in which proportion.",
+        description="Messages for each stage with a condition number above 100: joints that are hard to "
+        "distinguish, and in which proportion.",
     )
     stages: list[StageIdentifiability] = Field(
-        description="One a stage of the method: two for the decoupled one, arm then wrist."
+        description="Stages of the method: two for the decoupled one, arm then wrist."
     )

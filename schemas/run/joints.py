@@ -1,11 +1,13 @@
-"""What the readings say of one joint, with its intervals."""
+"""Result of one joint, with its intervals."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import Verdict
 from jointstiff.schemas.fields import Compliance, Message, Name, Stiffness
 
 
@@ -15,35 +17,60 @@ class OneSidedBounds(Message):
     compliance_at_least: Compliance[float]
     compliance_at_most: Compliance[float]
     stiffness_at_least: Stiffness[float | None] = Field(
-        description="Stiffer than this; null where the compliance may be negative."
+        description="Lower end; null if the compliance may be negative."
     )
     stiffness_at_most: Stiffness[float | None] = Field(
-        description="Null: no upper limit, the readings cannot tell the joint from rigid."
+        description="Upper end; null: no upper limit, the readings cannot distinguish the joint from rigid."
     )
+
+
+class UncertaintyBudget(Message):
+    """Contributions to a standard uncertainty; their squares add up to its square."""
+
+    readings: Compliance[float] = Field(description="Noise of tracker and encoders.")
+    force_scale: Compliance[float] = Field(
+        description="Scale of the force: fully correlated over all joints and observations."
+    )
+    force_direction: Compliance[float] = Field(description="Direction of the force, likewise.")
 
 
 class JointResult(Message):
-    """What the readings say of one joint. A joint that is not observable has no numbers."""
+    """Result of one joint. A joint that is not observable has no numbers."""
 
     name: Name
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
+    verdict: Verdict = Field(
+        description="Verdict on the use of the number: never better than its status and the reasons about it "
+        "or about the whole result allow."
+    )
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
-        description="1 / compliance; null where the compliance is zero."
+        description="Stiffness, 1 / compliance; null if the compliance is zero."
     )
     standard_uncertainty: Compliance[float | None] = Field(
-        description="Of the compliance, from the covariance of the estimate without constraints."
+        description="Standard uncertainty of the compliance, from the covariance of the "
+        "unconstrained estimate."
     )
     compliance_interval: Compliance[tuple[float, float] | None] = Field(
-        description="Profile-likelihood interval under the constraints, at the run's confidence."
+        description="Profile-likelihood interval of the compliance under the constraints, at the run's "
+        "confidence level."
     )
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
-        description="The same in stiffness; an upper end of null means: no upper limit."
+        description="Interval of the stiffness; an upper end of null means no upper limit."
     )
     one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
     prior_to_data: float | None = Field(
         default=None,
-        description="Information of the prior over that of the readings on this compliance, the others "
-        "unknown; above 1 the prior speaks, not the readings. Null without a prior. Dimensionless.",
+        description="Ratio of information, prior to readings, on this compliance; above 1 the "
+        "prior dominates. "
+        "Null without a prior. Dimensionless.",
     )
-    reason: str | None = Field(description="Why there is no number, or why the joint is at a bound.")
+    budget: UncertaintyBudget | None = Field(
+        default=None, description="Budget of the standard uncertainty; null if `noise.force` is not stated."
+    )
+    reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
+
+
+def identified_in(joints: Sequence[JointResult]) -> int:
+    """Count the joints that are identified."""
+    return sum(joint.status == "identified" for joint in joints)

@@ -23,13 +23,13 @@ Matrix = list[list[float]]
 
 
 class CrossValidation(Message):
-    """How held-out configurations choose the penalty of the links, and compare the models."""
+    """Settings of the cross-validation, which chooses the penalty of the links and compares the models."""
 
     folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
-        default=5, description="Parts, each held out once; fewer where there are fewer postures."
+        default=5, description="Number of folds, each held out once; fewer if there are fewer postures."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Of the draw that shares out the configurations."
+        default=0, description="Random seed of the assignment of configurations to folds."
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
@@ -39,7 +39,7 @@ class CrossValidation(Message):
 
 
 class PrincipalCompliance(Message):
-    """Of the compliance to forces or to moments, in the axes of the joint's frame."""
+    """Principal compliance to forces or to moments, in the axes of the joint's frame."""
 
     value: float = Field(description="m/N of translation, rad/(N.m) of rotation.")
     direction: Dimensionless[Point] = Field(description="Unit vector.")
@@ -48,34 +48,35 @@ class PrincipalCompliance(Message):
 class LinkCompliance(Message):
     """The compliance of the link behind a joint, about the origin and in the axes of the joint's frame."""
 
-    joint: Name = Field(description="Whose frame moves with the near end of the link.")
+    joint: Name = Field(description="Joint whose frame moves with the near end of the link.")
     matrix: Matrix = Field(
         description="6 x 6, symmetric and positive semidefinite: displacement and rotation by force and "
         "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
     )
     translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
-        description="Of the block of force and displacement, largest first."
+        description="Principal translational compliances, largest first."
     )
     rotation: Compliance[list[PrincipalCompliance]] = Field(
-        description="Of the block of moment and rotation, largest first."
+        description="Principal rotational compliances, largest first."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="How many of its numbers the readings determine; the penalty settles the others."
+        description="Effective number of parameters that the readings determine; the penalty determines the "
+        "others."
     )
-    parameters: int = Field(description="How many numbers it has.")
+    parameters: int = Field(description="Number of parameters.")
 
 
 class ElementShare(Message):
-    """How much of the measured deflection an element explains."""
+    """Share of the measured deflection that an element explains."""
 
     kind: Literal["joint", "coupling", "link"]
-    joint: Name | None = Field(description="The joint, or the one that carries the link; null of coupling.")
+    joint: Name | None = Field(description="Joint, or joint that carries the link; null for coupling.")
     share: Dimensionless[float] = Field(
-        description="Over the set: projection of its predicted deflections on the measured ones, over those; "
-        "all elements and what is left unexplained sum to 1."
+        description="Share over the set: projection of its predicted deflections on the measured ones, over "
+        "those; all shares and the unexplained rest sum to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
-        description="The same of each observation, in the order of the set."
+        description="Shares in each observation, in the order of the set."
     )
 
 
@@ -83,23 +84,24 @@ class LinkCertificate(Message):
     """Proof of optimality, recomputed from the data at the very numbers that are returned."""
 
     least_eigenvalue: float = Field(
-        description="Of all matrices in SI units, and the least joint compliance; never negative. In the "
-        "unit of its matrix."
+        description="Least eigenvalue of all matrices in SI units, and least joint compliance; "
+        "never negative. "
+        "In the unit of its matrix."
     )
     dual: Dimensionless[float] = Field(
-        description="How far the slack matrices are from positive semidefinite, over the penalty."
+        description="Distance of the slack matrices from positive semidefinite, relative to the penalty."
     )
     gap: Dimensionless[float] = Field(
-        description="The fitted readings, all together and weighted, differ from those of the optimum by no "
-        "more than so many `scale`."
+        description="Gap: the weighted fitted readings differ from those of the optimum by at most this many "
+        "`scale`."
     )
     scale: Metres[float] = Field(
-        description="Sigma where it is given, otherwise the residual scale of joints alone."
+        description="Scale: sigma if given, otherwise the residual scale of the joint model."
     )
 
 
 class LinksResult(Message):
-    """What bends beside the joints."""
+    """Compliances of the elements that deflect besides the joints."""
 
     model: Elasticity
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
@@ -108,27 +110,31 @@ class LinksResult(Message):
         description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
         "joints that are not observable."
     )
-    links: list[LinkCompliance] = Field(description="Of the links that may bend.")
-    elements: list[ElementShare] = Field(description="What each joint and link explains.")
+    links: list[LinkCompliance] = Field(description="Compliances of the elastic links.")
+    elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
         description="Share of the measured deflection that no element explains."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="How many numbers of the whole model the readings determine."
+        description="Effective number of parameters of the whole model that the readings determine."
     )
-    parameters: int = Field(description="How many numbers the whole model has.")
+    parameters: int = Field(description="Number of parameters of the whole model.")
     certificate: LinkCertificate
 
 
 class ScoredModel(Message):
-    """How a model predicts configurations that it was not fitted to."""
+    """Prediction error of a model for held-out configurations."""
 
     model: Elasticity
     penalty: Dimensionless[float | None] = Field(
-        description="Weight, chosen for this model or given; null of joints alone."
+        description="Penalty, chosen for this model or given; null for joints alone."
     )
-    compensation: Dimensionless[float] = Field(description="Of held-out configurations, mean over the folds.")
-    standard_error: Dimensionless[float] = Field(description="Of that mean, from the spread of the folds.")
+    compensation: Dimensionless[float] = Field(
+        description="Compensation of held-out configurations, mean over the folds."
+    )
+    standard_error: Dimensionless[float] = Field(
+        description="Standard error of that mean, from the dispersion of the folds."
+    )
     by_fold: Dimensionless[list[float]] = Field(description="Compensation of each fold.")
 
 
@@ -136,7 +142,7 @@ class ModelSelection(Message):
     """The models side by side, from simple to rich."""
 
     models: list[ScoredModel]
-    best: Elasticity = Field(description="Of the greatest held-out compensation.")
+    best: Elasticity = Field(description="Model with the largest held-out compensation.")
     simplest: Elasticity = Field(
-        description="The simplest within one standard error of the best: what the readings call for."
+        description="Simplest model within one standard error of the best: the recommended one."
     )

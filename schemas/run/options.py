@@ -1,4 +1,4 @@
-"""How to identify: method, weighting, constraints, and what is known beforehand."""
+"""Options of an identification: method, weighting, constraints and priors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]
 
 
 class StiffnessPrior(Message):
-    """What is known of a joint before anything is measured."""
+    """Prior knowledge of a joint's stiffness."""
 
     stiffness: Stiffness[PositiveStiffness]
     standard_uncertainty: Stiffness[PositiveStiffness] = Field(
-        description="Of the stiffness; at most half of it, as the prior is Gaussian in compliance."
+        description="Standard uncertainty of the stiffness; at most half of it, because the prior "
+        "is Gaussian "
+        "in compliance."
     )
 
     @field_validator("standard_uncertainty", mode="after")
@@ -32,90 +34,97 @@ class StiffnessPrior(Message):
     def _at_most_half(cls, uncertainty: float, info: ValidationInfo) -> float:
         stiffness = info.data.get("stiffness")
         if stiffness is not None and uncertainty > stiffness / 2:
-            raise ValueError("must be at most half of the stiffness; leave the prior out if less is known")
+            raise ValueError("must be at most half of the stiffness; omit the prior if less is known")
         return uncertainty
 
 
 class RunOptions(Message):
-    """How to identify. Every field has a default that suits three targets and a tracker."""
+    """Options of an identification. All defaults suit three targets and a tracker."""
 
     method: Method = Field(
         default="partial_pose",
-        description="`complete_pose`: six rows a configuration, from at least three targets. "
-        "`partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm "
+        description="Method. `complete_pose`: six rows per configuration, from at least three targets. "
+        "`partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm "
         "from the wrist centre first, then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
-        description="`covariance`: each row by what the readings are worth. "
-        "`characteristic_length`: translation divided by a length (complete pose only). "
-        "`uniform`: all rows alike in SI units.",
+        description="Weighting. `covariance`: rows weighted by the uncertainty of the readings. "
+        "`characteristic_length`: translations divided by a length (complete pose only). "
+        "`uniform`: all rows equal in SI units.",
     )
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
-        default=None, description="For that weighting; if absent, the length of least condition number."
+        default=None,
+        description="Length for weighting `characteristic_length`; default: the length of least condition "
+        "number.",
     )
     positive: Annotated[bool, Field(strict=True)] = Field(
         default=True, strict=True, description="Constrain every compliance to be zero or positive."
     )
     stiffness_bounds: Stiffness[Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)]] = Field(
         default_factory=dict,
-        description="Least and greatest stiffness of a joint by its name, null for none. "
-        "A bounded joint is positive in any case.",
+        description="Minimum and maximum stiffness by joint name, null for none. A bounded joint is always "
+        "positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
     loss: Literal["squared", "huber"] = Field(
         default="squared",
-        description="Of the norm of each target's whitened residual. `huber` grows linearly beyond a "
-        "threshold, so that a target that was bumped cannot spoil the fit.",
+        description="Loss function of the norm of each target's whitened residual. `huber` grows linearly "
+        "beyond a threshold, so that a bumped target cannot spoil the fit.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
-        description="For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if "
-        "absent, which 95 % of good readings stay below. Dimensionless.",
+        description="Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good "
+        "readings lie. Dimensionless.",
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="neglected",
-        description="Whether the change of the load's torques with the deflection is part of the model "
-        "(Chen & Kao's conservative congruence transformation); the paper neglects it.",
+        description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
+        "Kao's conservative congruence transformation, K_c); the paper neglects it.",
     )
     priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=dict,
-        description="What is known of a joint beforehand, from its data sheet say, by the joint's name.",
+        description="Priors by joint name: stiffness and standard uncertainty known beforehand, for example "
+        "from a data sheet.",
         examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
     )
     stiffness_order: Annotated[
         list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]], Field(max_length=MAX_JOINTS)
     ] = Field(
         default_factory=list,
-        description="Chains of joints, each at least as stiff as the next; they are positive in any case.",
+        description="Order constraints: chains of joints, each at least as stiff as the next; all "
+        "are positive.",
         examples=[[["joint_2", "joint_4"]]],
     )
     elasticity: Elasticity = Field(
         default="joints",
-        description="What bends. `coupled_joints`: a full positive semidefinite joint compliance. "
-        "`diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full "
-        "positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, "
-        "weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.",
+        description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
+        "joint compliance. `diagonal_links`: joints, and six compliances per link. "
+        "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
+        "All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, "
+        "without bounds, priors, order and resampling.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="The links that may bend, each by the joint that carries it; all if empty.",
+        description="Elastic links, each named by the joint that carries it; default: all.",
         examples=[["joint_2", "joint_3"]],
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Weight of the penalty on links and coupling; chosen by cross-validation if absent, and "
-        "the run may then take long. Dimensionless.",
+        description="Penalty on links and coupling; default: chosen by cross-validation, and the "
+        "run may then "
+        "take long. Dimensionless.",
     )
     cross_validation: CrossValidation = Field(
-        default=CrossValidation(), description="For all elasticities but `joints`."
+        default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
     resampling: Resampling | None = Field(
         default=None,
-        description="Repeat the fit on configurations drawn at random; a run may then take long.",
+        description="Resampling: repeat the fit on configurations drawn at random; the run may "
+        "then take long.",
     )
     confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
-        default=0.95, description="Level of the intervals."
+        default=0.95, description="Confidence level of the intervals."
     )
 
     @field_validator("characteristic_length", mode="after")
@@ -123,14 +132,14 @@ class RunOptions(Message):
     def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
         weighting = info.data.get("weighting")
         if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"goes with weighting `characteristic_length` only, not with `{weighting}`")
+            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
         return length
 
     @field_validator("huber_threshold", mode="after")
     @classmethod
     def _goes_with_its_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
         if threshold is not None and info.data.get("loss") != "huber":
-            raise ValueError("goes with loss `huber` only")
+            raise ValueError("needs loss `huber`")
         return threshold
 
     @field_validator("links", "link_penalty", mode="after")
@@ -140,9 +149,9 @@ class RunOptions(Message):
     ) -> list[str] | float | None:
         elasticity = info.data.get("elasticity")
         if chosen and elasticity == "joints":
-            raise ValueError("goes with an elasticity beyond `joints` only")
+            raise ValueError("needs an elasticity other than `joints`")
         if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
-            raise ValueError("goes with an elasticity that has links, not with `coupled_joints`")
+            raise ValueError("needs an elasticity with links, not `coupled_joints`")
         return chosen
 
     @field_validator("stiffness_bounds", mode="after")
@@ -150,5 +159,5 @@ class RunOptions(Message):
     def _least_below_greatest(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
         for name, (least, greatest) in bounds.items():
             if least is not None and greatest is not None and least >= greatest:
-                raise ValueError(f"{name}: the least stiffness must lie below the greatest")
+                raise ValueError(f"{name}: the minimum stiffness must be less than the maximum")
         return bounds

@@ -12,19 +12,19 @@ MAX_REPETITIONS = 100_000
 
 
 class Resampling(Message):
-    """What is drawn, how often, from which seed."""
+    """Size, number and seed of the draws."""
 
     size: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
-        description="Configurations in a draw, at most those of the set.", examples=[10]
+        description="Number of configurations per draw, at most those of the set.", examples=[10]
     )
     repetitions: Annotated[int, Field(strict=True, ge=1, le=MAX_REPETITIONS)] = Field(
-        default=1000, description="How many draws."
+        default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Of the draws: the same seed gives the same numbers, on any machines."
+        default=0, description="Random seed: the same seed gives the same numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="Whether a configuration may come more than once in a draw (bootstrap)."
+        default=False, description="True if a configuration may be drawn more than once (bootstrap)."
     )
 
 
@@ -38,14 +38,14 @@ class ResampledJoint(Message):
         description="Percentile interval at the run's confidence."
     )
     stiffness_mean: Stiffness[float | None] = Field(
-        description="Of the finite stiffnesses; to be read beside `share_infinite`."
+        description="Mean of the finite stiffnesses; see also `share_infinite`."
     )
     stiffness_deviation: Stiffness[float | None] = Field(
-        description="Standard deviation of one draw, of the same."
+        description="Standard deviation of one draw, of the finite stiffnesses."
     )
     share_negative: float = Field(description="Share of the draws with a negative stiffness.")
     share_infinite: float = Field(description="Share of the draws with compliance zero.")
-    share_undetermined: float = Field(description="Share of the draws that say nothing of the joint.")
+    share_undetermined: float = Field(description="Share of the draws in which the joint is not observable.")
 
 
 class ResampledCompensation(Message):
@@ -57,7 +57,7 @@ class ResampledCompensation(Message):
 
 
 class ResamplingResult(Message):
-    """How far the choice of configurations decides. Joints without a verdict have no numbers here either."""
+    """Dispersion due to the choice of configurations. Joints that are not observable have no numbers."""
 
     repetitions: int
     joints: list[ResampledJoint]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
@@ -16,19 +17,32 @@ from jointstiff.schemas.fields import (
     Radians,
     Timestamp,
 )
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.run.identifiability import Identifiability
-from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.joints import JointResult, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
+from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
 from jointstiff.schemas.run.resampling import ResamplingResult
+
+MAX_LEFT_OUT = 1_000
 
 
 class RunRequest(RunOptions):
     """A run as it is posted."""
 
     measurement_set_id: Identifier
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations that are left out; the others are checked anew without them.",
+        examples=[["c07"]],
+    )
+    variant_of: Identifier | None = Field(
+        default=None,
+        description="Run that this one tries to improve, by other options or corrected readings; listings "
+        "can show it with that run. It changes no number.",
+    )
 
 
 SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
@@ -37,14 +51,13 @@ SupportFinder = Literal["least_squares", "pivoting", "clarabel", "active_set", "
 class Certificate(Message):
     """Proof of optimality, recomputed from the data. Dimensionless; zero is exact up to rounding."""
 
-    primal: float = Field(description="Greatest violation of a bound.")
-    dual: float = Field(description="Greatest gradient of the wrong sign.")
-    complementarity: float = Field(description="Greatest min(slack, multiplier).")
+    primal: float = Field(description="Largest violation of a bound.")
+    dual: float = Field(description="Largest gradient of the wrong sign.")
+    complementarity: float = Field(description="Largest min(slack, multiplier).")
     solved_by: list[SupportFinder] = Field(
-        description="What found the joints at their bounds, for the robust loss if there is one, then for "
-        "each stage of the method: least squares "
-        "(none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the "
-        "joints, the least-distance problem."
+        description="Algorithms that found the active bounds, for the robust loss if there is one, then for "
+        "each stage of the method: least squares (none), principal pivoting, Clarabel, the exact "
+        "active-set method, or, with an order of the joints, the least-distance problem."
     )
 
 
@@ -57,29 +70,29 @@ class Goodness(Message):
     )
     degrees_of_freedom: float
     sigma_source: Literal["given", "residuals"] = Field(
-        description="Whether sigma was stated with the set or estimated from these residuals."
+        description="Source of sigma: stated with the set, or estimated from these residuals."
     )
     test: SigmaTest | None = Field(
-        default=None, description="Of a sigma that was stated; null without residual degrees of freedom."
+        default=None, description="Test of the stated sigma; null without residual degrees of freedom."
     )
 
 
 class SigmaTest(Message):
     """Chi-square test of the sigma that was stated, against the residuals (two-sided)."""
 
-    p_value: float = Field(description="Probability of residuals as unlikely, if model and sigma are right.")
+    p_value: float = Field(
+        description="p-value: probability of residuals at least as extreme if model and sigma are right."
+    )
     verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"] = Field(
-        description="At a level of 1 %."
+        description="Result of the test at a significance level of 1 %."
     )
 
 
 class ComplementaryStiffness(Message):
-    """How much the change of the load's torques with the deflection matters."""
+    """Effect of the change of the load's joint torques with the deflection."""
 
     included: bool
-    iterations: int = Field(
-        description="Fits until the deflected configurations stood still; 0 if neglected."
-    )
+    iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
     largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
     largest_shift: float | None = Field(
         description="Largest change of a compliance between neglecting and including it, in units of its "
@@ -92,15 +105,17 @@ class SuspiciousReading(Message):
 
     observation: Name
     target: Name
-    weight: float = Field(description="1 for a good reading. Dimensionless.")
-    residual_norm: float = Field(description="Of the whitened residual: in units of sigma. Dimensionless.")
+    weight: float = Field(description="Weight of the reading, 1 for a good one. Dimensionless.")
+    residual_norm: float = Field(
+        description="Norm of the whitened residual, in units of sigma. Dimensionless."
+    )
 
 
 class RobustLoss(Message):
-    """What the Huber loss made of the readings."""
+    """Weights and suspicious readings of the Huber loss."""
 
-    threshold: float = Field(description="In units of sigma. Dimensionless.")
-    suspicious: list[SuspiciousReading] = Field(description="Worst first, at most 100.")
+    threshold: float = Field(description="Threshold in units of sigma. Dimensionless.")
+    suspicious: list[SuspiciousReading] = Field(description="Suspicious readings, worst first, at most 100.")
     suspicious_count: int
 
 
@@ -119,12 +134,15 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Share in the mean length of the predicted deflections; those of all joints add up to 1. "
-        "Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; those of all "
+        "joints sum to "
+        "1. Zero for a joint without a number."
     )
-    mean: Metres[float] = Field(description="Mean over all readings of the targets.")
+    mean: Metres[float] = Field(
+        description="Contribution of the joint, mean over all readings of the targets."
+    )
     by_observation: Metres[list[float]] = Field(
-        description="Mean over the targets of each observation, in the order of the set."
+        description="Contributions in each observation, means over its targets, in the order of the set."
     )
 
 
@@ -138,52 +156,75 @@ class EncoderResidual(Message):
     residual: Radians[float] = Field(description="Measured minus predicted.")
 
 
-class RunResult(Message):
+class RunResult(Result):
     """The numbers."""
 
+    assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Share of the mean deflection that the model predicts: "
-        "1 - mean‖residual‖ / mean‖deflection‖; null where nothing moved. Dimensionless."
+        description="Compensation: share of the mean deflection that the model predicts, 1 - "
+        "mean‖residual‖ / mean‖deflection‖; null if nothing moved, or if there are as many parameters as "
+        "readings. Dimensionless."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
-        description="Standard uncertainty of one coordinate of one reading; null where it was not "
-        "given and there are no residual degrees of freedom."
+        description="Standard uncertainty of one coordinate of one reading; null if not given and "
+        "there are no "
+        "residual degrees of freedom."
     )
     goodness: Goodness
     identifiability: Identifiability
-    certificate: Certificate = Field(description="The greatest violations of the stages.")
+    certificate: Certificate = Field(description="Largest violations over the stages.")
     characteristic_length: Metres[float | None] = Field(
-        description="The length that was used, if the weighting needs one."
+        description="Length that was used, if the weighting needs one."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
         default=None, description="Null only in runs of earlier versions."
     )
-    robust: RobustLoss | None = Field(default=None, description="If the loss is `huber`.")
-    resampling: ResamplingResult | None = Field(default=None, description="If the run asked for it.")
+    robust: RobustLoss | None = Field(
+        default=None, description="Suspicious readings and weights, if the loss is `huber`."
+    )
+    resampling: ResamplingResult | None = Field(
+        default=None, description="Results of the resampling, if requested."
+    )
     links: LinksResult | None = Field(
         default=None,
-        description="If more than joints may bend. The joints' standard uncertainties are then those of a "
-        "jackknife over the folds, and intervals are null.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
+        "the joint and its link's rotation about its axis together. Their standard uncertainties are those "
+        "of a jackknife over the folds; intervals add an allowance for the penalty's bias, and are null "
+        "where `link_penalty` is given.",
     )
     selection: ModelSelection | None = Field(
-        default=None, description="Held-out compensation of each model, if more than joints may bend."
+        default=None, description="Held-out compensation of each model, if links or coupling are elastic."
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
         default_factory=list,
-        description="Part of each joint in the predicted deflection; empty if more than joints may bend.",
+        description="Contribution of each joint to the predicted deflection; empty if links or coupling are "
+        "elastic, or if no joint is identified.",
     )
     encoder_residuals: list[EncoderResidual] = Field(
-        default_factory=list, description="If secondary encoders were read."
+        default_factory=list, description="Fit of the secondary encoders, if they were read."
     )
-    warnings: list[QualityWarning] = Field(
-        description="What was noticed when the set was stored, then what the fit itself raises."
+    model: IdentifiedModel | None = Field(
+        default=None,
+        description="Model for predictions; null if links or coupling are elastic.",
     )
+    warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
+
+    @property
+    def summary(self) -> ResultSummary:
+        """Excerpt for listings."""
+        return ResultSummary(
+            verdict=self.assessment.verdict,
+            compensation=self.compensation,
+            joints_identified=identified_in(self.joints),
+            joint_count=len(self.joints),
+            warning_count=len(self.warnings),
+        )
 
 
-class RunSummary(Message):
+class RunSummary(ResultSummary):
     """A run in a listing."""
 
     id: Identifier
@@ -193,6 +234,8 @@ class RunSummary(Message):
     weighting: Weighting
     positive: bool
     elasticity: Elasticity = Field(description="What bends.")
+    leave_out: list[Name] = Field(default_factory=list, description="Observations that were left out.")
+    variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
     state: JobState
     created_at: Timestamp
 
@@ -204,4 +247,4 @@ class Run(Job):
     collection: ClassVar[str] = "runs"
 
     request: RunRequest
-    result: RunResult | None = Field(description="Present if the run succeeded.")
+    result: RunResult | None = Field(description="Result; present if the run has succeeded.")

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
+from jointstiff.service.api.headers import AnswerHeaders
 from jointstiff.service.api.limits import LARGE_BODIES, BodyLimits
 from jointstiff.service.api.page import install_page
+from jointstiff.service.api.posture import Posture, PostureGuard
+from jointstiff.service.api.watch import Watch
 
 __all__ = [
     "LARGE_BODIES",
+    "AnswerHeaders",
     "BodyLimits",
     "Followers",
+    "Posture",
+    "PostureGuard",
+    "Watch",
     "install_error_handlers",
     "install_page",
 ]

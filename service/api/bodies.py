@@ -99,8 +99,9 @@ async def _key(
         Header(
             min_length=1,
             max_length=MAX_KEY_LENGTH,
-            description="Any text of your choice. Posting the same body again with the same key answers "
-            "with the resource that the first post created.",
+            description="Any text of your choice, for safe retries: posting the same body again "
+            "with the same key "
+            "returns the resource that the first post created.",
         ),
     ] = None,
 ) -> IdempotencyKey | None:

@@ -12,7 +12,7 @@ from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import comparison_csv
 
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "The table, RFC 4180.", "content": {"text/csv": {}}}
+    200: {"description": "The table as CSV (RFC 4180).", "content": {"text/csv": {}}}
 }
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
@@ -27,7 +27,7 @@ def get_comparison_table(parts: PartsOf, comparison_id: JobId) -> Response:
     """Get the result as a table for spreadsheets: one row an entry and joint, units in the headers."""
     comparison = cast("Comparison", parts.jobs[Comparison.kind].current(comparison_id))
     if comparison.result is None:
-        raise HTTPException(409, f"the comparison has no table, as it is {comparison.state}")
+        raise HTTPException(409, f"the comparison has no table, because its state is {comparison.state}")
     return Response(
         comparison_csv(comparison.result),
         media_type="text/csv",

@@ -11,15 +11,19 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.api.headers import ANSWER_HEADERS
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
 from jointstiff.service.store import StoreError
 from jointstiff.solver.errors import JointstiffError
 
 _REMEDIES: Final = {
-    404: "see /openapi.json for the addresses there are",
-    405: "see /openapi.json for what this address takes",
-    409: "see its `state` and its `error`",
+    404: "see /openapi.json for the existing addresses",
+    405: "see /openapi.json for the parameters of this address",
+    409: "check its `state` and its `error`",
 }
+
+RETRY_SECONDS: Final = {429: 10, 503: 5}
+"""When a refused request may be sent again, by status."""
 
 _logger = logging.getLogger(__name__)
 
@@ -34,12 +38,16 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
 
 
-def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """Return an answer that is a problem document.
+
+    It has all headers itself: the answer to an unexpected error passes no middleware.
+    """
     return Response(
         problem.model_dump_json(),
         problem.status,
         media_type="application/problem+json",
-        headers=headers,
+        headers={**ANSWER_HEADERS, **(headers or {})},
     )
 
 
@@ -49,13 +57,14 @@ def _refused(_: Request, error: Exception) -> Response:
     problem = problem_of(error)
     if problem.status >= 500:
         _logger.error("%s: %s", type(error).__name__, error)
-    return _answer(problem)
+    seconds = RETRY_SECONDS.get(problem.status)
+    return answer_problem(problem, {"Retry-After": str(seconds)} if seconds else None)
 
 
 def _malformed(_: Request, error: Exception) -> Response:
     if not isinstance(error, RequestValidationError):
         raise error
-    return _answer(invalid_request(error.errors()))
+    return answer_problem(invalid_request(error.errors()))
 
 
 def _http(_: Request, error: Exception) -> Response:
@@ -63,13 +72,13 @@ def _http(_: Request, error: Exception) -> Response:
         raise error
     headers = dict(error.headers) if error.headers else None
     problem = http_problem(error.status_code, str(error.detail), _REMEDIES.get(error.status_code))
-    return _answer(problem, headers)
+    return answer_problem(problem, headers)
 
 
 def _left(_: Request, __: Exception) -> Response:
-    return _answer(http_problem(400, "the client left before its body was complete"))
+    return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
 
 
 def _unexpected(_: Request, error: Exception) -> Response:
     _logger.error("unexpected failure", exc_info=error)
-    return _answer(http_problem(500, "an unexpected failure", "report it; the log has the details"))
+    return answer_problem(http_problem(500, "an unexpected internal error", "please report it; see the log"))

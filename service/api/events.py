@@ -12,9 +12,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import ServerSentEvent
 
 from jointstiff.service.jobs import Job, Jobs
-from jointstiff.service.store import NotFoundError, Standing, StoreUnavailableError
+from jointstiff.service.store import JobStatus, NotFoundError, StoreUnavailableError
 
-_TURN_SECONDS: Final = 0.1
+TURN_SECONDS: Final = 0.1
 """Pause between two looks at the jobs that are followed."""
 _PAUSE_PER_LOOK: Final = 4
 """Least pause as a multiple of the time a look took: looks take at most a fifth of a thread."""
@@ -40,11 +40,11 @@ class _Followed:
     over: bool = False
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def look(self, job_id: str, standing: Standing | None) -> ServerSentEvent | None:
+    def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
         """Return the event that tells where the job stands; None if it is gone."""
-        if standing is None:
+        if status is None:
             return None
-        is_current = self.job is None or not standing.goes_on
+        is_current = self.job is None or not status.goes_on
         if is_current:
             try:
                 self.job = self.jobs.current(job_id)
@@ -52,9 +52,9 @@ class _Followed:
                 is_current = False
         if self.job is None:
             return None
-        if standing.goes_on:
-            return _event("progress", _at(standing, self.job))
-        return _event("end", self.job if is_current else _at(standing, self.job))
+        if status.goes_on:
+            return _event("progress", _at(status, self.job))
+        return _event("end", self.job if is_current else _at(status, self.job))
 
     def tell(self, news: ServerSentEvent | None) -> None:
         """Tell the followers what is new; None ends their streams."""
@@ -69,12 +69,16 @@ class _Followed:
 class Followers:
     """Those who follow jobs. They belong to one event loop."""
 
-    def __init__(self, is_closing: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS
+    ) -> None:
         """Serve those who follow jobs.
 
         Args:
             is_closing: tells whether the service is about to end, which ends all streams.
+            pause: between two looks at the jobs that are followed [s].
         """
+        self._pause = pause
         self._is_closing = is_closing
         self._followed: dict[str, _Followed] = {}
         self._task: asyncio.Task[None] | None = None
@@ -123,7 +127,7 @@ class Followers:
                 with suppress(StoreUnavailableError):  # however long the database is away
                     for job_id, news in (await run_in_threadpool(_looked, followed)).items():
                         followed[job_id].tell(news)
-                await asyncio.sleep(max(_TURN_SECONDS, _PAUSE_PER_LOOK * (clock() - began)))
+                await asyncio.sleep(max(self._pause, _PAUSE_PER_LOOK * (clock() - began)))
         finally:
             left, self._followed = self._followed, {}
             for each in left.values():
@@ -135,13 +139,13 @@ def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | No
     kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
         kinds.setdefault(each.jobs, []).append(job_id)
-    standings = {job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.standings(ids).items()}
-    return {job_id: each.look(job_id, standings.get(job_id)) for job_id, each in followed.items()}
+    statuses = {job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.statuses(ids).items()}
+    return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
 
 
-def _at(standing: Standing, job: Job) -> Job:
-    progress = job.progress and job.progress.model_copy(update={"done": standing.done})
-    return job.model_copy(update={"state": standing.state, "progress": progress})
+def _at(status: JobStatus, job: Job) -> Job:
+    progress = job.progress and job.progress.model_copy(update={"done": status.done})
+    return job.model_copy(update={"state": status.state, "progress": progress})
 
 
 def _event(name: str, job: Job) -> ServerSentEvent:

@@ -122,7 +122,7 @@ _GEOMETRIES: Final[dict[str, Any]] = {
             },
         ],
     },
-    "poses of a stored robot": {
+    "configurations of a stored robot": {
         "units": {"length": "mm", "angle": "deg"},
         "robot_id": "ID_OF_A_STORED_ROBOT",
         "poses": [
@@ -215,5 +215,46 @@ IMPORTS: Final[dict[str, Any]] = {
     }
 }
 
-JOBS: Final = {"run": _RUNS, "comparison": _COMPARISONS, "pair": _PAIRS, "geometry": _GEOMETRIES}
+DEFLECTIONS: Final[dict[str, Any]] = {
+    "milling at the tool": {
+        "run_id": "ID_OF_A_RUN",
+        "units": {"length": "mm", "angle": "deg", "force": "N"},
+        "load_point": [0.0, 0.0, 120.0],
+        "cases": [
+            {"label": "p1", "joints": [0.0, -30.0, 45.0, 0.0, 60.0, 0.0], "force": [0.0, 300.0, -500.0]},
+            {
+                "label": "p2",
+                "joints": [20.0, -25.0, 40.0, 10.0, 60.0, 0.0],
+                "force": [0.0, 300.0, -500.0],
+                "place": [10.0, 0.0, 180.0],
+                "direction": [0.0, 0.0, 1.0],
+            },
+        ],
+    }
+}
+
+_PLANS: Final[dict[str, Any]] = {
+    "begin a campaign": {
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "readings": 15,
+        "load": {"kind": "any_direction", "force": 1500.0},
+        "targets": {"P10": [0.147, 0.055, 0.05], "P11": [-0.137, 0.087, 0.085], "P12": [-0.007, -0.14, 0.12]},
+        "load_point": [-0.06, 0.02, 0.18],
+        "surroundings": {"floor": 0.1},
+    },
+    "go on with a campaign": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "readings": 8,
+        "criterion": "d",
+        "load": {"kind": "any_direction", "force": 1500.0},
+    },
+}
+
+JOBS: Final = {
+    "run": _RUNS,
+    "comparison": _COMPARISONS,
+    "pair": _PAIRS,
+    "geometry": _GEOMETRIES,
+    "plan": _PLANS,
+}
 """Examples of requests, by the name of the kind of job."""

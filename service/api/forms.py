@@ -52,7 +52,7 @@ async def read_form(request: Request) -> FormData:
         form = await parser.parse()
     except MultiPartException as error:
         if error.message.startswith(_TOO_LARGE):
-            raise HTTPException(413, f"{error.message} Send less at once.") from None
+            raise HTTPException(413, f"{error.message} Send less in one request.") from None
         raise _malformed(error.message) from None
     try:
         _refuse_strange(form)
@@ -70,15 +70,21 @@ def _refuse_strange(form: FormData) -> None:
         if name not in {"files", "options"}:
             name = name[:MAX_NAME_LENGTH]
             raise RequestError(
-                f"a form has no field {name!r}", remedy="send `files` and `options`", where="body"
+                f"a form has no field {name!r}",
+                remedy="send only the fields `files` and `options`",
+                where="body",
             )
         headers = value.headers if isinstance(value, UploadFile) else {}
         if headers.get("content-transfer-encoding", "binary").lower() not in _PLAIN:
-            raise _malformed("a file has a transfer encoding")
+            raise _malformed("a file has a Content-Transfer-Encoding")
         if name == "files" and isinstance(value, str):
             raise RequestError("a file has no name", remedy="send it with a `filename`", where="files")
     if len(form.getlist("options")) > 1:
-        raise RequestError("the options are there twice", remedy="send one JSON document", where="options")
+        raise RequestError(
+            "the field `options` is given twice",
+            remedy="send one JSON document in `options`",
+            where="options",
+        )
 
 
 async def _text(value: UploadFile | str) -> str:
@@ -93,7 +99,7 @@ async def _text(value: UploadFile | str) -> str:
         return content.decode()
     except UnicodeDecodeError:
         raise RequestError(
-            "the options are not UTF-8", remedy="send one JSON document", where="options"
+            "the options are not UTF-8", remedy="send one JSON document in `options`", where="options"
         ) from None
 
 

@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
-
-from fastapi import APIRouter
+from fastapi import APIRouter, Request, Response
 
 from jointstiff.schemas.health import Health
-from jointstiff.service.api.parts import PartsOf, problems
+from jointstiff.service.api.parts import problems
+from jointstiff.service.api.watch import Watch
 from jointstiff.service.jobs import KINDS
-from jointstiff.service.store import SILENT_SECONDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 router = APIRouter(tags=["health"])
 
 
 @router.get("/health", response_model=Health, responses=problems())
-def get_health(parts: PartsOf) -> Health:
-    """Ask the database; return the version of the service and the number of its workers."""
-    living = parts.store.heartbeats.living(timedelta(seconds=SILENT_SECONDS))
-    return Health(status="ok", version=JOINTSTIFF_VERSION, workers=len(living), database=parts.store.ping())
+async def get_health(request: Request) -> Health:
+    """Return the version of the service, its database and the number of its workers, as last looked at."""
+    return await _health(request)
+
+
+@router.get("/ready", response_model=Health, responses=problems())
+async def get_ready(request: Request) -> Health:
+    """Return the same as /health: 503 while the database does not answer, so that no work should be sent."""
+    return await _health(request)
+
+
+@router.get("/live", status_code=204, response_class=Response)
+async def get_live() -> Response:
+    """Return nothing: the process answers, whatever its database does."""
+    return Response(status_code=204)
+
+
+async def _health(request: Request) -> Health:
+    # No thread and no database while the service runs: it is answered however much others ask for.
+    watch: Watch = request.app.state.watch
+    seen = await watch.latest()
+    return Health(
+        status="ok",
+        version=JOINTSTIFF_VERSION,
+        workers=seen.workers,
+        failing_workers=request.app.state.failing_workers(),
+        database=seen.database,
+        access=request.app.state.access,
+    )
 
 
 @router.get("/v1", include_in_schema=False)
@@ -33,6 +56,7 @@ def get_index() -> dict[str, str]:
         "robots": "/v1/robots",
         "measurement_sets": "/v1/measurement-sets",
         **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
+        "deflections": "/v1/deflections",
         "imports": "/v1/imports",
         "kinematics": "/v1/kinematics",
     }

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
-from pydantic import Json, TypeAdapter, ValidationError
+from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Name
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
@@ -24,6 +24,12 @@ _NAME: Final = TypeAdapter(Name)
 _DEFAULTS: Final = ImportRequest()
 _EXAMPLE: Final = IMPORTS["one table"]
 
+_BINARY: Final[dict[str, JsonValue]] = {
+    "type": "string",
+    "contentMediaType": "application/octet-stream",
+    "format": "binary",  # as OpenAPI 3.0 has it, by which generated clients know a file
+}
+
 _Files = Annotated[
     list[UploadFile],
     File(
@@ -31,9 +37,13 @@ _Files = Annotated[
         min_length=1,
         max_length=MAX_FILES,
         examples=[_EXAMPLE["files"]],
+        json_schema_extra={"items": _BINARY},
     ),
 ]
-_Options = Annotated[Json[ImportRequest], Form(examples=[json.dumps(_EXAMPLE["options"])])]
+_Options = Annotated[
+    Json[ImportRequest],
+    Form(examples=[json.dumps(_EXAMPLE["options"])], json_schema_extra={"default": "{}"}),
+]
 
 router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=BodyRoute)
 
@@ -63,7 +73,7 @@ def _source(file: UploadFile) -> SourceFile:
         return SourceFile(_NAME.validate_python(name), file.file.read())
     except ValidationError:
         raise RequestError(
-            "a file has no name, or one that cannot be shown",
+            "a file has no name, or a name that cannot be displayed",
             remedy=f"send it with a `filename` of 1 to {MAX_NAME_LENGTH} printable characters",
             where="files",
         ) from None

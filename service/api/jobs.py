@@ -11,7 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.query import PageQuery, WaitQuery
+from jointstiff.schemas.query import JobQuery, WaitQuery
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.examples import JOBS, shown
@@ -100,7 +100,7 @@ def _add_list(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> Non
         responses=problems(422),
     )
     @_typed({**types, "query": Annotated[kind.query, Query()]})
-    def page(jobs: Jobs, query: PageQuery) -> Page[Any]:
+    def page(jobs: Jobs, query: JobQuery) -> Page[Any]:
         return jobs.page(query)
 
 
@@ -108,7 +108,8 @@ def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None
     @router.get(
         f"/{{{kind.name}_id}}",
         name=f"get_{kind.name}",
-        description=f"Get a {kind.name}: request, state, result and provenance. Once ended it never changes.",
+        description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
+        "changes.",
         response_model=kind.message,
         responses=problems(404, 422),
     )
@@ -121,8 +122,8 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
     @router.delete(
         f"/{{{kind.name}_id}}",
         name=f"delete_{kind.name}",
-        description=f"Delete a {kind.name}; what was made of it stays. For 30 days it can be restored. One "
-        "that has not ended must be cancelled first.",
+        description=f"Delete a {kind.name}. Resources made from it are kept. It can be restored for 30 days. "
+        "Cancel an unfinished one first.",
         status_code=204,
         response_class=Response,
         responses=DELETED | problems(404, 409, 422),
@@ -135,7 +136,7 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
     @router.post(
         f"/{{{kind.name}_id}}/restore",
         name=f"restore_{kind.name}",
-        description=f"Bring a deleted {kind.name} back; one that is not deleted stays as it is.",
+        description=f"Restore a deleted {kind.name}. One that is not deleted stays as it is.",
         response_model=kind.message,
         responses=problems(404, 422),
     )
@@ -147,7 +148,7 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
 def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
     async def events_of(followers: FollowersOf, jobs: Jobs, job_id: str) -> AsyncIterator[ServerSentEvent]:
         # Before the stream begins: a job that is not there is a 404, not an event.
-        await run_in_threadpool(jobs.standing, job_id)
+        await run_in_threadpool(jobs.status, job_id)
         await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
         return followers.events(jobs, job_id)
 
@@ -166,8 +167,8 @@ def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> 
     @router.post(
         f"/{{{kind.name}_id}}/cancel",
         name=f"cancel_{kind.name}",
-        description=f"End a {kind.name} where it stands. Its workers stop at their next step; one that has "
-        "ended stays as it is.",
+        description=f"Cancel a {kind.name}. Its workers stop at their next step; a finished one "
+        "stays as it is.",
         response_model=kind.message,
         responses=problems(404, 422),
     )

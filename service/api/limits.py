@@ -15,20 +15,22 @@ from jointstiff.service.conversion import MAX_SET_BYTES
 from jointstiff.service.jobs import KINDS
 
 SMALL_BYTES: Final = 64 * 1024
-"""Largest body of an address without a limit of its own; parsed at once, as that takes a millisecond."""
+"""Largest body of an address without a limit of its own; parsed at once, in about a millisecond."""
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
+MAX_DEFLECTION_BYTES: Final = 2 * 1024 * 1024
 MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
     {
         "/v1/robots": MAX_ROBOT_BYTES,
         "/v1/kinematics": MAX_ROBOT_BYTES,
         "/v1/measurement-sets": MAX_SET_BYTES,
+        "/v1/deflections": MAX_DEFLECTION_BYTES,
         "/v1/imports": MAX_SET_BYTES,
     }
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
 )
 """Largest body of each address that takes more than `SMALL_BYTES`."""
 LARGE_BODIES: Final = 2
-"""Bodies above `SMALL_BYTES`, and imports, that are parsed at the same time."""
+"""Maximum number of bodies above `SMALL_BYTES`, and imports, parsed at the same time."""
 
 MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType({b"{": 60_000, b":": 300_000, b",": 1_000_000})
 """Objects, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes: 8 MiB of
@@ -75,7 +77,9 @@ def refuse_structure(content: bytes) -> None:
     """
     for mark, most in MAX_STRUCTURE.items():
         if content.count(mark) > most:
-            raise HTTPException(413, f"the body has more than {most} '{mark.decode()}'; send less at once")
+            raise HTTPException(
+                413, f"the body has more than {most} '{mark.decode()}'; split it into several requests"
+            )
     if content.count(b":") <= MAX_KEYS:
         return
     keys = set()
@@ -84,9 +88,9 @@ def refuse_structure(content: bytes) -> None:
             keys.add(string[1])
             if len(keys) > MAX_KEYS:
                 raise HTTPException(
-                    413, f"the body has more than {MAX_KEYS} different keys; send less at once"
+                    413, f"the body has more than {MAX_KEYS} different keys; check the names of the fields"
                 )
 
 
 def _too_large(limit: int) -> HTTPException:
-    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; send less at once")
+    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split it into several requests")

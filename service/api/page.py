@@ -28,8 +28,8 @@ DOCS_HEADERS: Final = SECURITY_HEADERS | {
 }
 """The same, but for the form that searches the documentation."""
 
-_NOT_BUILT = "The page is not built: install the package again (scripts/setup). The API is at /v1.\n"
-_NO_DOCS = "The documentation is not built: scripts/docs. The API is described at /openapi.json.\n"
+_NOT_BUILT = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
+_NO_DOCS = "The documentation is not built: run scripts/docs. The API is described at /openapi.json.\n"
 
 
 class _Assets(StaticFiles):

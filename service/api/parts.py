@@ -46,7 +46,7 @@ def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
     """Describe the answer to a post that takes longer, for OpenAPI."""
     return {
         202: {
-            "description": "Stored, and not finished yet: look again at its address.",
+            "description": "Stored but not finished: poll its address, or follow its events.",
             "headers": {
                 "Location": {"description": "Address of the resource.", "schema": {"type": "string"}}
             },
@@ -56,7 +56,7 @@ def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
 
 
 DELETED: Final[dict[int | str, dict[str, Any]]] = {
-    204: {"description": "Deleted: `restore` brings it back for 30 days."}
+    204: {"description": "Deleted. `restore` undoes this for 30 days."}
 }
 
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {
@@ -67,12 +67,12 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {
 }
 
 _DESCRIPTIONS: Final = {
-    400: "The client left before its body was complete.",
-    404: "There is no such resource.",
-    409: "Its state does not allow it: see `remedy`.",
+    400: "The client disconnected before its body was complete.",
+    404: "The resource does not exist.",
+    409: "The resource's state does not allow this; see `remedy`.",
     413: "The body is too large.",
-    415: "The body is not declared as what the route takes.",
-    422: "The request cannot be carried out; `where` names the field and `remedy` how to mend it.",
-    429: "As many jobs wait as may; post it again later.",
-    503: "The database does not answer.",
+    415: "The body has the wrong Content-Type.",
+    422: "The request is invalid: `where` names the field, `remedy` says what to do.",
+    429: "The queue is full; try again later.",
+    503: "The database is not available; try again later.",
 }

@@ -1,29 +1,36 @@
-"""What commands say when they cannot do what was asked: the reason and the remedy, and status 2."""
+"""Error output of commands: the reason, the remedy, and exit status 2."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from jointstiff.schemas.problem import Problem
-from jointstiff.service.render import console, problem_text
+if TYPE_CHECKING:
+    from jointstiff.schemas.problem import Problem
 
 
 def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""
+    from jointstiff.service.render import console, problem_text
+
     console(stderr=True).print(problem_text(problem))
     return typer.Exit(2)
 
 
 def failed(reason: str, remedy: str) -> typer.Exit:
     """Show what is in the way outside of the request; to be raised."""
+    from jointstiff.service.render import console
+
     console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
     return typer.Exit(2)
 
 
 def warn(message: str) -> None:
     """Show what the user should know while it goes on."""
+    from jointstiff.service.render import console
+
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 
 
@@ -46,4 +53,4 @@ def write_text(path: Path, text: str) -> None:
     try:
         path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise failed(f"cannot write {path}: {error.strerror}", "choose another place") from error
+        raise failed(f"cannot write {path}: {error.strerror}", "choose another path") from error

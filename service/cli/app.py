@@ -9,29 +9,31 @@ import typer
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
+from jointstiff.service.cli.plan import plan
+from jointstiff.service.cli.predict import predict
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 app = typer.Typer(
     name="jointstiff",
     help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
-    "Start with [bold]jointstiff simulate campaign.json[/], then "
-    "[bold]jointstiff identify campaign.json[/].",
+    "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,  # its libraries take longer to import than all else that help needs
     pretty_exceptions_enable=False,
 )
 
 app.command()(simulate)
 app.command("import")(import_readings)
-for command in (geometry, identify, compare, pair, serve, worker, post, demo):
+for command in (geometry, plan, identify, compare, pair, predict, serve, worker, post, demo):
     app.command()(command)
 
 
 def _version(value: bool) -> None:
     if value:
+        from jointstiff.service.versions import JOINTSTIFF_VERSION
+
         typer.echo(f"jointstiff {JOINTSTIFF_VERSION}")
         raise typer.Exit
 

@@ -1,27 +1,27 @@
-"""The first five minutes: a server of our own, and a client that knows nothing but its address."""
+"""The first five minutes: a service, and a client in a thread of it that knows nothing but its address."""
 
 from __future__ import annotations
 
 import os
-import re
-import subprocess
-import sys
-import time
+import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
-import httpx
-
-from jointstiff.service.library import Client, RefusedError
-from jointstiff.service.render import comparison_table, console, problem_text, run_report
+from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+from jointstiff.schemas.measurement import MeasurementSetSummary
+from jointstiff.schemas.run import RunSummary
+from jointstiff.service.library import Client, RefusedError, TabledRun
+from jointstiff.service.render import comparison_report, console, problem_text, run_report
+from jointstiff.service.server import run_server
 from jointstiff.simulator import default_arm, simulate_campaign
 
-_START_SECONDS: Final = 60.0
+_FAILED: Final = 1
 
 
 def run_demo(*, port: int, database: str, once: bool) -> int:
-    """Start a service, post an example campaign, print what it answers.
+    """Serve, and show an example campaign; what an earlier demonstration stored is shown again.
+
+    The service is this process, not a child of it, so that no signal can leave one without the other.
 
     Args:
         port: TCP port, 0 for a free one.
@@ -30,73 +30,74 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
 
     Returns:
         Exit status.
+
+    Raises:
+        StoreError: the database cannot be used.
+        ServerError: the address cannot be listened on.
     """
-    with _service(port, database) as (process, address):
-        with Client(address) as client:
-            status = _tour(client)
-        if status == 0 and not once:
-            try:
-                console().print(f"\nThe service runs at [bold]{address}[/]; its runs: {address}/v1/runs")
-                console().print("Ctrl-C ends it.")
-                return process.wait()
-            except KeyboardInterrupt:
-                return 0
-    return status
+    statuses = [0]
 
+    def show(address: str) -> None:
+        statuses.append(_FAILED)  # unless it gets to its end
+        try:
+            statuses.append(_tour(address))
+        finally:
+            if once or statuses[-1]:
+                os.kill(os.getpid(), signal.SIGTERM)
+        if not once and not statuses[-1]:
+            console().print("Ctrl-C ends the service.")
 
-def _tour(client: Client) -> int:
-    """Post the example, print what comes back."""
-    out = console()
-    campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
     try:
-        robot, stored = client.post_campaign(campaign)
-        out.print(
-            f"posted robot {robot.id} and measurement set {stored.id} "
-            f"({len(stored.observations)} observations, {len(stored.warnings)} warnings)\n"
-        )
-        request = {"measurement_set_id": stored.id}
-        run = client.runs.wait(client.runs.create(request))
-        comparison = client.comparisons.wait(client.comparisons.create(request))
+        run_server("127.0.0.1", port, database, workers=1, then=show)
+    except KeyboardInterrupt:
+        return statuses[-1]
+    except SystemExit as ended:  # of the handler that heard SIGTERM, or of a server that could not start
+        if ended.code:
+            raise
+    return statuses[-1]
+
+
+def _tour(address: str) -> int:
+    """Post the example if it is not there, print what comes back and where the page shows it."""
+    out = console()
+    try:
+        with Client(address) as client:
+            client.ping()
+            run, comparison = _demonstration(client)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
-        return 1
+        return _FAILED
     out.print(run_report(run))
     out.print()
-    out.print(comparison_table(comparison))
+    out.print(comparison_report(comparison))
+    out.print(f"\nOpen the page: {address}/#/runs/{run.id}", markup=False, soft_wrap=True)
     return 0
 
 
-@contextmanager
-def _service(port: int, database: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A service process, ended when the block is left."""
-    command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(port), "--database", database]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            yield process, _address(process)
-        finally:
-            process.terminate()
-            process.wait()
+def _demonstration(client: Client) -> tuple[TabledRun, Comparison]:
+    """Return the run and the comparison of the example, posting what is not there."""
+    campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+    request = {"measurement_set_id": _posted_set(client, campaign)}
+    runs: Iterator[RunSummary] = client.runs.list(**request)
+    found = next(runs, None)
+    run = client.runs.create(request) if found is None else client.runs.get(found.id)
+    comparisons: Iterator[ComparisonSummary] = client.comparisons.list(**request)
+    other = next(comparisons, None)
+    comparison = client.comparisons.create(request) if other is None else client.comparisons.get(other.id)
+    return client.runs.wait(run), client.comparisons.wait(comparison)
 
 
-def _address(process: subprocess.Popen[str]) -> str:
-    """The address, from the line that the service prints once it listens.
-
-    Raises:
-        SystemExit: the service ended instead; it has said why itself.
-    """
-    line = process.stdout.readline() if process.stdout else ""
-    found = re.search(r"http://[^\s,]+", line)
-    if found is None:
-        raise SystemExit(process.wait() or 1)
-    where = process.stdout.readline() if process.stdout else ""
-    console().print(f"{line}{where}".rstrip(), markup=False, soft_wrap=True)
-    address = found[0]
-    deadline = time.monotonic() + _START_SECONDS
-    while time.monotonic() < deadline:
-        try:
-            if httpx.get(f"{address}/health", timeout=5.0).is_success:
-                return address
-        except httpx.TransportError:
-            time.sleep(0.05)
-    raise SystemExit(1)
+def _posted_set(client: Client, campaign: dict[str, Any]) -> str:
+    """Return the id of the example's measurement set."""
+    name = campaign["measurement_set"]["name"]
+    sets: Iterator[MeasurementSetSummary] = client.measurement_sets.list()
+    found = next((each for each in sets if each.name == name), None)
+    if found is not None:
+        console().print(f"found measurement set {found.id} of an earlier demonstration\n")
+        return found.id
+    robot, stored = client.post_campaign(campaign)
+    console().print(
+        f"posted robot {robot.id} and measurement set {stored.id} "
+        f"({len(stored.observations)} observations, {len(stored.warnings)} warnings)\n"
+    )
+    return stored.id

@@ -1,4 +1,4 @@
-"""Where the command begins: Ctrl-C while the libraries are read, a few seconds, ends it without a word."""
+"""Entry point of the command: Ctrl-C during the imports, a few seconds, ends it silently."""
 
 from __future__ import annotations
 

@@ -1,26 +1,20 @@
 """The command `jointstiff geometry`: a robot's geometry from a file of readings, without a server."""
 
-from __future__ import annotations
-
-import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from pydantic import ValidationError
 
-from jointstiff.schemas.geometry import GeometryRequest
-from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
 from jointstiff.service.cli.options import AsJson
-from jointstiff.service.library import CampaignError, campaigns, read_document
-from jointstiff.service.problems import invalid_request
-from jointstiff.service.render import console, geometry_report
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.geometry import GeometryRequest
 
 
 class FitChoice(StrEnum):
-    """How sweeps are fitted."""
+    """Choices for the fit of the sweeps."""
 
     ONE_BY_ONE = "one_by_one"
     TOGETHER = "together"
@@ -36,7 +30,9 @@ class AnglesChoice(StrEnum):
 def geometry(
     file: Annotated[
         Path,
-        typer.Argument(exists=True, dir_okay=False, readable=True, metavar="FILE", help="Sweeps or poses."),
+        typer.Argument(
+            exists=True, dir_okay=False, readable=True, metavar="FILE", help="File of sweeps or poses."
+        ),
     ],
     *,
     robot: Annotated[
@@ -46,14 +42,16 @@ def geometry(
             dir_okay=False,
             readable=True,
             metavar="ROBOT.json",
-            help="Nominal model: a robot as it is posted, or a campaign with one.",
+            help="Nominal model: a robot document, or a campaign that contains one.",
         ),
     ] = None,
-    fit: Annotated[FitChoice | None, typer.Option(help="Of sweeps; instead of the file's.")] = None,
-    angles: Annotated[AnglesChoice | None, typer.Option(help="Instead of the file's.")] = None,
+    fit: Annotated[FitChoice | None, typer.Option(help="Fit of the sweeps; overrides the file.")] = None,
+    angles: Annotated[
+        AnglesChoice | None, typer.Option(help="Joint angles during sweeps; overrides the file.")
+    ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(dir_okay=False, metavar="ROBOT.json", help="Where to write the identified robot."),
+        typer.Option(dir_okay=False, metavar="ROBOT.json", help="File to write the identified robot to."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
     as_json: AsJson = False,
@@ -62,6 +60,9 @@ def geometry(
 
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
+    from jointstiff.service.library import CampaignError, campaigns
+    from jointstiff.service.render import console, geometry_report
+
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
     try:
@@ -69,6 +70,8 @@ def geometry(
     except CampaignError as error:
         raise refused(error.problem) from error
     if output is not None and found.result is not None:
+        import json
+
         identified = found.result.robot.model_dump(mode="json", exclude_none=True)
         write_text(output, json.dumps(identified, indent=1))
     if as_json:
@@ -79,12 +82,19 @@ def geometry(
         raise typer.Exit(1)
 
 
-def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> GeometryRequest:
+def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> "GeometryRequest":
     """The readings, with the nominal model and the options of the command.
 
     Raises:
         CampaignError: a file, or all of it together, is not such a document.
     """
+    from pydantic import ValidationError
+
+    from jointstiff.schemas.geometry import GeometryRequest
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.library import CampaignError, read_document
+    from jointstiff.service.problems import invalid_request
+
     request = read_document(file, GeometryRequest)
     changes = {name: value.value for name, value in chosen.items() if value is not None}
     if robot is not None:

@@ -1,16 +1,10 @@
 """Commands that identify campaigns, without a server: `identify`, `compare`, `pair`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Annotated, Final, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, TypeVar
 
 import typer
-from pydantic import ValidationError
 
-from jointstiff.schemas.comparison import Comparison, ComparisonOptions
-from jointstiff.schemas.pair import PairOptions
-from jointstiff.schemas.run import RunOptions
 from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.options import (
     AsJson,
@@ -31,12 +25,12 @@ from jointstiff.service.cli.options import (
     link_names,
     priors,
 )
-from jointstiff.service.conversion import comparison_csv
-from jointstiff.service.library import CampaignError, campaigns, read_campaign
-from jointstiff.service.problems import invalid_request
-from jointstiff.service.render import comparison_table, console, pair_report, progress_bar, run_report
 
-Options = TypeVar("Options", RunOptions, ComparisonOptions)
+if TYPE_CHECKING:
+    from jointstiff.schemas.comparison import Comparison, ComparisonOptions
+    from jointstiff.schemas.run import RunOptions
+
+Options = TypeVar("Options", "RunOptions", "ComparisonOptions")
 
 _INCLUDED: Final = {True: "included", False: "neglected", None: None}
 
@@ -48,35 +42,47 @@ def identify(
     weighting: Annotated[WeightingChoice | None, typer.Option(help="Instead of the file's.")] = None,
     characteristic_length: Annotated[
         float | None,
-        typer.Option(metavar="METRES", help="For that weighting; least condition number if absent."),
+        typer.Option(
+            metavar="METRES",
+            help="Length in m for weighting characteristic_length; default: least condition number.",
+        ),
     ] = None,
     positive: Annotated[
         bool | None,
-        typer.Option("--positive/--unconstrained", help="Compliance zero or positive, or free."),
+        typer.Option("--positive/--unconstrained", help="Constrain compliances to be zero or positive."),
     ] = None,
-    loss: Annotated[LossChoice | None, typer.Option(help="huber bounds what a bumped target can do.")] = None,
+    loss: Annotated[
+        LossChoice | None, typer.Option(help="Loss function; huber limits the effect of a bumped target.")
+    ] = None,
     huber_threshold: Annotated[
         float | None,
-        typer.Option(min=0.1, max=100.0, metavar="SIGMAS", help="For loss huber; 2.8 if absent."),
+        typer.Option(
+            min=0.1,
+            max=100.0,
+            metavar="SIGMAS",
+            help="Threshold of loss huber, in units of sigma; default 2.8.",
+        ),
     ] = None,
     complementary_stiffness: Annotated[
         bool | None,
         typer.Option(
             "--complementary-stiffness/--neglect-complementary-stiffness",
-            help="Let the load follow the deflection, or not.",
+            help="Include the complementary stiffness K_c.",
         ),
     ] = None,
     prior: Priors = None,
     stiffer: Stiffer = None,
     elasticity: Annotated[
-        ElasticityChoice | None, typer.Option(help="What bends; the penalty is chosen by cross-validation.")
+        ElasticityChoice | None,
+        typer.Option(help="Elements that deflect; the penalty is chosen by cross-validation."),
     ] = None,
     links: Links = None,
     link_penalty: Annotated[
-        float | None, typer.Option(min=1e-9, max=1e3, help="Weight of the penalty, instead of choosing it.")
+        float | None,
+        typer.Option(min=1e-9, max=1e3, help="Weight of the penalty on links; default: cross-validation."),
     ] = None,
     confidence: Annotated[
-        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+        float | None, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
     ] = None,
     resample: Resample = None,
     repetitions: Repetitions = None,
@@ -84,6 +90,9 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Identify the joint stiffnesses of a campaign, without a server."""
+    from jointstiff.service.library import CampaignError, campaigns, read_campaign
+    from jointstiff.service.render import console, progress_bar, run_report
+
     chosen = {
         "method": method,
         "weighting": weighting,
@@ -124,12 +133,19 @@ def compare(
     seed: Seed = None,
     positive: Annotated[
         bool | None,
-        typer.Option("--positive/--unconstrained", help="Compliances zero or positive, or free, not both."),
+        typer.Option(
+            "--positive/--unconstrained",
+            help="Fit only constrained, or only free compliances; default: both.",
+        ),
     ] = None,
     as_json: AsJson = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Print a table for spreadsheets.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")] = False,
 ) -> None:
     """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
+    from jointstiff.schemas.comparison import ComparisonOptions
+    from jointstiff.service.library import CampaignError, campaigns, read_campaign
+    from jointstiff.service.render import progress_bar
+
     constraint = None if positive is None else ["positive" if positive else "unconstrained"]
     chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
     try:
@@ -149,12 +165,17 @@ def pair(
     first: FirstFile,
     second: SecondFile,
     *,
-    method: Annotated[MethodChoice | None, typer.Option(help="Instead of the first file's.")] = None,
+    method: Annotated[
+        MethodChoice | None, typer.Option(help="Method of identification; overrides the first file.")
+    ] = None,
     ordered: Annotated[
-        bool, typer.Option("--ordered", help="Also both in one problem: no joint is softer in the second.")
+        bool,
+        typer.Option(
+            "--ordered", help="Also fit both in one problem in which no joint is softer in the second."
+        ),
     ] = False,
     confidence: Annotated[
-        float | None, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")
+        float | None, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -162,6 +183,13 @@ def pair(
 
     Both are identified as the run in the first file says.
     """
+    from pydantic import ValidationError
+
+    from jointstiff.schemas.pair import PairOptions
+    from jointstiff.service.library import CampaignError, campaigns, read_campaign
+    from jointstiff.service.problems import invalid_request
+    from jointstiff.service.render import console, pair_report
+
     try:
         campaign, other = read_campaign(first), read_campaign(second)
         options = _changed(campaign.run, {"method": method} if method is not None else {})
@@ -181,20 +209,28 @@ def pair(
         raise typer.Exit(1)
 
 
-def _takes_long(options: RunOptions) -> bool:
+def _takes_long(options: "RunOptions") -> bool:
     return options.resampling is not None or (options.elasticity != "joints" and options.link_penalty is None)
 
 
-def _print_comparison(comparison: Comparison, *, as_json: bool, as_csv: bool) -> None:
+def _print_comparison(comparison: "Comparison", *, as_json: bool, as_csv: bool) -> None:
+    from jointstiff.service.conversion import comparison_csv
+    from jointstiff.service.render import comparison_report, console
+
     if as_json:
         typer.echo(comparison.model_dump_json(indent=2))
     elif as_csv and comparison.result is not None:
         typer.echo(comparison_csv(comparison.result), nl=False)
     else:
-        console().print(comparison_table(comparison))
+        console().print(comparison_report(comparison))
 
 
 def _changed(options: Options, changes: Mapping[str, object]) -> Options:
+    from pydantic import ValidationError
+
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import invalid_request
+
     try:
         return type(options).model_validate({**options.model_dump(), **changes})
     except ValidationError as error:
@@ -210,5 +246,5 @@ def _resampling(size: int | None, repetitions: int | None, seed: int | None) -> 
     chosen = {"size": size, "repetitions": repetitions, "seed": seed}
     given = {name: value for name, value in chosen.items() if value is not None}
     if size is None and given:
-        raise typer.BadParameter("goes with --resample", param_hint=[f"--{name}" for name in given])
+        raise typer.BadParameter("needs --resample", param_hint=[f"--{name}" for name in given])
     return given or None

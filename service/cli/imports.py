@@ -1,54 +1,57 @@
 """`jointstiff import`: files of readings shown as they were understood, then written as a campaign."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from pydantic import ValidationError
 
-from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.answers import refused
+from jointstiff.service.cli.import_options import in_options, options_for_fields
 from jointstiff.service.cli.options import AsJson, EncoderChoice
-from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
-from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
-from jointstiff.service.library import CampaignError
-from jointstiff.service.problems import http_problem, invalid_request, problem_of
-from jointstiff.service.render import console, import_report
-from jointstiff.service.resources import FilesError, import_files
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+    from jointstiff.schemas.measurement import MeasurementSetDocument
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.importing import SourceFile
 
 _XYZ: Final = 3
 
 Files = Annotated[
     list[Path],
-    typer.Argument(exists=True, dir_okay=False, readable=True, metavar="FILES...", help="Text or Excel."),
+    typer.Argument(
+        exists=True,
+        dir_okay=False,
+        readable=True,
+        metavar="FILES...",
+        help="Files of tables or point lists: text or Excel.",
+    ),
 ]
 UnitsText = Annotated[
     str | None,
     typer.Option(
         metavar="length=mm,angle=deg,force=N",
-        help="Of columns whose header names none; with moment=N.m if there are moments.",
+        help="Units of columns whose header has none; add moment=N.m if there are moments.",
     ),
 ]
 StateWords = Annotated[
     list[str] | None,
-    typer.Option("--state-word", metavar="WORD=STATE", help="Such as 150kg=loaded. May be repeated."),
+    typer.Option(
+        "--state-word", metavar="WORD=STATE", help="Extra word for a state, such as 150kg=loaded. Repeatable."
+    ),
 ]
 FlangeTargets = Annotated[
     list[str] | None,
     typer.Option(
-        "--flange-target", metavar="TARGET=X,Y,Z", help="In the flange frame, for deflections. Repeatable."
+        "--flange-target",
+        metavar="TARGET=X,Y,Z",
+        help="Target's position in the flange frame, for deflections. Repeatable.",
     ),
 ]
 Ignored = Annotated[
     list[str] | None,
-    typer.Option("--ignore", metavar="HEADER", help="A column to leave out. May be repeated."),
+    typer.Option("--ignore", metavar="HEADER", help="Header of a column to ignore. Repeatable."),
 ]
 
 
@@ -57,45 +60,60 @@ def import_readings(
     *,
     units: UnitsText = None,
     point_name: Annotated[
-        str | None, typer.Option(metavar="TEMPLATE", help="Such as '{label}_{target}_{state}'.")
+        str | None,
+        typer.Option(metavar="TEMPLATE", help="Template of point names, such as '{label}_{target}_{state}'."),
     ] = None,
     file_name: Annotated[
-        str | None, typer.Option(metavar="TEMPLATE", help="Such as '{target}_{state}', without .txt.")
+        str | None,
+        typer.Option(
+            metavar="TEMPLATE", help="Template of file names, such as '{target}_{state}', without .txt."
+        ),
     ] = None,
     state_words: StateWords = None,
     delimiter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="comma, semicolon, tab or whitespace.")
+        str | None, typer.Option(metavar="NAME", help="Cell delimiter: comma, semicolon, tab or whitespace.")
     ] = None,
-    decimal_mark: Annotated[str | None, typer.Option(metavar="NAME", help="point or comma.")] = None,
+    decimal_mark: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Decimal mark: point or comma.")
+    ] = None,
     header: Annotated[
-        str | None, typer.Option(metavar="'A;B;C'", help="Of files without one; semicolons between.")
+        str | None,
+        typer.Option(metavar="'A;B;C'", help="Header for files without one, cells separated by semicolons."),
     ] = None,
     ignore: Ignored = None,
-    sheet: Annotated[str | None, typer.Option(help="Of an Excel file.")] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file.")] = None,
     allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Leave out incomplete readings, and say so.")
+        bool, typer.Option("--allow-missing", help="Skip incomplete readings, and list them.")
     ] = False,
     encoders: Annotated[
-        EncoderChoice | None, typer.Option(help="Which close the position loop; never guessed.")
+        EncoderChoice | None, typer.Option(help="Encoders that close the position loop: motor or secondary.")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Of the set; that of the first file if absent.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the measurement set; default: name of the first file.")
+    ] = None,
     sigma: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a coordinate, in the files' length.")
+        float | None, typer.Option(help="Standard uncertainty of a coordinate, in the files' unit of length.")
     ] = None,
     load_point: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="In the flange frame, in the files' length.")
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Load point in the flange frame, in the files' unit of length."),
     ] = None,
     flange_targets: FlangeTargets = None,
     robot: Annotated[
         Path | None,
         typer.Option(
-            exists=True, dir_okay=False, metavar="FILE", help="Robot, or a campaign to take it from."
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Robot document, or a campaign that contains one.",
         ),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            dir_okay=False, metavar="FILE", help="Write a campaign, or without --robot a measurement set."
+            dir_okay=False,
+            metavar="FILE",
+            help="File to write: a campaign, or without --robot a measurement set.",
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
@@ -105,6 +123,9 @@ def import_readings(
 
     Nothing is written without --output, nor while something is missing.
     """
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.render import console, import_report
+
     chosen = {
         "units": None if units is None else _pairs([part for part in units.split(",") if part], "--units"),
         "point_name": point_name,
@@ -138,28 +159,41 @@ def import_readings(
         _write(output, answer, owner, overwrite=overwrite)
 
 
-def _understood(files: Sequence[Path], chosen: dict[str, object]) -> ImportAnswer:
+def _understood(files: Sequence[Path], chosen: dict[str, object]) -> "ImportAnswer":
     """Return what the files say.
 
     Raises:
         CampaignError: what was chosen contradicts itself, or a file was not understood.
     """
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import FilesError, problem_of
+    from jointstiff.service.resources import import_files
+
     try:
-        return import_files(_read(files), _request(chosen))
+        answer = import_files(_read(files), _request(chosen))
     except FilesError as error:
-        raise CampaignError(problem_of(error)) from error
+        raise CampaignError(in_options(problem_of(error))) from error
+    return answer.model_copy(update={"missing": [options_for_fields(text) for text in answer.missing]})
 
 
-def _request(chosen: dict[str, object]) -> ImportRequest:
+def _request(chosen: dict[str, object]) -> "ImportRequest":
+    from pydantic import ValidationError
+
+    from jointstiff.schemas.imports import ImportRequest
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import invalid_request
+
     try:
         return ImportRequest.model_validate(chosen)
     except ValidationError as error:
         faults = error.errors(include_url=False, include_context=False, include_input=False)
-        raise CampaignError(invalid_request(faults)) from None
+        raise CampaignError(in_options(invalid_request(faults))) from None
 
 
-def _read(files: Sequence[Path]) -> list[SourceFile]:
+def _read(files: Sequence[Path]) -> "list[SourceFile]":
     """The files, no more of them than an import takes."""
+    from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
+
     sources, left = [], MAX_FILE_BYTES
     for path in files:
         with path.open("rb") as file:
@@ -169,12 +203,18 @@ def _read(files: Sequence[Path]) -> list[SourceFile]:
     return sources
 
 
-def _robot(path: Path) -> RobotDocument:
+def _robot(path: Path) -> "RobotDocument":
     """The robot of a file that is one, or of a campaign.
 
     Raises:
         CampaignError: it is neither.
     """
+    from jointstiff.schemas.campaign import Campaign
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import invalid_request
+
     with path.open("rb") as file:
         content = file.read(MAX_SET_BYTES + 1)
     try:
@@ -188,17 +228,20 @@ def _robot(path: Path) -> RobotDocument:
         raise CampaignError(invalid_request(error.faults)) from None
 
 
-def _write(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
+def _write(path: Path, answer: "ImportAnswer", robot: "RobotDocument | None", *, overwrite: bool) -> None:
+    from jointstiff.service.problems import http_problem
+    from jointstiff.service.render import console
+
     if answer.measurement_set is None:
         missing = "; ".join(answer.missing)
-        raise refused(http_problem(422, f"nothing is written, as this is missing: {missing}", "add it"))
+        raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
     if path.exists() and not overwrite:
         raise refused(http_problem(409, f"{path} exists", "choose another name, or --overwrite"))
     try:
         path.write_text(_document(answer.measurement_set, robot) + "\n", encoding="utf-8")
     except OSError as error:
         raise refused(
-            http_problem(422, f"cannot write {path}: {error.strerror}", "choose another place")
+            http_problem(422, f"cannot write {path}: {error.strerror}", "choose another path")
         ) from error
     what, command = (
         ("a measurement set", "add a robot with --robot")
@@ -208,7 +251,9 @@ def _write(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, ove
     console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)
 
 
-def _document(readings: MeasurementSetDocument, robot: RobotDocument | None) -> str:
+def _document(readings: "MeasurementSetDocument", robot: "RobotDocument | None") -> str:
+    import json
+
     found = readings.model_dump(mode="json", exclude_none=True)
     if robot is not None:
         found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
@@ -220,7 +265,7 @@ def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
     for text in texts or ():
         key, equals, value = text.rpartition("=")
         if not equals:
-            raise typer.BadParameter(f"'{text}' has no =", param_hint=option)
+            raise typer.BadParameter(f"'{text}' has no '='", param_hint=option)
         found[key.strip()] = value.strip()
     return found
 
@@ -231,5 +276,5 @@ def _vector(text: str, option: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != _XYZ:
-        raise typer.BadParameter(f"'{text}' is not like 0,0,120.5", param_hint=option)
+        raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5", param_hint=option)
     return numbers

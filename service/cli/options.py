@@ -9,8 +9,6 @@ from typing import Annotated
 
 import typer
 
-from jointstiff.schemas.run import MAX_REPETITIONS
-
 CampaignFile = Annotated[
     Path,
     typer.Argument(
@@ -18,7 +16,7 @@ CampaignFile = Annotated[
         dir_okay=False,
         readable=True,
         metavar="FILE",
-        help="Campaign: robot, measurement set and run in one JSON document.",
+        help="Campaign file: robot, measurement set and run options in one JSON document.",
     ),
 ]
 FirstFile = Annotated[
@@ -28,7 +26,7 @@ FirstFile = Annotated[
         dir_okay=False,
         readable=True,
         metavar="FIRST",
-        help="Campaign with the motors' encoders in the loop, or before.",
+        help="Campaign with the position loop on the motors' encoders, or before a change.",
     ),
 ]
 SecondFile = Annotated[
@@ -38,7 +36,7 @@ SecondFile = Annotated[
         dir_okay=False,
         readable=True,
         metavar="SECOND",
-        help="Campaign with secondary encoders in the loop, or after.",
+        help="Campaign with the position loop on secondary encoders, or after a change.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -47,23 +45,22 @@ DatabaseUrl = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_DATABASE",
         metavar="URL",
-        help="sqlite:///FILE, or postgresql://USER:PASSWORD@HOST/NAME.",
+        help="Database: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME.",
     ),
 ]
 Resample = Annotated[
     int | None,
-    typer.Option(min=1, metavar="M", help="Repeat each fit on M random configurations."),
+    typer.Option(min=1, metavar="M", help="Resample: repeat each fit on M random configurations."),
 ]
-Repetitions = Annotated[
-    int | None, typer.Option(min=1, max=MAX_REPETITIONS, help="How many draws; 1000 if absent.")
-]
-Seed = Annotated[int | None, typer.Option(min=0, help="Of the draws; 0 if absent.")]
+Repetitions = Annotated[int | None, typer.Option(min=1, help="Number of draws; default 1000.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Random seed of the draws; default 0.")]
 Priors = Annotated[
     list[str] | None,
     typer.Option(
         "--prior",
         metavar="JOINT=STIFFNESS:UNCERTAINTY",
-        help="What a data sheet says of a joint, in N.m/rad, such as joint_5=4e5:4e4. May be repeated.",
+        help="Prior from a data sheet in N.m/rad, such as joint_5=4e5:4e4 (± standard uncertainty). "
+        "Repeatable.",
     ),
 ]
 Stiffer = Annotated[
@@ -71,7 +68,7 @@ Stiffer = Annotated[
     typer.Option(
         "--stiffer",
         metavar="JOINT,JOINT,...",
-        help="Joints, each at least as stiff as the next, such as joint_2,joint_4. May be repeated.",
+        help="Joints, each at least as stiff as the next, such as joint_2,joint_4. Repeatable.",
     ),
 ]
 
@@ -80,7 +77,7 @@ Links = Annotated[
     str | None,
     typer.Option(
         metavar="JOINT,JOINT,...",
-        help="Links that may bend, each by the joint that carries it; all if absent.",
+        help="Elastic links, each named by the joint that carries it; default: all.",
     ),
 ]
 
@@ -104,7 +101,7 @@ def priors(texts: Sequence[str] | None) -> dict[str, dict[str, float]] | None:
             found[name] = {"stiffness": float(stiffness), "standard_uncertainty": float(uncertainty)}
         except ValueError as error:
             raise typer.BadParameter(
-                f"'{text}' is not like joint_5=4e5:4e4, a joint, its stiffness and its standard uncertainty",
+                f"'{text}' must be like joint_5=4e5:4e4: joint, stiffness and standard uncertainty",
                 param_hint="--prior",
             ) from error
     return found or None
@@ -148,7 +145,7 @@ class LossChoice(StrEnum):
 
 
 class LoadChoice(StrEnum):
-    """How the simulated robot is loaded."""
+    """Choices for the load of the simulated robot."""
 
     DEAD_WEIGHT = "dead_weight"
     PULL = "pull"

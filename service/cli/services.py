@@ -1,36 +1,58 @@
 """Commands that run a service or talk to one: `serve`, `worker`, `post`, `demo`."""
 
-from __future__ import annotations
-
-import os
-import secrets
-import socket
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jointstiff.service.cli.answers import failed, refused, warn
-from jointstiff.service.cli.demo import run_demo
 from jointstiff.service.cli.options import CampaignFile, DatabaseUrl
-from jointstiff.service.library import CampaignError, Client, RefusedError, TabledRun, read_campaign
-from jointstiff.service.render import console, progress_bar, run_report
-from jointstiff.service.server import ServerError, run_server
-from jointstiff.service.store import StoreError
-from jointstiff.service.workers import run_worker
+
+if TYPE_CHECKING:
+    from jointstiff.service.library import Client, TabledRun
 
 
 def serve(
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8000,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 picks a free one.")] = 8000,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
     workers: Annotated[
-        int, typer.Option(min=0, max=64, help="Processes for long runs; 0 leaves them to other machines.")
+        int,
+        typer.Option(
+            min=0,
+            max=64,
+            help="Number of worker processes for long runs; 0 leaves them to workers on other machines.",
+        ),
     ] = 1,
+    allowed_host: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Further name of the service in addresses; '*' for any, with --no-access-control. "
+            "May be repeated.",
+        ),
+    ] = None,
+    no_access_control: Annotated[
+        bool,
+        typer.Option(
+            "--no-access-control",
+            help="Answer whoever reaches it: behind an authenticating proxy. Needs --allowed-host.",
+        ),
+    ] = False,
 ) -> None:
     """Start the service."""
+    from jointstiff.service.problems import StoreError
+    from jointstiff.service.server import ServerError, run_server
+
     try:
-        run_server(host, port, database, workers)
+        run_server(
+            host,
+            port,
+            database,
+            workers,
+            allowed_hosts=allowed_host or (),
+            access_control=not no_access_control,
+        )
     except (StoreError, ServerError) as error:
         raise failed(error.reason, error.remedy) from error
 
@@ -39,10 +61,18 @@ def worker(
     *,
     database: DatabaseUrl,
     name: Annotated[
-        str | None, typer.Option(help="Of this worker; one of the same name takes over what it leaves.")
+        str | None,
+        typer.Option(help="Name of this worker; a worker restarted under the same name resumes its jobs."),
     ] = None,
 ) -> None:
     """Carry out the long runs of a service, on this or another machine, until stopped."""
+    import os
+    import secrets
+    import socket
+
+    from jointstiff.service.problems import StoreError
+    from jointstiff.service.workers import run_worker
+
     try:
         run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
     except StoreError as error:
@@ -53,10 +83,13 @@ def post(
     file: CampaignFile,
     *,
     server: Annotated[
-        str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Of a running service.")
+        str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service.")
     ] = "http://127.0.0.1:8000",
 ) -> None:
     """Post a campaign to a running service, and show its answer."""
+    from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
+    from jointstiff.service.render import console, run_report
+
     try:
         campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
         with Client(server, warn=warn) as client:
@@ -75,26 +108,38 @@ def post(
         raise typer.Exit(1)
 
 
-def _ended(client: Client, run: TabledRun, address: str) -> TabledRun:
+def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
     """Wait for the end of a run; who waits no longer is told that it goes on."""
+    from jointstiff.service.render import progress_bar
+
     try:
         with progress_bar(shown=run.progress is not None) as tell:
             return client.runs.wait(run, tell)
     except KeyboardInterrupt:
-        warn(f"the run goes on; to end it: curl -X POST {address}/cancel")
+        warn(f"the run continues; to cancel it: curl -X POST {address}/cancel")
         raise
 
 
 def demo(
     *,
-    once: Annotated[bool, typer.Option("--once", help="End after the tables.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="8000, or any free one with --once.")
+        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
     ] = None,
-    database: DatabaseUrl = "sqlite:///jointstiff.db",
+    database: Annotated[
+        str, typer.Option(metavar="URL", help="Of the demonstration alone; that of `serve` stays as it is.")
+    ] = "sqlite:///jointstiff-demo.db",
 ) -> None:
     """Start the service, post an example campaign over HTTP, and show what it answers."""
-    raise typer.Exit(run_demo(port=_demo_port(port, once=once), database=database, once=once))
+    from jointstiff.service.cli.demo import run_demo
+    from jointstiff.service.problems import StoreError
+    from jointstiff.service.server import ServerError
+
+    try:
+        status = run_demo(port=_demo_port(port, once=once), database=database, once=once)
+    except (StoreError, ServerError) as error:
+        raise failed(error.reason, error.remedy) from error
+    raise typer.Exit(status)
 
 
 def _demo_port(port: int | None, *, once: bool) -> int:

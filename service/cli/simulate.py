@@ -1,8 +1,5 @@
 """The command `jointstiff simulate`: an example campaign whose truth is known."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,26 +7,35 @@ import typer
 
 from jointstiff.service.cli.answers import refuse_existing, write_text
 from jointstiff.service.cli.options import EncoderChoice, LoadChoice
-from jointstiff.service.render import console
-from jointstiff.simulator import default_arm, simulate_campaign
 
 
 def simulate(
-    file: Annotated[Path, typer.Argument(dir_okay=False, metavar="FILE", help="Where to write it.")],
+    file: Annotated[
+        Path, typer.Argument(dir_okay=False, metavar="FILE", help="File to write the campaign to.")
+    ],
     *,
     load: Annotated[
-        LoadChoice, typer.Option(help="Weight on the flange, or pulls all around.")
+        LoadChoice, typer.Option(help="Load: a weight on the flange, or pulls in all directions.")
     ] = LoadChoice.PULL,
-    configurations: Annotated[int, typer.Option(min=1, max=5_000, help="How many postures.")] = 19,
-    force: Annotated[float, typer.Option(min=0.0, max=1e5, help="Size of the force, in newtons.")] = 1500.0,
-    sigma: Annotated[float, typer.Option(min=0.0, max=1e-2, help="Noise of a coordinate, in metres.")] = 2e-5,
+    configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
+    force: Annotated[
+        float, typer.Option(min=0.0, max=1e5, help="Magnitude of the force, in newtons.")
+    ] = 1500.0,
+    sigma: Annotated[
+        float, typer.Option(min=0.0, max=1e-2, help="Standard deviation of a coordinate, in metres.")
+    ] = 2e-5,
     encoders: Annotated[
-        EncoderChoice, typer.Option(help="Which close the position loop.")
+        EncoderChoice, typer.Option(help="Encoders that close the position loop.")
     ] = EncoderChoice.MOTOR,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same file.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same file.")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
 ) -> None:
     """Write an example campaign, made by springs that balance the load exactly."""
+    import json
+
+    from jointstiff.service.render import console
+    from jointstiff.simulator import default_arm, simulate_campaign
+
     refuse_existing(file, overwrite=overwrite)
     arm = default_arm(encoders.value)
     document = simulate_campaign(

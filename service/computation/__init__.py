@@ -2,29 +2,50 @@
 
 from __future__ import annotations
 
-from jointstiff.service.computation.comparison import ComparisonWork
-from jointstiff.service.computation.execution import (
-    carry_out,
-    final_state,
-    new_job,
-    outcome_of,
-    unexpected_failure,
-)
-from jointstiff.service.computation.geometry import as_request_errors, geometry_work
-from jointstiff.service.computation.pair import Side, pair_work
-from jointstiff.service.computation.prepared import (
-    PreparedRobot,
-    PreparedSet,
-    build_robot,
-    check_set,
-    prepare_robot,
-    prepare_set,
-)
-from jointstiff.service.computation.run import run_work
-from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
+from typing import TYPE_CHECKING
+
+from jointstiff.solver.doors import names_of
+
+if TYPE_CHECKING:
+    from jointstiff.service.computation.comparison import ComparisonWork
+    from jointstiff.service.computation.deflection import predict_by_run
+    from jointstiff.service.computation.execution import (
+        carry_out,
+        final_state,
+        new_job,
+        outcome_of,
+        unexpected_failure,
+    )
+    from jointstiff.service.computation.geometry import as_request_errors, geometry_work
+    from jointstiff.service.computation.pair import Side, pair_work
+    from jointstiff.service.computation.plan import Planned, plan_work
+    from jointstiff.service.computation.prepared import (
+        PreparedRobot,
+        PreparedSet,
+        build_robot,
+        check_set,
+        prepare_robot,
+        prepare_set,
+    )
+    from jointstiff.service.computation.run import run_hash, run_work
+    from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
+else:
+    __getattr__ = names_of(
+        __name__,
+        comparison="ComparisonWork",
+        deflection="predict_by_run",
+        execution="carry_out final_state new_job outcome_of unexpected_failure",
+        geometry="as_request_errors geometry_work",
+        pair="Side pair_work",
+        plan="Planned plan_work",
+        prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
+        run="run_hash run_work",
+        work="QuickWork Span SteppedWork Work hash_of",
+    )
 
 __all__ = [
     "ComparisonWork",
+    "Planned",
     "PreparedRobot",
     "PreparedSet",
     "QuickWork",
@@ -42,8 +63,11 @@ __all__ = [
     "new_job",
     "outcome_of",
     "pair_work",
+    "plan_work",
+    "predict_by_run",
     "prepare_robot",
     "prepare_set",
+    "run_hash",
     "run_work",
     "unexpected_failure",
 ]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from jointstiff.schemas.assessment import Assessment, Reason
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import RunOptions, RunResult
@@ -12,7 +14,7 @@ from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
 from jointstiff.service.computation.run import run_identification
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of
-from jointstiff.service.conversion import to_settings
+from jointstiff.service.conversion import combined, to_settings
 from jointstiff.service.problems import problem_of
 from jointstiff.solver.convex import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
@@ -91,6 +93,7 @@ class ComparisonWork(SteppedWork[Part]):
             if isinstance(outcome, RunResult):
                 warnings = {(each.code, each.where): each for each in outcome.warnings} | warnings
         return ComparisonResult(
+            assessment=_assessment(outcomes),
             entries=[_entry(fit, outcome) for fit, outcome in zip(self._fits, outcomes, strict=True)],
             warnings=list(warnings.values()),
         )
@@ -143,6 +146,22 @@ class ComparisonWork(SteppedWork[Part]):
         return problems[0] if problems else result
 
 
+def _assessment(outcomes: Sequence[RunResult | Problem]) -> Assessment:
+    """Return the worst verdict of the fits; without one there is nothing to use."""
+    found = [each.assessment for each in outcomes if isinstance(each, RunResult)]
+    return combined(found) if found else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
+
+
+_NO_FIT: Final = Reason(
+    code="no_joint_identified",
+    weight="do_not_use",
+    where=None,
+    message="the readings support none of these methods",
+    remedy="see the error of each",
+    action=None,
+)
+
+
 def _entry(fit: _Fit, outcome: RunResult | Problem) -> ComparedFit:
     result = outcome if isinstance(outcome, RunResult) else None
     return ComparedFit(
@@ -151,6 +170,7 @@ def _entry(fit: _Fit, outcome: RunResult | Problem) -> ComparedFit:
         characteristic_length=result.characteristic_length if result else None,
         positive=fit.options.positive,
         error=outcome if isinstance(outcome, Problem) else None,
+        assessment=result.assessment if result else None,
         joints=result.joints if result else [],
         compensation=result.compensation if result else None,
         rms_residual=result.rms_residual if result else None,

@@ -29,15 +29,16 @@ from jointstiff.solver.links import (
     FoldFit,
     Folds,
     Selection,
-    estimate_elastic,
+    first_certified,
     fit_fold,
+    judge_penalty,
     refuse_unsupported_elastic,
     select_model,
     with_links,
 )
 
 _WEIGHTS_A_STEP: Final = 4
-"""Of all models, in one fold: a tenth of a second to one."""
+"""Estimated time of all models in one fold [s], 0.1 to 1 s."""
 
 
 class ElasticWork(SteppedWork[list[FoldFit]]):
@@ -61,9 +62,9 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         refuse_unsupported_elastic(prepared.measurements, self._settings)
         if options.resampling is not None:
             raise UnsupportedMethodError(
-                "resampling goes with elasticity joints",
+                "resampling supports only elasticity joints",
                 where="resampling",
-                remedy="leave resampling out; cross-validation shows the spread",
+                remedy="omit `resampling`; the cross-validation shows the dispersion",
             )
         self._columns = to_elastic_columns(options, prepared.robot)
         self._plan = to_plan(options)
@@ -121,7 +122,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             model.name: self._by_fold(spans, [part[number] for part in parts])
             for number, model in enumerate(self._models)
         }
-        selection = select_model(robot, measurements, self._folds, fits, self._plan)
+        selection = select_model(robot, measurements, self._folds, fits, self._plan, self._options.elasticity)
         return self._result(selection)
 
     @property
@@ -130,7 +131,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
 
     @cached_property
     def _joints(self) -> Estimate:
-        """Of joints alone."""
+        """Return the estimate of the joint model."""
         return identify(self._prepared.robot, self._prepared.measurements, self._settings)
 
     @cached_property
@@ -157,15 +158,26 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         prepared, options = self._prepared, self._options
         name = options.elasticity
         scored = selection.of(name)
-        weight = scored.penalty if scored.penalty is not None else self._plan.weights[0]
-        elastic = estimate_elastic(
-            prepared.robot, prepared.measurements, self._folds, ElasticModel(name, self._columns), weight
+        grid = self._plan.weights
+        weight = scored.penalty if scored.penalty is not None else grid[0]
+        elastic = first_certified(
+            prepared.robot,
+            prepared.measurements,
+            self._folds,
+            ElasticModel(name, self._columns),
+            grid[grid.index(weight) :],
         )
-        estimate = with_links(self._joints, elastic, scored.jackknife)
-        warnings = prepared.warnings + to_warnings(judge(estimate, elastic.prediction), prepared.readings)
+        estimate = with_links(
+            prepared.robot, self._joints, elastic, scored.effective, self._settings.confidence
+        )
+        findings = judge(estimate, elastic.prediction)
+        if options.link_penalty is None:
+            findings += judge_penalty(weight, elastic.penalty, grid)
+        warnings = prepared.warnings + to_warnings(findings, prepared.readings)
         # No advice: what a further reading would bring is known for a model of joints alone.
+        assessment = prepared.assess(self._settings, estimate, elastic.prediction)
         result = to_result(
-            estimate, elastic.prediction, prepared.measurements, prepared.readings, warnings, ()
+            estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
         )
         links = to_links_result(elastic, prepared.robot.joint_names, given=options.link_penalty is not None)
         return result.model_copy(update={"links": links, "selection": to_selection(selection)})

@@ -75,7 +75,10 @@ def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) ->
 
     result, error = outcome_of(compute)
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
-    times = {"started_at": job.provenance.created_at, "ended_at": datetime.now(UTC)}
+    times = {
+        "started_at": job.provenance.created_at,
+        "ended_at": max(datetime.now(UTC), job.provenance.created_at),
+    }
     return job.model_copy(
         update={
             "state": final_state(error),
@@ -111,7 +114,9 @@ def final_state(error: Problem | None) -> JobState:
 
 def unexpected_failure() -> Problem:
     """Return the problem of a fault in the software."""
-    return http_problem(500, "the computation failed unexpectedly", "report it with the data")
+    return http_problem(
+        500, "the computation failed with an internal error", "please report this problem, with the data"
+    )
 
 
 def _computed(job: Job, work: SteppedWork[Any], on_progress: OnProgress | None) -> list[Any]:

@@ -87,5 +87,5 @@ def _survey(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot |
             base_targets=base_targets,
         )
     if nominal is None:
-        raise ValueError("poses calibrate a nominal model, and the request has none")
+        raise ValueError("poses need a nominal model to calibrate, but the request has none")
     return survey_poses(readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets)

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TypeVar
 
+from jointstiff.schemas.assessment import Reason
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.pair import PairRequest, PairResult
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import QuickWork, hash_of
-from jointstiff.service.conversion import to_pair_result, to_settings, to_warnings
+from jointstiff.service.conversion import (
+    AssessedSide,
+    to_assessment,
+    to_joints,
+    to_pair_result,
+    to_settings,
+    to_warnings,
+)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import refuse_unsupported
 from jointstiff.solver.inference import Estimate, judge, predict
 from jointstiff.solver.paired import PairSide, compare_pair, models_differ, refuse_other_joints
+
+Placed = TypeVar("Placed", QualityWarning, Reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +53,7 @@ class Side:
         """
         if self.options.elasticity != "joints":
             raise RequestError(
-                f"a pair compares joints alone, and elasticity {self.options.elasticity} was asked for",
+                f"a pair compares joints only, not elasticity {self.options.elasticity}",
                 where="options.elasticity",
                 remedy="use elasticity joints",
             )
@@ -61,8 +72,8 @@ class Side:
         unasked = {"measurement_set_id", "resampling"}
         return hash_of(self.prepared.content, self.options.model_dump_json(exclude=unasked))
 
-    def warnings(self, estimate: Estimate) -> list[QualityWarning]:
-        """Return the warnings about the set and its fit; `where` begins with the side."""
+    def assessed(self, estimate: Estimate) -> AssessedSide:
+        """Assess the side by itself."""
         campaign = self.campaign
         prediction = predict(
             campaign.robot,
@@ -71,11 +82,19 @@ class Side:
             complementary_stiffness=campaign.settings.complementary_stiffness,
         )
         found = to_warnings(judge(estimate, prediction), self.prepared.readings)
-        return [self._placed(warning) for warning in [*self.prepared.warnings, *found]]
+        assessment = self.prepared.assess(campaign.settings, estimate, prediction)
+        stated = to_assessment(assessment, self.prepared.readings)
+        return AssessedSide(
+            assessment=stated.model_copy(update={"reasons": [self._placed(each) for each in stated.reasons]}),
+            joints=to_joints(estimate.joints, assessment.joints),
+            compensation=assessment.supported(prediction).compensation,
+            warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *found]],
+        )
 
-    def _placed(self, warning: QualityWarning) -> QualityWarning:
-        where = f"{self.name}.{warning.where}" if warning.where else self.name
-        return warning.model_copy(update={"where": where})
+    def _placed(self, said: Placed) -> Placed:
+        """Return a warning or a reason whose place begins with the side."""
+        where = f"{self.name}.{said.where}" if said.where else self.name
+        return said.model_copy(update={"where": where})
 
 
 def pair_work(first: Side, second: Side, request: PairRequest) -> QuickWork:
@@ -103,12 +122,8 @@ def pair_work(first: Side, second: Side, request: PairRequest) -> QuickWork:
 def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
     one, other = first.campaign, second.campaign
     pair = compare_pair(one, other, confidence=one.settings.confidence, ordered=ordered)
-    warnings = [
-        *first.warnings(pair.first),
-        *second.warnings(pair.second),
-        *_about_both(one, other, pair.avoided.matches.unlike),
-    ]
-    return to_pair_result(pair, warnings)
+    about_both = _about_both(one, other, pair.avoided.matches.unlike)
+    return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), about_both)
 
 
 def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> list[QualityWarning]:
@@ -118,8 +133,8 @@ def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> l
             QualityWarning(
                 code="robot_models_differ",
                 where=None,
-                message="the robots differ in their geometry or joint map",
-                remedy="check that both are of one model; ratios compare joints of the same name",
+                message="the robots differ in their kinematics or joint map",
+                remedy="check that both are of one model; ratios compare joints with the same name",
             )
         )
     if unlike:
@@ -127,9 +142,10 @@ def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> l
             QualityWarning(
                 code="configurations_differ",
                 where=None,
-                message=f"{len(unlike)} observations have the same label but another posture or load, or "
-                f"share no target; first '{unlike[0]}'",
-                remedy="repeat the same postures under the same load, or give other labels",
+                message=f"{len(unlike)} observations have the same label but different postures or "
+                "loads, or no "
+                f"common target; first '{unlike[0]}'",
+                remedy="measure the same postures under the same load, or give different labels",
             )
         )
     return warnings

@@ -15,12 +15,14 @@ from jointstiff.service.conversion import (
     dh_kinematics,
     in_base,
     stated_transform,
+    to_findings,
     to_measurements,
     to_resolved,
     to_warnings,
 )
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.inference import inspect_encoders
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.inference import Assessment, Estimate, Prediction, assess, inspect_encoders
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import KinematicChain, Robot, read_urdf, write_urdf
@@ -77,6 +79,11 @@ class PreparedSet:
     warnings: list[QualityWarning]
     robot_id: str
     content: str
+
+    def assess(self, settings: Settings, estimate: Estimate, prediction: Prediction) -> Assessment:
+        """Assess an identification of this set by its prediction, with what was noticed in the readings."""
+        findings = to_findings(self.warnings, self.readings)
+        return assess(self.robot, self.measurements, settings, estimate, prediction, findings)
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
@@ -152,8 +159,8 @@ def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id
     if frame is not None:
         if frame.geometry_id is not None:
             raise RequestError(
-                f"there is no geometry '{frame.geometry_id}' in a file",
-                remedy="state the frame's rotation and translation, or post the set to a service",
+                f"the geometry '{frame.geometry_id}' cannot be used from a file",
+                remedy="give the frame's rotation and translation, or post the set to a service",
                 where="frame.geometry_id",
             )
         resolved = to_resolved(stated_transform(frame, LENGTH[document.units.length]))

@@ -41,9 +41,9 @@ class ResamplingWork:
         self.configurations = len(prepared.measurements)
         if resampling.size > self.configurations:
             raise RequestError(
-                f"draws of {resampling.size} configurations from {self.configurations}",
+                f"a draw of {resampling.size} configurations exceeds the set's {self.configurations}",
                 where="resampling.size",
-                remedy=f"draw at most {self.configurations}",
+                remedy=f"set `size` to at most {self.configurations}",
             )
         self._plan = ResamplingPlan(
             resampling.size, resampling.repetitions, resampling.seed, resampling.replacement

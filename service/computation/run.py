@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jointstiff.schemas.run import EncoderResidual, RunOptions, RunRequest, RunResult
+from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.service.computation.elastic import ElasticWork
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of
 from jointstiff.service.conversion import (
     to_encoder_residuals,
+    to_identified_model,
     to_resampling_result,
     to_result,
     to_settings,
     to_warnings,
 )
+from jointstiff.solver.deflection import JointModel, ModelError, leave_postures_out
+from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
 from jointstiff.solver.inference import Estimate, advise, judge, predict, predict_encoders
@@ -61,12 +65,14 @@ class RunWork(SteppedWork[Resamples]):
         return decode(text)
 
     def conclude(self, parts: Sequence[Resamples]) -> RunResult:
-        """Identify from the whole set, with the statistics of the draws.
+        """Identify from the whole set, with the statistics of the draws and the model that predicts.
 
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        return run_identification(self._prepared, self._options, parts)
+        settings, estimate = _identified(self._prepared, self._options)
+        result = _reported(self._prepared, self._options, settings, estimate, parts)
+        return result.model_copy(update={"model": _model(self._prepared, settings, estimate)})
 
 
 def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWork:
@@ -75,9 +81,14 @@ def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWor
     Raises:
         RequestError: the readings cannot support what is asked for.
     """
-    options = request.model_dump_json(exclude={"measurement_set_id"})
     work = RunWork if request.elasticity == "joints" else ElasticWork
-    return work(prepared, request, hash_of(prepared.content, options))
+    return work(prepared, request, run_hash(prepared, request))
+
+
+def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
+    """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
+    options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
+    return hash_of(prepared.content, options)
 
 
 def run_identification(
@@ -85,7 +96,7 @@ def run_identification(
     options: RunOptions,
     parts: Sequence[Resamples] = (),
 ) -> RunResult:
-    """Identify, predict, and report.
+    """Identify, predict, and report, without the model that predicts, which takes a refit a posture.
 
     Args:
         prepared: the readings.
@@ -98,8 +109,21 @@ def run_identification(
         NotObservableError: the readings determine no joint.
         SolverError: optimality could not be certified.
     """
+    return _reported(prepared, options, *_identified(prepared, options), parts)
+
+
+def _identified(prepared: PreparedSet, options: RunOptions) -> tuple[Settings, Estimate]:
     settings = to_settings(options, prepared.robot)
-    estimate = identify(prepared.robot, prepared.measurements, settings)
+    return settings, identify(prepared.robot, prepared.measurements, settings)
+
+
+def _reported(
+    prepared: PreparedSet,
+    options: RunOptions,
+    settings: Settings,
+    estimate: Estimate,
+    parts: Sequence[Resamples],
+) -> RunResult:
     prediction = predict(
         prepared.robot,
         prepared.measurements,
@@ -109,7 +133,11 @@ def run_identification(
     )
     warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
     advice = advise(prepared.robot, prepared.measurements, estimate)
-    result = to_result(estimate, prediction, prepared.measurements, prepared.readings, warnings, advice)
+    assessment = prepared.assess(settings, estimate, prediction)
+    prediction = assessment.supported(prediction)
+    result = to_result(
+        estimate, prediction, assessment, prepared.measurements, prepared.readings, warnings, advice
+    )
     result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
     if options.resampling is None or not parts:
         return result
@@ -117,6 +145,16 @@ def run_identification(
     repetitions = options.resampling.repetitions
     resampling = to_resampling_result(summary, result.joints, repetitions)
     return result.model_copy(update={"resampling": resampling})
+
+
+def _model(prepared: PreparedSet, settings: Settings, estimate: Estimate) -> IdentifiedModel:
+    model = JointModel.of(prepared.robot, estimate, settings.constraints)
+    error: ModelError | JointstiffError
+    try:
+        error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
+    except JointstiffError as none:  # the run stands without it, and predictions say why
+        error = none
+    return to_identified_model(model, error)
 
 
 def _encoder_residuals(

@@ -23,6 +23,7 @@ _COLUMNS: Final = {
     "condition_number [1]": "fit.condition_number",
     "joint": "joint.name",
     "status": "joint.status",
+    "verdict": "joint.verdict",
     "stiffness [N.m/rad]": "joint.stiffness",
     "stiffness_low [N.m/rad]": "joint.stiffness_interval.0",
     "stiffness_high [N.m/rad]": "joint.stiffness_interval.1",
@@ -70,7 +71,7 @@ def _rows(entry: ComparedFit) -> Iterator[dict[str, Any]]:
 
 
 def _cell(row: dict[str, Any], path: str) -> str | float | None:
-    """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
+    """Return the cell of a row at a path."""
     first, *steps = path.split(".")
     value = row[first]
     for step in steps:
@@ -78,7 +79,9 @@ def _cell(row: dict[str, Any], path: str) -> str | float | None:
             value = value[int(step)] if step.isdigit() else getattr(value, step)
     if isinstance(value, bool):
         return "positive" if value else "unconstrained"
-    if isinstance(value, str) and value.startswith(_FORMULA):
-        return f"'{value}"
-    cell: str | float | None = value
-    return cell
+    return guarded(value)
+
+
+def guarded(value: str | float | None) -> str | float | None:
+    """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value

@@ -105,15 +105,15 @@ class EncoderArrays:
 def _refuse_crowd(count: int) -> None:
     if count > MAX_JOINTS:
         raise MeasurementError(
-            f"encoders of {count} different joints, more than {MAX_JOINTS}",
+            f"the readings name encoders of {count} different joints, more than {MAX_JOINTS}",
             where="observations",
-            remedy="name the joints as the robot does, alike in every observation",
+            remedy="use the robot's joint names, the same in every observation",
         )
 
 
 def _read_twice(joint: str, label: str, i: int, k: int) -> MeasurementError:
     return MeasurementError(
-        f"the encoder of '{joint}' is read twice in observation '{label}'",
+        f"the encoder of '{joint}' has two readings in observation '{label}'",
         where=f"observations[{i}].encoder_readings[{k}].joint",
-        remedy="give each joint once an observation",
+        remedy="give each joint at most once per observation",
     )

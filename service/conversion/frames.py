@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,9 @@ from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry import RigidTransform
+
+if TYPE_CHECKING:
+    from jointstiff.solver.geometry import RigidTransform
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
@@ -30,6 +32,8 @@ def stated_transform(frame: Frame, length: float) -> RigidTransform:
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
+    from jointstiff.solver.geometry import RigidTransform
+
     return RigidTransform.stated(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from jointstiff.schemas.geometry import result as results
 from jointstiff.schemas.robot import JointMap, RobotDocument, UrdfModel
+from jointstiff.service.conversion.assessments import to_geometry_assessment
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.solver.geometry import CalibratedAxes, CentreEstimate, DhTable, Survey, WristCentre
 from jointstiff.solver.robot import JointMap as RobotJointMap
@@ -27,6 +28,7 @@ def to_geometry_result(survey: Survey, name: str, joint_map: RobotJointMap) -> r
     return message(
         results.GeometryResult,
         survey,
+        assessment=to_geometry_assessment(survey.findings),
         poses=message(results.PoseEvidence, identified) if isinstance(identified, CalibratedAxes) else None,
         goodness=message(results.GeometryGoodness, survey, degrees_of_freedom=identified.dof),
         base_frame=message(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from jointstiff.schemas.measurement import measurement_set as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.message import message
-from jointstiff.service.conversion.noise import to_noise
+from jointstiff.service.conversion.noise import to_force_uncertainty, to_noise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.finding import Finding
+from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.robot import Robot
 
@@ -27,7 +29,7 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     """
     if readings.joints.shape[1] != robot.n:
         raise MeasurementError(
-            f"{readings.joints.shape[1]} joint angles for a robot with {robot.n} joints",
+            f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
             remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
         )
@@ -47,7 +49,8 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
     encoders = _encoder_readings(header, readings.encoders, robot)
-    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders)
+    force = to_force_uncertainty(header.noise)
+    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders, force_uncertainty=force)
 
 
 def _encoder_readings(
@@ -59,15 +62,15 @@ def _encoder_readings(
     if header.encoders == "secondary":
         first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
         raise MeasurementError(
-            "the loop closes on the secondary encoders, so they show no deflection",
+            "the position loop closes on the secondary encoders, so they show no deflection",
             where=f"observations[{first}].encoder_readings",
-            remedy="leave encoder_readings out, or measure with the loop closed on the motors' encoders",
+            remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
         )
     if header.noise is None or header.noise.encoder_sigma is None:
         raise MeasurementError(
-            "encoders were read and it is not said what their readings are worth",
+            "there are encoder readings, but their uncertainty is not given",
             where="noise" if header.noise is None else "noise.encoder_sigma",
-            remedy="state both noise.sigma and noise.encoder_sigma: they weigh angles against lengths",
+            remedy="give both `noise.sigma` and `noise.encoder_sigma`: they weigh angles against lengths",
         )
     angle, columns = ANGLE[header.units.angle], encoders.columns(robot.joint_names)
     deflection = np.zeros((len(encoders.present), robot.n))
@@ -85,9 +88,9 @@ def _moment_factor(units: sets.Units, readings: ReadingArrays) -> float:
         return FORCE[units.force]
     first = int(np.flatnonzero(readings.moment.any(axis=1))[0])
     raise MeasurementError(
-        f"observations[{first}] has a moment, whose unit is not clear when lengths are in mm",
+        f"observations[{first}] has a moment, whose unit is ambiguous when lengths are in mm",
         where="units.moment",
-        remedy=f"state units.moment, one of {', '.join(MOMENT)}",
+        remedy=f"give `units.moment`, one of {', '.join(MOMENT)}",
     )
 
 
@@ -97,9 +100,9 @@ def _load_points(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> 
         return np.where(readings.load_point_given[:, None], readings.load_point, header.load_point)
     if missing.any():
         raise MeasurementError(
-            "it is not said where the force acts",
+            "the load point is missing",
             where=f"observations[{int(np.flatnonzero(missing)[0])}].load_point",
-            remedy="give load_point, in the flange frame, for the set or for each observation",
+            remedy="give `load_point`, in the flange frame, for the set or for each observation",
         )
     return readings.load_point
 
@@ -112,9 +115,9 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
         if names[t] not in header.flange_targets:
             first = int(np.flatnonzero(readings.as_deflection[:, t])[0])
             raise MeasurementError(
-                f"target '{names[t]}' is read as a deflection and its place is not given",
+                f"target '{names[t]}' has a deflection but no position in the flange frame",
                 where=f"observations[{first}].readings",
-                remedy=f"add '{names[t]}' to flange_targets, in the flange frame",
+                remedy=f"add '{names[t]}' to `flange_targets`, in the flange frame",
             )
     in_flange = np.array([header.flange_targets.get(name, (0.0, 0.0, 0.0)) for name in names])
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)
@@ -122,9 +125,32 @@ def _positions(header: sets.MeasurementSetHeader, readings: ReadingArrays) -> Fl
 
 def to_warnings(findings: list[Finding], readings: ReadingArrays) -> list[sets.QualityWarning]:
     """Return what was noticed, with the observations' labels."""
-    return [message(sets.QualityWarning, finding, where=_where(finding, readings)) for finding in findings]
+    labels = readings.labels.tolist()
+    return [
+        message(
+            sets.QualityWarning,
+            finding,
+            where=_where(finding, readings),
+            observation=None if finding.observation is None else labels[finding.observation],
+        )
+        for finding in findings
+    ]
+
+
+def to_findings(warnings: Sequence[sets.QualityWarning], readings: ReadingArrays) -> list[Finding]:
+    """Return the findings of a set's checks, from its warnings."""
+    place = {label: i for i, label in enumerate(readings.labels.tolist())}
+    return [
+        Finding(
+            cast("FindingCode", warning.code),
+            None if warning.observation is None else place[warning.observation],
+            warning.message,
+            warning.remedy,
+            warning.severity,
+        )
+        for warning in warnings
+    ]
 
 
 def _where(finding: Finding, readings: ReadingArrays) -> str | None:
-    i = finding.observation
-    return None if i is None else f"observations[{i}] '{readings.labels[i]}'"
+    return None if finding.observation is None else readings.place(finding.observation)

@@ -10,6 +10,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings import (
     ISOTROPIC_DIFFERENCE,
     DifferenceNoise,
+    ForceUncertainty,
     Measurements,
     refuse_no_covariance,
 )
@@ -42,6 +43,13 @@ def to_noise(
     return stated.sigma, stated.covariance
 
 
+def to_force_uncertainty(noise: Noise | None) -> ForceUncertainty | None:
+    """Return the uncertainty of the load; None where none is stated."""
+    if noise is None or noise.force is None:
+        return None
+    return ForceUncertainty(noise.force.scale, noise.force.direction)
+
+
 def _of_points(points: PointNoise, present: BoolArray, length: float) -> DifferenceNoise:
     unloaded, loaded = points.covariances()
     refuse_no_covariance(unloaded, present, "unloaded_covariance")
@@ -53,7 +61,7 @@ def _refuse_second_kind(noise: Noise | None) -> None:
     if noise is not None and (noise.sigma is not None or noise.instrument is not None):
         kind = "sigma" if noise.sigma is not None else "instrument"
         raise MeasurementError(
-            f"the readings state their own noise, and so does noise.{kind}",
+            f"both the readings and noise.{kind} give the noise",
             where=f"noise.{kind}",
-            remedy="state one kind: leave it out here, or in every reading",
+            remedy="give only one: omit it here, or in every reading",
         )

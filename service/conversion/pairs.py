@@ -3,19 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from jointstiff.schemas import pair as pairs
+from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.run import JointResult
+from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.message import message
-from jointstiff.solver.inference import JointCompliance
 from jointstiff.solver.paired import JointRatio, Pair
 
 
-def to_pair_result(pair: Pair, warnings: Sequence[QualityWarning]) -> pairs.PairResult:
+@dataclass(frozen=True, eq=False)
+class AssessedSide:
+    """A side by itself.
+
+    Attributes:
+        assessment: places in it begin with the side.
+        joints: with their verdicts.
+        compensation: share of its mean deflection that its model predicts; None where nothing moved.
+        warnings: about its set and its fit; places in them begin with the side.
+    """
+
+    assessment: Assessment
+    joints: list[JointResult]
+    compensation: float | None
+    warnings: list[QualityWarning]
+
+
+def to_pair_result(
+    pair: Pair, first: AssessedSide, second: AssessedSide, about_both: Sequence[QualityWarning]
+) -> pairs.PairResult:
     """Return the numbers of a pair."""
-    sides = zip(pair.joints, pair.first.joints, pair.second.joints, strict=True)
+    sides = zip(pair.joints, first.joints, second.joints, strict=True)
     avoided, measured = pair.avoided, pair.avoided.measured
     return pairs.PairResult(
+        assessment=combined([first.assessment, second.assessment]),
+        compensation_first=first.compensation,
+        compensation_second=second.compensation,
         joints=[_joint(ratio, one, two) for ratio, one, two in sides],
         avoided=message(
             pairs.AvoidedDeflection,
@@ -27,11 +52,11 @@ def to_pair_result(pair: Pair, warnings: Sequence[QualityWarning]) -> pairs.Pair
         ordered=None
         if pair.ordered is None
         else message(pairs.OrderedResult, pair.ordered, joints=pair.ordered_joints),
-        warnings=list(warnings),
+        warnings=[*first.warnings, *second.warnings, *about_both],
     )
 
 
-def _joint(ratio: JointRatio, first: JointCompliance, second: JointCompliance) -> pairs.PairedJoint:
+def _joint(ratio: JointRatio, first: JointResult, second: JointResult) -> pairs.PairedJoint:
     interval = ratio.interval
     return message(
         pairs.PairedJoint,

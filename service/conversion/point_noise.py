@@ -19,7 +19,7 @@ _PREFIX = "noise_"
 
 @dataclass(frozen=True, eq=False)
 class PointNoise:
-    """What N observations of T targets state; zero where a reading states the other kind, or is absent.
+    """Noise stated by N observations of T targets; zero where a reading states the other kind, or is absent.
 
     Attributes:
         sigma: (N, T).
@@ -93,7 +93,7 @@ def _refuse_gaps(stated: list[bool], observations: list[int]) -> None:
         return
     i = observations[stated.index(False)]
     raise MeasurementError(
-        "some readings state their own noise, and this observation has one that does not",
+        "some readings give their own noise, but this observation has one that does not",
         where=f"observations[{i}].readings",
-        remedy="give every reading its `sigma` or its covariances, or none and state `noise` for the set",
+        remedy="give every reading its `sigma` or its covariances, or none and `noise` for the set",
     )

@@ -113,6 +113,10 @@ class ReadingArrays:
             for i in range(len(self.labels))
         ]
 
+    def place(self, i: int) -> str:
+        """Return the place of an observation in what was posted."""
+        return f"observations[{i}] '{self.labels[i]}'"
+
     def _reading(self, i: int, t: int) -> Reading:
         loaded = tuple(self.loaded[i, t].tolist())
         noise = self.noise.fields(i, t) if self.noise else {}
@@ -170,7 +174,7 @@ def content_hash(
 
 
 def _unstated(noise: Noise) -> set[str]:
-    return {name for name in ("encoder_sigma", "instrument") if getattr(noise, name) is None}
+    return {name for name in ("encoder_sigma", "instrument", "force") if getattr(noise, name) is None}
 
 
 def _flatten(
@@ -183,9 +187,9 @@ def _flatten(
             place = i, column[reading.target]
             if place in seen:
                 raise MeasurementError(
-                    f"target '{reading.target}' is read twice in observation '{observation.label}'",
+                    f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
-                    remedy="give each target once an observation, or rename it",
+                    remedy="give each target at most once per observation, or rename it",
                 )
             seen.add(place)
             rows.append(place[0])
@@ -206,9 +210,9 @@ def _refuse_crowd(names: Collection[str]) -> None:
     """Refuse a name of its own for every reading: arrays are dense, and would take its square in memory."""
     if len(names) > MAX_TARGETS:
         raise MeasurementError(
-            f"{len(names)} different targets, more than {MAX_TARGETS}",
+            f"the set has {len(names)} different targets, more than {MAX_TARGETS}",
             where="observations",
-            remedy="give the same target the same name in every observation",
+            remedy="use the same name for the same target in every observation",
         )
 
 
@@ -217,7 +221,7 @@ def _refuse_ragged(observations: list[Observation]) -> None:
     for i, observation in enumerate(observations):
         if len(observation.joints) != length:
             raise MeasurementError(
-                f"{len(observation.joints)} joint angles where the first observation has {length}",
+                f"the observation has {len(observation.joints)} joint angles, the first one {length}",
                 where=f"observations[{i}].joints",
                 remedy="give one angle for each joint of the robot in every observation",
             )
@@ -228,7 +232,7 @@ def _refuse_duplicate_labels(observations: list[Observation]) -> None:
     for i, observation in enumerate(observations):
         if first.setdefault(observation.label, i) != i:
             raise MeasurementError(
-                f"label '{observation.label}' is also that of observations[{first[observation.label]}]",
+                f"label '{observation.label}' is already used by observations[{first[observation.label]}]",
                 where=f"observations[{i}].label",
-                remedy="give every observation a label of its own",
+                remedy="give every observation a unique label",
             )

@@ -11,10 +11,11 @@ from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.schemas.run import identifiability as identifiabilities
 from jointstiff.schemas.run import run as runs
+from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference import Advice, Contributions, Estimate, Prediction
+from jointstiff.solver.inference import Advice, Assessment, Contributions, Estimate, Prediction
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 
@@ -25,6 +26,7 @@ MAX_SUSPICIOUS: Final = 100
 def to_result(
     estimate: Estimate,
     prediction: Prediction,
+    assessment: Assessment,
     measurements: Measurements,
     readings: ReadingArrays,
     warnings: list[QualityWarning],
@@ -35,6 +37,8 @@ def to_result(
     return message(
         runs.RunResult,
         estimate,
+        assessment=to_assessment(assessment, readings),
+        joints=to_joints(estimate.joints, assessment.joints),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         goodness=message(runs.Goodness, estimate, test=estimate.sigma_test),
@@ -42,6 +46,7 @@ def to_result(
         robust=to_robust_loss(estimate, readings),
         contributions=to_contributions(prediction.contributions, names),
         resampling=None,
+        model=None,
         links=None,
         selection=None,
         residuals=_residuals(prediction, measurements, readings),

@@ -63,7 +63,7 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
     for number, angles in enumerate(joints):
         if len(angles) != robot.n:
             raise RequestError(
-                f"{len(angles)} joint angles for a robot with {robot.n} joints",
+                f"there are {len(angles)} joint angles, but the robot has {robot.n} joints",
                 where=f"joints[{number}]",
                 remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
             )

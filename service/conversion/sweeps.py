@@ -17,7 +17,7 @@ from jointstiff.solver.robot import JointMap, Robot
 
 
 class _Readings:
-    """What holds for all readings of a request: targets, units, noise.
+    """Data common to all readings of a request: targets, units, noise.
 
     Attributes:
         names: of the T targets, in order of first appearance.
@@ -32,9 +32,9 @@ class _Readings:
         self.names = tuple(dict.fromkeys(name for position in positions for name in position.targets))
         if len(self.names) > MAX_GEOMETRY_TARGETS:
             raise MeasurementError(
-                f"{len(self.names)} different targets, more than {MAX_GEOMETRY_TARGETS}",
+                f"there are {len(self.names)} different targets, more than {MAX_GEOMETRY_TARGETS}",
                 where="sweeps" if request.sweeps else "poses",
-                remedy="give the same target the same name everywhere",
+                remedy="use the same name for the same target everywhere",
             )
         self.n = robot.n if robot is not None else len(positions[0].joints)
         self._length, self._angle = LENGTH[request.units.length], ANGLE[request.units.angle]
@@ -53,9 +53,9 @@ class _Readings:
         for index, position in enumerate(positions):
             if len(position.joints) != self.n:
                 raise MeasurementError(
-                    f"{len(position.joints)} joint angles for {self.n} joints",
+                    f"there are {len(position.joints)} joint angles, but {self.n} joints",
                     where=f"{where}[{index}].joints" if where else "observations",
-                    remedy="give the angles of all joints of the controller in every position",
+                    remedy="give the angles of all controller joints in every position",
                 )
         angles = self._angle * np.array([position.joints for position in positions], dtype=np.float64)
         present = np.array([[name in p.targets for name in self.names] for p in positions])
@@ -128,9 +128,9 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
     for index, name in enumerate(chosen or ()):
         if name not in targets:
             raise MeasurementError(
-                f"target '{name}' was not read",
+                f"target '{name}' has no reading",
                 where=f"flange.targets[{index}]",
-                remedy=f"name three of {', '.join(targets)}",
+                remedy=f"choose three of {', '.join(targets)}",
             )
     height = 0.0 if request.base is None else LENGTH[request.units.length] * request.base.height
     indices = (0, 1, 2) if chosen is None else tuple(targets.index(name) for name in chosen)
@@ -162,9 +162,9 @@ def to_base_targets(
     common = [name for name in stated.before if name in later]
     if len(common) < 3:
         raise MeasurementError(
-            f"{len(common)} base targets were read both times, and three are needed",
+            f"only {len(common)} base targets were read both times; three are needed",
             where="base_targets",
-            remedy="give the same three or more targets the same names both times",
+            remedy="read at least three targets both times, with the same names",
         )
     length = LENGTH[request.units.length]
     first = length * np.array([stated.before[name] for name in common])
@@ -181,7 +181,7 @@ def _joint(name: str, index: int, n: int, robot: Robot | None) -> int:
         raise MeasurementError(
             f"there is no joint '{name}'",
             where=f"sweeps[{index}].joint",
-            remedy=f"name one of {', '.join(names)}",
+            remedy=f"use one of {', '.join(names)}",
         )
     return names.index(name)
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from jointstiff.schemas.geometry import TrackerSheet
-from jointstiff.schemas.measurement import Instrument as StatedInstrument
 from jointstiff.solver.readings import Instrument
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.geometry import TrackerSheet
+    from jointstiff.schemas.measurement import Instrument as StatedInstrument
 
 KGF: Final = 9.80665
 """Standard gravity: newtons in a kilogram-force, exactly."""

@@ -1,6 +1,7 @@
 """Readings from files of tracker software: bytes in, observations or a refusal out (docs/import.md).
 
 reading        files to readings: the way through
+├── file_types files that are no tables
 ├── preview    what was understood, in words
 ├── assembly   records of all files put together by label
 ├── records    rows to records
@@ -14,6 +15,7 @@ reading        files to readings: the way through
 """
 
 from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.file_types import file_type
 from jointstiff.service.importing.limits import MAX_FILE_BYTES
 from jointstiff.service.importing.preview import missing_from
 from jointstiff.service.importing.reading import Imported, SourceFile, read_files
@@ -24,6 +26,7 @@ __all__ = [
     "Imported",
     "Place",
     "SourceFile",
+    "file_type",
     "missing_from",
     "read_files",
 ]

@@ -95,7 +95,7 @@ class Archive:
         if part is None:
             raise self.refusal(f"not an Excel workbook: there is no part {shown(name)}")
         if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self.refusal(f"part {shown(name)} is compressed in an unusual way")
+            raise self.refusal(f"part {shown(name)} uses an unsupported compression")
         try:
             with self._zip.open(part) as stream:  # which ends at the size that the archive states
                 yield from self._parsed(_Guard(self, name, stream), name, wanted)
@@ -129,7 +129,7 @@ class Archive:
                     raise self.refusal(f"more than {limits} in part {shown(name)}")
                 if element.tag in tags:
                     if outermost:
-                        raise self.refusal(f"an element {shown(element.tag)} within another")
+                        raise self.refusal(f"the workbook is damaged: element {shown(element.tag)} is nested")
                     outermost, children = len(path), 0
                 continue
             if len(path) == outermost:

@@ -17,7 +17,7 @@ _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 @dataclass(slots=True)
 class Gathered:
-    """What was said of one observation.
+    """Values collected for one observation.
 
     Attributes:
         label: its label.
@@ -74,7 +74,9 @@ def assemble(records: Iterable[Record], *, allow_missing: bool) -> Assembly:
         _add(gathered.setdefault(record.label, Gathered(record.label, record.place)), record)
         if len(gathered) > MAX_OBSERVATIONS:
             raise ImportFileError(
-                record.place, f"more than {MAX_OBSERVATIONS} observations", "split the campaign"
+                record.place,
+                f"there are more than {MAX_OBSERVATIONS} observations",
+                "split the campaign into several sets",
             )
     observations = list(gathered.values())
     targets = _targets(observations)
@@ -89,7 +91,7 @@ def assemble(records: Iterable[Record], *, allow_missing: bool) -> Assembly:
 
 
 def _twice(what: str, place: Place, before: Place) -> ImportFileError:
-    return ImportFileError(place, f"{what} is there twice, first at {before}", "rename or remove one of them")
+    return ImportFileError(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
 
 
 def _add(gathered: Gathered, record: Record) -> None:
@@ -99,7 +101,7 @@ def _add(gathered: Gathered, record: Record) -> None:
             raise ImportFileError(
                 record.place,
                 f"the {kind} of {shown(record.label)} differs from that at {place}",
-                "give each observation a label of its own, or correct one of them",
+                "give each observation a unique label, or correct one of them",
             )
     for point in record.points:
         states = gathered.points.setdefault(point.target, {})
@@ -117,8 +119,8 @@ def _targets(observations: Iterable[Gathered]) -> tuple[str, ...]:
             if len(targets) > MAX_TARGETS:
                 raise ImportFileError(
                     next(iter(states.values())).place,
-                    f"more than {MAX_TARGETS} targets: {shown(', '.join(targets))}",
-                    "check which part of a name is the target; give `point_name` or `file_name`",
+                    f"there are more than {MAX_TARGETS} targets: {shown(', '.join(targets))}",
+                    "check which part of a name is the target; use `point_name` or `file_name`",
                 )
     return tuple(targets)
 
@@ -132,14 +134,16 @@ def _check_values(observations: list[Gathered]) -> None:
             if kind not in one.values:
                 raise ImportFileError(
                     one.place,
-                    f"there is no {kind} for {shown(one.label)}, but for other labels",
+                    f"{shown(one.label)} has no {kind}, but other labels have",
                     "check that labels are spelt the same in all files",
                 )
             vector, place = one.values[kind]
             count = count or len(vector)
             if len(vector) != count:
                 raise ImportFileError(
-                    place, f"{len(vector)} joint angles, others have {count}", "check the columns of joints"
+                    place,
+                    f"there are {len(vector)} joint angles here, but {count} in other observations",
+                    "check the columns of joints",
                 )
 
 
@@ -162,13 +166,13 @@ def _complete(
         if points:
             kept.append(Gathered(one.label, one.place, one.values, points))
         else:
-            notes.append(f"{one.label}: no reading is complete; the observation was left out")
+            notes.append(f"{one.label}: no reading is complete; the observation was skipped")
     if lacks and not allow_missing:
         _, place, reason = min(lacks, key=lambda entry: entry[0])  # half a reading tells more than none
         raise ImportFileError(
-            place, reason, "add the reading, check the spelling of names, or allow missing readings"
+            place, reason, "add the reading, check the spelling of names, or use `allow_missing`"
         )
-    notes = [*(f"{reason}; left out" for _, _, reason in lacks), *notes]
+    notes = [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
     if not kept:
         raise ImportFileError(observations[0].place, "no observation has a reading", "check the names")
     return kept, notes
@@ -181,18 +185,18 @@ def _lack(one: Gathered, target: str, states: dict[State, Point]) -> str | None:
         ImportFileError: positions and a deflection of the same target.
     """
     if not states:
-        return f"target {target} was not read"
+        return f"target {target} has no reading"
     present = {state for state, point in states.items() if point.vector is not None}
     if "deflection" in states and len(states) > 1:
         if len(present) > 1 and "deflection" in present:
             raise ImportFileError(
                 states["deflection"].place,
-                f"{shown(one.label)}: positions and a deflection of target {target}",
-                "leave one of them out, by `ignore` for instance",
+                f"{shown(one.label)}: target {target} has both positions and a deflection",
+                "omit one of them, for instance with `ignore`",
             )
         states = {state: point for state, point in states.items() if state in present}
     if present in ({"deflection"}, {"unloaded", "loaded"}):
         return None
     if not present:
         return f"the cells of target {target} are empty"
-    return f"target {target} was read {' and '.join(sorted(present))} only"
+    return f"target {target} was read only {' and '.join(sorted(present))}"

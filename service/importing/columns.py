@@ -15,7 +15,7 @@ from jointstiff.service.importing.units import Dimension
 
 @dataclass(frozen=True)
 class Quantity:
-    """What several columns give together: a vector, or all joint angles.
+    """Quantity given by several columns: a vector, or all joint angles.
 
     Attributes:
         kind: of the quantity.
@@ -76,7 +76,7 @@ def understand(
         meaning = Meaning("ignored") if column - 1 in unused else _meaning(header, options, at)
         if meaning.kind != "ignored" and _bare(meaning) in map(_bare, meanings):
             raise ImportFileError(
-                at, f"{shown(header)}: a second column for {meaning}", "correct or ignore one of them"
+                at, f"{shown(header)} is a second column for {meaning}", "correct or ignore one of them"
             )
         meanings.append(meaning)
     resolved = _with_units(meanings, options.units, place)
@@ -119,8 +119,8 @@ def _with_units(meanings: Sequence[Meaning], given: Units | None, place: Place) 
         if unit is not None and seen.setdefault(dimension, unit) != unit:
             raise ImportFileError(
                 at,
-                f"{meaning} in {unit}, while other columns are in {seen[dimension]}",
-                f"give all numbers of {dimension} in one unit",
+                f"{meaning} is in {unit}, but other columns are in {seen[dimension]}",
+                f"use one unit for every {dimension}",
             )
         resolved.append(Meaning(meaning.kind, meaning.axis, meaning.target, meaning.state, unit))
     return resolved
@@ -140,8 +140,8 @@ def _unit(meaning: Meaning, given: Units | None, dimension: Dimension, place: Pl
     if known is None and not (dimension == "moment" and given is not None and given.length == "m"):
         raise ImportFileError(
             place,
-            f"{meaning} has no unit, and units are never guessed",
-            f"write it into the header, such as `{meaning} [{'mm' if dimension == 'length' else '…'}]`, "
+            f"{meaning} has no unit",
+            f"write it in the header, such as `{meaning} [{'mm' if dimension == 'length' else '…'}]`, "
             "or give `units`",
         )
     return known
@@ -160,7 +160,7 @@ def _quantities(meanings: Sequence[Meaning], place: Place) -> dict[Quantity, tup
             first = Meaning(quantity.kind, absent[0] if absent else 0, quantity.target, quantity.state)
             raise ImportFileError(
                 Place(place.file, place.line, min(axes.values()) + 1),
-                f"there is no column {first}" if absent else f"more than {MAX_JOINTS} joints",
+                f"column {first} is missing" if absent else f"there are more than {MAX_JOINTS} joints",
                 "add it, or correct the header of the column that holds it",
             )
     return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in found.items()}
@@ -174,17 +174,25 @@ def _check_keys(
             place, "no column names the observations or points", "add a column `label` or `name`"
         )
     if not quantities:
-        raise ImportFileError(place, "no column holds numbers that are understood", "check the header")
+        raise ImportFileError(place, "no column with numbers is recognised", "check the header")
     positions = [quantity for quantity in quantities if quantity.kind == "position"]
     if len({quantity.target is None for quantity in positions}) > 1:
-        raise ImportFileError(place, "some positions name their target, others do not", "name all targets")
+        raise ImportFileError(
+            place,
+            "some columns of positions name their target, others do not",
+            "name the target in all of them",
+        )
     if len({quantity.state is None for quantity in positions}) > 1:
-        raise ImportFileError(place, "some positions name their state, others do not", "name all states")
+        raise ImportFileError(
+            place,
+            "some columns of positions name their state, others do not",
+            "name the state in all of them",
+        )
     kinds: tuple[Kind, Kind] = ("target", "state")
     for kind in kinds:
         if kind in texts and any(getattr(quantity, kind) is not None for quantity in positions):
             raise ImportFileError(
                 Place(place.file, place.line, texts[kind] + 1),
-                f"a column `{kind}`, while headers of positions name it too",
+                f"there is a column `{kind}`, but the headers of positions name it, too",
                 "keep one of them",
             )

@@ -33,7 +33,9 @@ def decode(file: str, content: bytes) -> tuple[str, str]:
     if control := _CONTROL.search(text):
         line = 1 + text.count("\n", 0, control.start())
         raise ImportFileError(
-            Place(file, line), f"a control character, {control.group()!a}, which no text has", _REMEDY
+            Place(file, line),
+            f"the file contains the control character {control.group()!a}, so it is not plain text",
+            _REMEDY,
         )
     return text, encoding
 
@@ -51,7 +53,9 @@ def _decoded(file: str, content: bytes) -> tuple[str, str]:
         if _UTF8_SEQUENCE.search(content):
             line = 1 + content.count(b"\n", 0, error.start)
             raise ImportFileError(
-                Place(file, line), f"not UTF-8 from byte {error.start + 1}, though most of it is", _REMEDY
+                Place(file, line),
+                f"the text is damaged: not UTF-8 from byte {error.start + 1} on, though most of it is",
+                _REMEDY,
             ) from None
         return content.decode("latin-1"), "latin-1"
 
@@ -60,5 +64,5 @@ def _strict(file: str, content: bytes, encoding: str) -> str:
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
-        reason = f"not valid {encoding.upper()} from byte {error.start + 1} after its mark"
+        reason = f"not valid {encoding.upper()} from byte {error.start + 1} on, though it begins like it"
         raise ImportFileError(Place(file), reason, _REMEDY) from None

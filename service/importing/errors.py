@@ -69,7 +69,7 @@ class ImportFileError(Exception):
 
 
 class Fault(Exception):  # noqa: N818 - it becomes an ImportFileError where the place is known
-    """What is wrong with one text, wherever it stands.
+    """Fault in one text, wherever it occurs.
 
     Attributes:
         reason: what is wrong, in a sentence.

@@ -54,7 +54,7 @@ class Grid:
     assumptions: tuple[str, ...] = ()
 
     def place(self, row: Row, column: int | None = None) -> Place:
-        """Where a row, or its cell of this index, stands."""
+        """Return the place of a row, or of its cell with this index."""
         return Place(self.file, row.line, None if column is None else column + 1)
 
 
@@ -65,23 +65,23 @@ def check_size(file: str, rows: list[Row]) -> None:
         ImportFileError: it is.
     """
     if not rows:
-        raise ImportFileError(Place(file), "there is no row of data", "check that it is the right file")
+        raise ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
     if len(rows) > MAX_ROWS:
         at = Place(file, rows[MAX_ROWS].line)
-        raise ImportFileError(at, f"more than {MAX_ROWS} rows", "split the file")
+        raise ImportFileError(at, f"the file has more than {MAX_ROWS} rows", "split the file")
     cells = 0
     for row in rows:
         cells += len(row.cells)
         if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
             raise ImportFileError(
                 Place(file, row.line),
-                f"more than {MAX_COLUMNS} columns or {MAX_CELLS} cells",
-                "leave out columns that are not needed, or split the file",
+                f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells",
+                "remove columns that are not needed, or split the file",
             )
         for column, cell in enumerate(row.cells, start=1):
             if len(cell) > MAX_CELL_LENGTH:
                 raise ImportFileError(
                     Place(file, row.line, column),
-                    f"a cell of more than {MAX_CELL_LENGTH} characters, {shown(cell)}",
+                    f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}",
                     "check for a missing quotation mark or delimiter",
                 )

@@ -60,7 +60,7 @@ _VECTOR_KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column holds.
+    """Meaning of a column.
 
     Attributes:
         kind: of its cells.
@@ -117,7 +117,7 @@ def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
         return Meaning(key)
     if key is not None:
         if unit is not None:
-            raise Fault(f"{shown(header)}: a column of texts has no unit", "check the header")
+            raise Fault(f"{shown(header)} has a unit, but is a column of texts", "check the header")
         return Meaning(key)
     found = _quantity(header, base, state_words)
     return Meaning(found.kind, found.axis, found.target, found.state, _checked_unit(header, unit, found.kind))
@@ -142,7 +142,7 @@ def _checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
     found = unit_named(text)
     if found is None or found[0] != dimension:
         raise Fault(
-            f"{shown(header)}: {shown(text)} is no unit of {dimension} known here",
+            f"{shown(header)}: {shown(text)} is not a known unit of {dimension}",
             f"convert to one of {', '.join(UNITS[dimension])}",
         )
     return found[1]
@@ -151,7 +151,7 @@ def _checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
 def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
     if joint := _JOINT.fullmatch(base):
         if joint[1] == "0" * len(joint[1]):
-            raise Fault(f"{shown(header)}: joints are counted from 1", "number them 1, 2, …")
+            raise Fault(f"{shown(header)}: joints are numbered from 1", "number them 1, 2, …")
         return Meaning("joint", int(joint[1]) - 1)
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_KINDS.get(vector[1].casefold(), "load point")
@@ -176,8 +176,8 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
     unclear = len(axes) != 1 or len(set(states)) > 1 or len(words) != len(rest)
     if unclear or any(word.casefold() in _NOT_TARGETS or _BRACKET.search(word) for word in words):
         raise Fault(
-            f"the header {shown(header)} is not understood",
-            "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x [mm]`, "
-            "`P10 dx [mm]`, `x [mm]`, or name the column in `ignore`",
+            f"unknown column header {shown(header)}",
+            "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
+            "[mm]`, `P10 dx [mm]`, `x [mm]`, or skip the column with `ignore`",
         )
     return Meaning("position", axes[0], target, states[0] if states else None)  # type: ignore[arg-type]

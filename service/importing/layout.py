@@ -1,4 +1,4 @@
-"""Where the header of a table is, and where its data begin."""
+"""Position of a table's header and of its first row of data."""
 
 from __future__ import annotations
 
@@ -53,10 +53,12 @@ def lay_out(grid: Grid, options: ImportOptions) -> Layout:
         return _with(grid, options, tuple(options.header), Place(grid.file), grid.rows)
     if not any(looks_like_a_number(cell) for cell in first.cells):
         if len(grid.rows) == 1:
-            raise ImportFileError(grid.place(first), "a header, and no row of data", "check the file")
+            raise ImportFileError(
+                grid.place(first), "the file has a header but no row of data", "check the file"
+            )
         return _with(grid, options, first.cells, grid.place(first), grid.rows[1:])
     if comment := _header_in_comments(grid, options):
-        note = f"the comment in line {comment.line} is the header"
+        note = f"the comment in line {comment.line} was used as the header"
         return _with(grid, options, comment.cells, grid.place(comment), grid.rows, note)
     return _headerless(grid, options)
 
@@ -84,8 +86,8 @@ def _fitted(grid: Grid, row: Row, width: int) -> Row:
     if any(row.cells[width:]) or (count != width and row.kinds is None):
         raise ImportFileError(
             grid.place(row, min(width, count - 1)),
-            f"{count} cells, but the header has {width}",
-            "give every column a header, and every row the same cells",
+            f"the row has {count} cells, but the header {width}",
+            "give every column a header, and every row the same number of cells",
         )
     if row.kinds is None or count == width:
         return row
@@ -114,7 +116,7 @@ def _headerless(grid: Grid, options: ImportOptions) -> Layout:
     if headers is None:
         raise ImportFileError(
             grid.place(grid.rows[0]),
-            f"{width} cells without a header that tells what they are",
+            f"the rows have {width} cells, and there is no header",
             "add a header such as `name x y z`, or give `header`",
         )
     for row in grid.rows:
@@ -123,9 +125,9 @@ def _headerless(grid: Grid, options: ImportOptions) -> Layout:
             if is_key(cell) or number:
                 raise ImportFileError(
                     grid.place(row, column),
-                    f"{shown(cell)} where the name of a point must be, as there is no header",
+                    f"{shown(cell)} is where a point's name must be, because there is no header",
                     f"give rows of {' '.join(headers)}, add a header, or give `header`",
                 )
-    note = f"there is no header: the columns are {', '.join(headers)}"
+    note = f"no header found; assumed columns: {', '.join(headers)}"
     laid = _with(grid, options, headers, Place(grid.file), grid.rows, note)
     return Layout(("",) * width, laid.columns, laid.rows, laid.assumptions)

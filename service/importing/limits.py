@@ -1,4 +1,4 @@
-"""How large files may be: hostile until parsed."""
+"""Limits of files, which are hostile until parsed."""
 
 from __future__ import annotations
 

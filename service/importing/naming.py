@@ -22,7 +22,7 @@ _FIELDS: Final = ("label", "target", "state", "any")
 
 @dataclass(frozen=True)
 class Naming:
-    """What a name says; None where it says nothing."""
+    """Parts of a name; None where the name has no such part."""
 
     label: str | None = None
     target: str | None = None
@@ -44,8 +44,8 @@ class Template:
         faulty = not set(fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
         if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
             raise Fault(
-                f"the template {shown(text)} cannot be used",
-                "name each of {label}, {target}, {state} at most once, {any} for the rest, with a text such "
+                f"the template {shown(text)} is invalid",
+                "use each of {label}, {target}, {state} at most once, {any} for the rest, with a text such "
                 "as _ between them",
             )
         excluded = "".join({literal[0] for literal in literals if literal})
@@ -66,8 +66,8 @@ class Template:
         if match is None or (state is None and "state" in parts):
             raise Fault(
                 f"the name {shown(name)} does not fit the template {shown(self.text)}",
-                "give another template or rename the point; the words for states are `unloaded`, `loaded`, "
-                "`deflection`, and others by `state_words`",
+                "change the template or rename the point; states are `unloaded`, `loaded`, `deflection`, "
+                "and the words in `state_words`",
             )
         return Naming(parts.get("label"), parts.get("target"), state)
 
@@ -80,7 +80,7 @@ def check_name(text: str) -> None:
     """
     if not text.isprintable() or text != text.strip() or not 0 < len(text) <= MAX_NAME_LENGTH:
         raise Fault(
-            f"{shown(text)} is no name",
+            f"{shown(text)} is not a valid name",
             f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends",
         )
 
@@ -100,7 +100,7 @@ def default_point(name: str, needed: frozenset[str], words: Mapping[str, State])
     if len(parts) == 2 and "target" in wants and (state is None or "state" in wants):
         return Naming(parts[0], parts[1], state)
     raise Fault(
-        f"it is not clear which observation, target and state {shown(name)} stands for",
+        f"the name {shown(name)} does not show which observation, target and state it is",
         "give a template `point_name`, such as {label}_{target}_{state}",
     )
 
@@ -116,7 +116,7 @@ def default_file(stem: str, needed: frozenset[str], words: Mapping[str, State]) 
     said = {kind for kind, value in (("target", target), ("state", state)) if value is not None}
     if len(parts) > 1 or not needed <= said:
         raise Fault(
-            f"neither the table nor the names of its points, nor the file's name, say the {_listed(needed)}",
+            f"the {_listed(needed)} is given neither by the table nor by the names of points or the file",
             "name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or give templates "
             "`point_name` or `file_name`",
         )

@@ -14,8 +14,8 @@ from jointstiff.service.importing.limits import MAX_NUMBER_LENGTH
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:[.,][0-9]{3})+")
 _POINT_ASSUMED: Final = (
-    "the point is the decimal mark, though every number with one has three digits after it: "
-    "check that it separates no thousands"
+    "the point was used as the decimal mark, although every number with one has three digits "
+    "after it: check that it is not a thousands separator"
 )
 
 
@@ -55,18 +55,18 @@ def decide_mark(
         later = max(first.values(), key=lambda cell: cell[1:])
         raise ImportFileError(
             Place(file, later.line, later.column),
-            f"{shown(later.text)}: numbers of this file have a decimal point, others a comma",
-            "write all numbers with one decimal mark and without separators of thousands",
+            f"{shown(later.text)}: the file has decimal points and decimal commas",
+            "use one decimal mark and no thousands separators",
         )
     if "," in first and "," not in decided:
         raise ImportFileError(
             Place(file, *first[","][1:]),
-            f"{shown(first[','].text)} may have a decimal comma or a separator of thousands, "
-            "and no other number of the file decides it",
+            f"the comma in {shown(first[','].text)} may be a decimal comma or a thousands separator, "
+            "and no other number decides it",
             "give `decimal_mark`, or write a point",
         )
     if "," in first:
-        return "comma", "the comma is the decimal mark"
+        return "comma", "the comma was used as the decimal mark"
     return "point", _POINT_ASSUMED if "." in first and "." not in decided else None
 
 
@@ -90,15 +90,15 @@ def read_number(text: str, mark: DecimalMark) -> float:
         Fault: it is none, or not finite, or beyond what any quantity of this field can be.
     """
     if not text:
-        raise Fault("an empty cell where a number must be", "fill it in")
+        raise Fault("the cell is empty, but needs a number", "fill it in")
     other = "," if mark == "point" else "."
     plain = text if mark == "point" else text.replace(",", ".")
     if other in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(plain):
         raise Fault(
             f"{shown(text)} is not a number with a decimal {mark}",
-            "write digits with at most one decimal mark, no unit, no separator of thousands, no NaN",
+            "use digits with at most one decimal mark, no unit, no thousands separator, no NaN",
         )
     value = float(plain)
     if not abs(value) <= MAX_MAGNITUDE:
-        raise Fault(f"{shown(text)} is beyond ±{MAX_MAGNITUDE:g}", "check the number and its unit")
+        raise Fault(f"{shown(text)} is outside ±{MAX_MAGNITUDE:g}", "check the number and its unit")
     return value

@@ -1,4 +1,4 @@
-"""What was understood, in words, before anything is stored."""
+"""Preview of an import in words, before anything is stored."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def missing_from(
     if not states:
         missing.append("readings: columns such as `P10 unloaded x [mm]`, or lists of points")
     elif assembly.one_state:
-        missing.append(f"positions {'under load' if states == {'unloaded'} else 'without load'}")
+        missing.append(f"the positions {'under load' if states == {'unloaded'} else 'without load'}")
     if "deflection" in states and not set(assembly.targets) <= set(flange_targets):
-        missing.append("places of the targets in the flange frame (`flange_targets`), for deflections")
+        missing.append("the targets' positions in the flange frame (`flange_targets`), for deflections")
     if "load point" not in values and not load_point:
         missing.append("the load point (`load_point`), in the flange frame")
     return missing

@@ -11,6 +11,7 @@ from jointstiff.schemas.importing import FilePreview, ImportOptions, ImportPrevi
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
 from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.file_types import file_type
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.layout import lay_out
@@ -21,7 +22,6 @@ from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.units import Dimension
 from jointstiff.service.importing.workbook import XLSX_MAGIC, read_workbook
 
-_OLD_EXCEL: Final = b"\xd0\xcf\x11\xe0"
 _NO_OPTIONS: Final = ImportOptions()
 
 
@@ -40,7 +40,7 @@ class SourceFile:
 
 @dataclass(frozen=True)
 class Imported:
-    """What the files say, in their units.
+    """Content of the files, in their units.
 
     Attributes:
         preview: what was understood, for people.
@@ -82,7 +82,9 @@ class Imported:
         """
         if not self.complete:
             raise ImportFileError(
-                Place(), "the files are no measurement set yet", f"add {'; '.join(self.preview.missing)}"
+                Place(),
+                "the files do not make a complete measurement set",
+                f"add {'; '.join(self.preview.missing)}",
             )
         return MeasurementSetDocument(
             name=name,
@@ -125,8 +127,8 @@ def _records(
         if units.setdefault(dimension, unit) != unit:
             raise ImportFileError(
                 Place(file.name),
-                f"{dimension} in {unit}, in other files in {units[dimension]}",
-                f"give all numbers of {dimension} in one unit",
+                f"the unit of {dimension} is {unit}, but {units[dimension]} in other files",
+                f"use one unit for every {dimension}",
             )
     notes = (*grid.assumptions, *layout.assumptions, *((assumed,) if assumed else ()))
     previews.append(preview_file(grid, layout, mark, notes))
@@ -140,12 +142,12 @@ def _check_sizes(files: Sequence[SourceFile]) -> None:
     total = 0
     for file in files:
         if file.name in names:
-            raise ImportFileError(Place(file.name), "two files of this name", "send each file once")
+            raise ImportFileError(Place(file.name), "two files have this name", "send each file once")
         names.add(file.name)
         total += len(file.content)
         if total > MAX_FILE_BYTES:
             limit = f"the files exceed {MAX_FILE_BYTES // 1024**2} MiB together"
-            raise ImportFileError(Place(file.name), limit, "send less at once")
+            raise ImportFileError(Place(file.name), limit, "import fewer files at once")
         if not file.content.strip():
             raise ImportFileError(Place(file.name), "the file is empty", "check the export")
 
@@ -153,9 +155,10 @@ def _check_sizes(files: Sequence[SourceFile]) -> None:
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     if file.content.startswith(XLSX_MAGIC):
         return read_workbook(file.name, file.content, options.sheet)
-    if file.content.startswith(_OLD_EXCEL):
+    kind = file_type(file.content)
+    if kind is not None:
         raise ImportFileError(
-            Place(file.name), "an old Excel file (.xls), or an encrypted one", "save it as .xlsx or CSV"
+            Place(file.name), f"the file is {kind}, not a table", "export the readings as CSV, text or .xlsx"
         )
     return read_text(file.name, file.content, options.delimiter)
 

@@ -36,7 +36,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What one row says.
+    """Content of one row.
 
     Attributes:
         label: of the observation.
@@ -91,13 +91,15 @@ def read_records(grid: Grid, layout: Layout, mark: DecimalMark, options: ImportO
             if quantity.kind == "position":
                 target, state = quantity.target or naming.target, quantity.state or naming.state
                 if target is None or state is None:  # excluded by _Names
-                    raise ImportFileError(place, "a position of no target or state", "give `point_name`")
+                    raise ImportFileError(
+                        place, "the position has no target or no state", "give `point_name`"
+                    )
                 if target not in targets:
                     _check_target(target, place)
                     targets.add(target)
                 points.append(Point(target, state, vector, place))
             elif vector is None:
-                raise ImportFileError(place, f"no {quantity.kind} in this row", "fill in the cells")
+                raise ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells")
             else:
                 values[quantity.kind] = vector
         yield Record(naming.label or "", grid.place(row), values, tuple(points), whole)
@@ -113,8 +115,9 @@ def _vector(grid: Grid, row: Row, indices: tuple[int, ...], mark: DecimalMark) -
         if kind != "number":
             raise ImportFileError(
                 grid.place(row, index),
-                f"{kind} where a number must be, {shown(row.cells[index])}",
-                "enter a number, and format the cell as one; paste the value of a formula that has none",
+                f"a number is needed, but the cell has type {kind}: {shown(row.cells[index])}",
+                "enter a number, and format the cell as a number; replace a formula without a stored value "
+                "by its value",
             )
         try:
             numbers.append(read_number(row.cells[index], mark))
@@ -187,7 +190,7 @@ class _Names:
         parts = [self._text(row, kind) for kind in self._kinds]
         if len(parts) > 1 and any("::" in part for part in parts):
             place = self._grid.place(row, self._texts["name"])
-            raise ImportFileError(place, f"{shown('::'.join(parts))}: a name with ::", "rename it")
+            raise ImportFileError(place, f"the name {shown('::'.join(parts))} contains ::", "rename it")
         return "::".join(parts)
 
     def _in_columns(self, row: Row) -> Naming:
@@ -199,8 +202,8 @@ class _Names:
         if state is None:
             raise ImportFileError(
                 self._grid.place(row, self._texts["state"]),
-                f"{shown(word)} is no word for a state",
-                "write `unloaded`, `loaded` or `deflection`, or give `state_words`",
+                f"{shown(word)} is not a known state",
+                "use `unloaded`, `loaded` or `deflection`, or give `state_words`",
             )
         return Naming(None, target, state)
 
@@ -210,7 +213,7 @@ class _Names:
         if row.kinds is not None and row.kinds[index] not in ("text", "number"):
             raise ImportFileError(place(row, index), f"{row.kinds[index]} as {kind}", "enter it as text")
         if not row.cells[index]:
-            raise ImportFileError(place(row, index), f"an empty {kind}", "fill it in, in every row")
+            raise ImportFileError(place(row, index), f"the {kind} is empty", "fill it in, in every row")
         return row.cells[index]
 
 

@@ -102,9 +102,9 @@ class Sheet:
         """Return what should be known of the rows that were read, in words."""
         notes = []
         if self._hidden:
-            notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read too")
+            notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read as well")
         if self._formulas:
-            notes.append(f"the values stored for formulas were used ({self._formulas} cells)")
+            notes.append(f"the stored values of formulas were used ({self._formulas} cells)")
         return notes
 
     def rows(self) -> Iterator[Row]:
@@ -121,7 +121,7 @@ class Sheet:
             if row is not None:
                 filled += 1
                 if filled > MAX_ROWS:
-                    raise self._refusal(f"more than {MAX_ROWS} rows")
+                    raise self._refusal(f"the sheet has more than {MAX_ROWS} rows")
                 yield row
 
     def _row(self, element: Element) -> Row | None:
@@ -151,7 +151,7 @@ class Sheet:
         self._count += column - self._column
         self._column = column
         if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
-            raise self._refusal(f"more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
+            raise self._refusal(f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
 
     def _cell(self, cell: Element) -> tuple[str, CellKind]:
         """Return the text and the kind of a cell; a formula is one if no value is stored beside it."""
@@ -180,7 +180,7 @@ class Sheet:
                     raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
                 value = self._texts[int(value)]
         if len(value) > MAX_CELL_LENGTH:
-            raise self._refusal(f"a cell of more than {MAX_CELL_LENGTH} characters")
+            raise self._refusal(f"a cell has more than {MAX_CELL_LENGTH} characters")
         return value.strip()
 
     def _number_kind(self, type_: str, style: str) -> CellKind:

@@ -40,7 +40,9 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     text, encoding = decode(file, content)
     lines, comments = _sorted_lines(text)
     if len(lines) > MAX_ROWS:
-        raise ImportFileError(Place(file, lines[MAX_ROWS][0]), f"more than {MAX_ROWS} rows", "split the file")
+        raise ImportFileError(
+            Place(file, lines[MAX_ROWS][0]), f"the file has more than {MAX_ROWS} rows", "split the file"
+        )
     if not lines:
         check_size(file, [])
     assumptions = [_LATIN1] if encoding == "latin-1" else []
@@ -51,7 +53,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     check_size(file, rows)
     rows, trailing = _without_trailing(rows)
     if trailing:
-        assumptions.append("every row ends with a delimiter; the empty last column was left out")
+        assumptions.append("every row ends with a delimiter; the empty last column was ignored")
     _check_widths(file, rows, delimiter)
     remarks = _comment_rows(comments, delimiter)
     assumptions += _notes_on_comments(comments, remarks, len(rows[0].cells))
@@ -93,8 +95,8 @@ def _found(file: str, lines: Sequence[Line]) -> Delimiter:
     if comma and whitespace:
         raise ImportFileError(
             Place(file, lines[0][0]),
-            "the comma may separate cells, or be the decimal mark between blanks",
-            "give `delimiter`, or separate cells by semicolons",
+            "the comma may be the delimiter or, between cells separated by blanks, the decimal mark",
+            "give `delimiter`, or use semicolons as delimiter",
         )
     return "whitespace" if whitespace else "comma"
 
@@ -129,8 +131,8 @@ def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
     if len(text) > MAX_LINE_LENGTH:
         raise ImportFileError(
             Place(file, number),
-            f"a line of more than {MAX_LINE_LENGTH} characters",
-            "check the ends of lines",
+            f"a line has more than {MAX_LINE_LENGTH} characters",
+            "check the line endings",
         )
     if delimiter == "whitespace":
         text = text.replace("\t", " ").strip(" ")
@@ -139,14 +141,16 @@ def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
     except (csv.Error, StopIteration):
         raise ImportFileError(
             Place(file, number),
-            "quotation marks that do not enclose a whole cell",
+            "quotation marks do not enclose a whole cell",
             'enclose a cell as in "Point 1", on one line, or remove the marks',
         ) from None
     stripped = tuple(cell.strip(" \t") for cell in cells)
     for column, cell in enumerate(stripped, start=1):
         if '"' in cell:
             raise ImportFileError(
-                Place(file, number, column), f"a quotation mark within a cell, {shown(cell)}", "remove it"
+                Place(file, number, column),
+                f"a quotation mark occurs within a cell, {shown(cell)}",
+                "remove it",
             )
     return Row(number, stripped)
 
@@ -165,9 +169,10 @@ def _check_widths(file: str, rows: Sequence[Row], delimiter: Delimiter) -> None:
         if len(row.cells) != width:
             raise ImportFileError(
                 Place(file, row.line, min(len(row.cells), width) + 1),
-                f"{len(row.cells)} cells, where line {rows[0].line} has {width} (delimiter: {delimiter})",
-                "give every row the same cells; look for a missing or doubled delimiter, a decimal comma "
-                "between commas, or a blank in a name that is not in quotation marks",
+                f"the row has {len(row.cells)} cells, but line {rows[0].line} has {width} (delimiter: "
+                f"{delimiter})",
+                "give every row the same number of cells; check for a missing or doubled delimiter, a "
+                "decimal comma in a comma-separated file, or a blank in a name without quotation marks",
             )
 
 

@@ -39,7 +39,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     name = _only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
         raise ImportFileError(
-            Place(file), f"there is no sheet {shown(name)}", f"give one of {shown(', '.join(sheets))}"
+            Place(file), f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}"
         )
     rows: list[Row] = []
     comments: list[Row] = []
@@ -60,7 +60,7 @@ def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
         raise ImportFileError(
-            Place(file), f"several sheets are filled: {shown(', '.join(filled))}", "give `sheet`"
+            Place(file), f"several sheets have data: {shown(', '.join(filled))}", "give `sheet`"
         )
     return (filled or list(sheets))[0]
 
@@ -109,7 +109,7 @@ def _parts(archive: Archive) -> _Parts:
         part = related["worksheet"].get(identifier)
         name = sheet.get("name", "")
         if part is not None and names.setdefault(name, part) is not part:
-            raise archive.refusal(f"two sheets of the name {shown(name)}")
+            raise archive.refusal(f"two sheets have the name {shown(name)}")
     if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
         raise archive.refusal("a workbook without a sheet, or with two tables of texts or styles")
     texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))

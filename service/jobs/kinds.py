@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.job import Job
-from jointstiff.schemas.query import PageQuery
+from jointstiff.schemas.job import Job, Result
+from jointstiff.schemas.query import JobQuery
 from jointstiff.service.computation import QuickWork, SteppedWork
 from jointstiff.service.problems import Resource
 from jointstiff.service.resources import Resources
@@ -35,7 +36,8 @@ class Kind(Generic[AnyWork]):
     Attributes:
         message: a stored job, which has the names of the kind.
         request: a job as it is posted.
-        summary: a job in a listing: each field is one of the job, of its request, or of its provenance.
+        summary: a job in a listing: each field is one of the job, of its request, of its provenance,
+            or of its result's summary.
         query: the page and the filters of a listing: each filter is a field of the summary.
         work: return the work that a request takes; raises a RequestError for what does not exist or cannot
             be done.
@@ -46,7 +48,7 @@ class Kind(Generic[AnyWork]):
     message: type[Job]
     request: type[Message]
     summary: type[Message]
-    query: type[PageQuery]
+    query: type[JobQuery]
     work: Callable[[Resources, Any], AnyWork]
     max_bytes: int
     description: str
@@ -82,7 +84,8 @@ class Kind(Generic[AnyWork]):
 
     def summarise(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         """Return a job as it is listed, as JSON."""
-        sources = (job, job.request, job.provenance)
+        result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
+        sources = (job, job.request, job.provenance, result)
         found = {
             name: next(getattr(source, name) for source in sources if hasattr(source, name))
             for name in self.summary.model_fields

@@ -13,7 +13,7 @@ from sqlalchemy import Connection
 
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState
-from jointstiff.schemas.query import PageQuery
+from jointstiff.schemas.query import JobQuery
 from jointstiff.service.computation import (
     Work,
     carry_out,
@@ -25,12 +25,12 @@ from jointstiff.service.computation import (
 from jointstiff.service.jobs.kinds import AnyKind
 from jointstiff.service.problems import NotFoundError, TooManyJobsError, problem_of
 from jointstiff.service.resources import Resources
-from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, Standing
+from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, JobStatus
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 
 MAX_OPEN: Final = 1_000
-"""Jobs of a kind that have not ended; as many look at the same time and a few more may get in."""
+"""Maximum number of unfinished jobs of a kind; concurrent posts may exceed it by a few."""
 
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
@@ -109,31 +109,33 @@ class Jobs:
             return self._as_now(record).model_dump_json()
         return record.document
 
-    def page(self, query: PageQuery) -> Page[Any]:
+    def page(self, query: JobQuery) -> Page[Any]:
         """Return one page of the listing, newest first.
 
         Raises:
             CursorError: no page gave this cursor.
         """
-        page = self._records.page(limit=query.limit, cursor=query.cursor, filters=query.filters())
+        page = self._records.page(
+            limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
+        )
         items = [self.kind.summary.model_validate(entry.summary) for entry in page.records]
         return Page(items=items, next=page.next)
 
-    def standing(self, job_id: str) -> Standing:
+    def status(self, job_id: str) -> JobStatus:
         """Return state and progress of a job, without a look at its document.
 
         Raises:
             NotFoundError: there is no such job.
         """
         self._refuse_odd(job_id)
-        found = self.log.standing(job_id)
+        found = self.log.status(job_id)
         if found is None:
             raise NotFoundError(self.kind.resource, job_id)
         return found
 
-    def standings(self, job_ids: Collection[str]) -> Mapping[str, Standing]:
+    def statuses(self, job_ids: Collection[str]) -> Mapping[str, JobStatus]:
         """Return state and progress of those of some jobs that exist, by id."""
-        return self.log.standings(job_ids)
+        return self.log.statuses(job_ids)
 
     def cancel(self, job_id: str) -> Job:
         """End a job where it stands; a job that has ended stays as it is.
@@ -177,7 +179,9 @@ class Jobs:
         """Write that a job is being carried out from now on."""
         record = self._records.get(job_id)
         job = self._read(record.document)
-        started = job.provenance.model_copy(update={"started_at": datetime.now(UTC)})
+        started = job.provenance.model_copy(
+            update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
+        )
         job = job.model_copy(update={"state": "running", "provenance": started})
         self.log.start(job_id, self._changes(job, record.robot_id))
 
@@ -235,10 +239,11 @@ class Jobs:
         provenance: Mapping[str, object] = _NONE,
     ) -> None:
         """End a job as it is then: what others wrote of it meanwhile is kept."""
-        last = {"ended_at": datetime.now(UTC), **provenance}
 
         def final(before: JobRecord, done: int) -> dict[str, Any]:
             job = self._read(before.document)
+            began = job.provenance.started_at or job.provenance.created_at
+            last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back
             always = {
                 "state": state,
                 "progress": job.progress and job.progress.model_copy(update={"done": done}),

@@ -9,7 +9,8 @@ from typing import Final
 from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
 from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
-from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, PairQuery, RunQuery
+from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
+from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, PairQuery, PlanQuery, RunQuery
 from jointstiff.schemas.run import Run, RunRequest, RunSummary
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
@@ -68,12 +69,26 @@ joint is softer on the second.""",
         query=GeometryQuery,
         work=works.geometry,
         max_bytes=_READINGS_BYTES,
-        description="""Find a robot's geometry, from each joint turned alone or from unloaded poses.
+        description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 
-Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
-and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. Suspicious
-readings (a bumped tracker, a short arc, a joint map that does not fit, …) are findings with their
-figures; readings that cannot be used are refused, and nothing is stored.""",
+Axes, base frame, wrist centre and targets have uncertainties; links are listed with their nominal values,
+and the identified model is a robot document that can be posted as `"model": {"format": "geometry", …}`.
+Suspicious readings (a bumped tracker, a short arc, a joint map that does not fit, …) are reported as findings
+with their figures; readings that do not determine the geometry are refused.""",
+    ),
+    Quick(
+        message=Plan,
+        request=PlanRequest,
+        summary=PlanSummary,
+        query=PlanQuery,
+        work=works.plan,
+        max_bytes=_READINGS_BYTES,
+        description="""Plan which postures and loads to measure, to begin a campaign or to go on with one.
+
+The list comes with a certificate: the least share of the best list's information that it has, proved by a
+sweep over all candidates. It says how sure each joint will be, what random and one-at-a-time plans would
+give, and how many readings were struck out for which reason. What cannot be planned is refused, saying
+what to change, and nothing is stored.""",
     ),
 )
 """All kinds of jobs: routes, listings, the index, deletion, addresses and tests iterate over them."""

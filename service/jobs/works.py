@@ -9,15 +9,18 @@ from typing import Any
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.plan import PlanRequest
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.computation import (
     ComparisonWork,
+    Planned,
     QuickWork,
     Side,
     SteppedWork,
     as_request_errors,
     geometry_work,
     pair_work,
+    plan_work,
     run_work,
 )
 from jointstiff.service.problems import NotFoundError
@@ -32,7 +35,7 @@ def run(resources: Resources, request: RunRequest) -> SteppedWork[Any]:
         RequestError: there is no such set, or the readings cannot support what is asked for.
     """
     with _named_by("measurement_set_id"):
-        prepared = resources.sets.prepared(request.measurement_set_id)
+        prepared = resources.sets.prepared(request.measurement_set_id, request.leave_out)
     return run_work(prepared, request)
 
 
@@ -73,15 +76,31 @@ def geometry(resources: Resources, request: GeometryRequest) -> QuickWork:
     return geometry_work(request, robot, content)
 
 
+def plan(resources: Resources, request: PlanRequest) -> QuickWork:
+    """Return the work of a plan.
+
+    Raises:
+        RequestError: there is no such robot or set.
+    """
+    if request.measurement_set_id is None:
+        with _named_by("robot_id"):
+            robot, content = resources.robots.load(str(request.robot_id))
+        return plan_work(Planned(robot, str(request.robot_id), content), request)
+    with _named_by("measurement_set_id"):
+        prepared = resources.sets.prepared(request.measurement_set_id)
+    return plan_work(Planned(prepared.robot, prepared.robot_id, prepared.content, prepared), request)
+
+
 def _side(resources: Resources, name: str, request: PairRequest) -> Side:
     side = request.first if name == "first" else request.second
     set_id, options = side.measurement_set_id, RunOptions.model_validate(request.options)
+    leave_out: list[str] = []
     if side.run_id is not None:
         with _named_by(f"{name}.run_id"):
             asked = stored_job(resources.store, Run, side.run_id).request
-        set_id, options = asked.measurement_set_id, asked
+        set_id, options, leave_out = asked.measurement_set_id, asked, asked.leave_out
     with _named_by(f"{name}.measurement_set_id"):
-        prepared = resources.sets.prepared(str(set_id))
+        prepared = resources.sets.prepared(str(set_id), leave_out)
     return Side(name, str(set_id), prepared, request.options_at(options))
 
 

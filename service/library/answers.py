@@ -9,21 +9,10 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems import http_problem
 
 Resource = TypeVar("Resource", bound=BaseModel)
-
-
-class RefusedError(Exception):
-    """The service refused, or did not answer; carries the problem."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.detail)
-        self.problem = problem
-
-
-class AwayError(RefusedError):
-    """The service does not answer now, and may later."""
 
 
 def resource_in(response: httpx.Response, kind: type[Resource]) -> Resource:
@@ -48,16 +37,25 @@ def problem_in(response: httpx.Response) -> Problem:
 
 def alien(what: str) -> RefusedError:
     """Build the error that an answer is not the service's."""
-    reason = f"an answer that is not Jointstiff's, {what}"
-    return RefusedError(http_problem(502, reason, "check the address, and that versions agree"))
+    reason = f"the answer is not from Jointstiff, {what}"
+    return RefusedError(
+        http_problem(502, reason, "check the address, and that client and service have the same version")
+    )
 
 
 def silence(address: object, error: Exception) -> Problem:
     """Build the problem that nobody answers at an address."""
-    remedy = "start it: jointstiff serve"
-    if not str(address).startswith(("http://", "https://")):
-        remedy = "write the address with http:// before it"
-    return http_problem(503, f"no answer from {address}: {error}", remedy)
+    return http_problem(
+        503,
+        f"no answer from {address}: {error}",
+        "start it: jointstiff serve; or name the address of one that runs: --server",
+    )
+
+
+def no_address(text: str) -> Problem:
+    """Build the problem that a text is no address of a service."""
+    remedy = "write the address with http:// before it, such as http://127.0.0.1:8000"
+    return http_problem(422, f"'{text}' is no address of a service", remedy)
 
 
 def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON

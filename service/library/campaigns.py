@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from codecs import BOM_UTF8
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
 from pydantic import BaseModel
@@ -16,42 +16,34 @@ from pydantic import BaseModel
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry import Geometry, GeometryRequest
 from jointstiff.schemas.job import Job, Progress
-from jointstiff.schemas.pair import Pair, PairOptions, PairRequest, PairSide
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.computation import (
-    ComparisonWork,
     PreparedRobot,
     PreparedSet,
-    Side,
     Work,
-    as_request_errors,
     carry_out,
-    geometry_work,
     new_job,
-    pair_work,
     prepare_robot,
     prepare_set,
     run_work,
 )
 from jointstiff.service.conversion import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
+from jointstiff.service.importing import file_type
+from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import InputError, JointstiffError, RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.deflection import DeflectionResult
+    from jointstiff.schemas.geometry import Geometry, GeometryRequest
+    from jointstiff.schemas.pair import Pair, PairOptions
 
 Document = TypeVar("Document", bound=BaseModel)
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
-
-
-class CampaignError(Exception):
-    """A campaign that cannot be identified; carries the problem as the API would answer it."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.detail)
-        self.problem = problem
 
 
 def read_campaign(path: Path) -> Campaign:
@@ -78,7 +70,7 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-        raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several"))
+        raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
     return _parsed(message, content.removeprefix(BOM_UTF8), section)
 
 
@@ -91,21 +83,35 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
     try:
         return _parsed(message, json.dumps(document).encode(), None)
     except (TypeError, ValueError) as error:
-        remedy = "give texts, numbers, lists and dictionaries; turn arrays into lists"
-        raise CampaignError(http_problem(422, f"the document is no JSON: {error}", remedy)) from None
+        remedy = "use only strings, numbers, lists and dictionaries; convert arrays to lists"
+        raise CampaignError(
+            http_problem(422, f"the document cannot be written as JSON: {error}", remedy)
+        ) from None
 
 
 def _parsed(message: type[Document], content: bytes, section: str | None) -> Document:
     try:
         return parse(message, content, section)
     except MalformedError as error:
-        raise CampaignError(_other_file(message, error) or invalid_request(error.faults)) from None
+        raise CampaignError(
+            _binary(content, error) or _other_file(message, error) or invalid_request(error.faults)
+        ) from None
+
+
+def _binary(content: bytes, error: MalformedError) -> Problem | None:
+    """Return what a file that is no JSON is instead; None if its first bytes do not show it."""
+    if error.keys is not NOT_JSON:
+        return None
+    utf16 = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+    kind = "a text in UTF-16" if utf16 else file_type(content)
+    remedy = "save it as UTF-8" if utf16 else "to read tables and point lists use `jointstiff import FILE`"
+    return None if kind is None else http_problem(422, f"the file is {kind}, not a JSON document", remedy)
 
 
 def _other_file(message: type[BaseModel], error: MalformedError) -> Problem | None:
     """Return what the file is instead, if it is of a kind that we know; None if it is not."""
     if error.keys is NOT_JSON:
-        remedy = "mend it there; tables and point lists become a campaign by `jointstiff import FILE`"
+        remedy = "correct the JSON there; to read tables and point lists use `jointstiff import FILE`"
         return http_problem(422, str(error.faults[0]["msg"]), remedy)
     for others, what, remedy in _KINDS:
         if others <= error.keys and not others <= set(message.model_fields):
@@ -135,9 +141,58 @@ def identify(campaign: Campaign, options: RunOptions, on_progress: OnProgress | 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    prepared = _prepared(campaign)
+    prepared = prepared_campaign(campaign)
     request = RunRequest(measurement_set_id=uuid4().hex, **options.model_dump())
-    return _carried_out(Run, request, lambda: run_work(prepared, request), on_progress)
+    return carried_out(Run, request, lambda: run_work(prepared, request), on_progress)
+
+
+def predict(campaign: Campaign, table: str, run: Run | None = None, **options: object) -> DeflectionResult:
+    """Predict deflections by the model of a campaign.
+
+    Args:
+        campaign: robot and readings.
+        table: CSV of postures and loads, with units in the headers.
+        run: of that campaign; identified now, as the campaign says, if None.
+        options: fields of `DeflectionOptions`, in SI units.
+
+    Raises:
+        CampaignError: robot, readings, run or table cannot be used.
+    """
+    from jointstiff.service.computation import predict_by_run
+    from jointstiff.service.conversion import read_load_cases
+
+    given = run is not None
+    if run is None:
+        run = identify(campaign, campaign.run)
+        if run.error is not None:
+            raise CampaignError(run.error)
+    with as_campaign_error("robot"):
+        robot = _robot(campaign.robot.model_dump_json()).robot
+    with as_campaign_error("prediction"):
+        if given:
+            _refuse_other_run(campaign, run)
+        cases = read_load_cases(table, robot.joint_names, **options)
+        return predict_by_run(robot, run, cases)
+
+
+def _refuse_other_run(campaign: Campaign, run: Run) -> None:
+    """Refuse a run whose robot and readings are not those of the campaign.
+
+    Raises:
+        CampaignError: robot or readings cannot be used.
+        RequestError: the run is of others.
+    """
+    from jointstiff.service.computation import run_hash
+
+    measured = campaign.measurement_set
+    kept = [each for each in measured.observations if each.label not in run.request.leave_out]
+    used = campaign.model_copy(update={"measurement_set": measured.model_copy(update={"observations": kept})})
+    if not kept or run_hash(prepared_campaign(used), run.request) != run.provenance.input_hash:
+        raise RequestError(
+            f"the run '{run.id}' is of another robot or of other readings",
+            where="run_id",
+            remedy="give a run of this campaign, made by this version, or none to identify it now",
+        )
 
 
 def compare(
@@ -153,9 +208,11 @@ def compare(
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    prepared = _prepared(campaign)
+    from jointstiff.service.computation import ComparisonWork
+
+    prepared = prepared_campaign(campaign)
     request = ComparisonRequest(measurement_set_id=uuid4().hex, **options.model_dump())
-    return _carried_out(Comparison, request, lambda: ComparisonWork(prepared, request), on_progress)
+    return carried_out(Comparison, request, lambda: ComparisonWork(prepared, request), on_progress)
 
 
 def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
@@ -169,9 +226,12 @@ def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
     Raises:
         CampaignError: a robot, readings or the request cannot be used.
     """
+    from jointstiff.schemas.pair import Pair, PairRequest, PairSide
+    from jointstiff.service.computation import Side, pair_work
+
     how = options.options_of_sides
     one, other = (
-        Side(name, uuid4().hex, _prepared(campaign, f"{name}."), how)
+        Side(name, uuid4().hex, prepared_campaign(campaign, f"{name}."), how)
         for name, campaign in (("first", first), ("second", second))
     )
     request = PairRequest(
@@ -179,7 +239,7 @@ def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
         second=PairSide(measurement_set_id=other.set_id),
         **dict(options),
     )
-    return _carried_out(Pair, request, lambda: pair_work(one, other, request))
+    return carried_out(Pair, request, lambda: pair_work(one, other, request))
 
 
 def find_geometry(request: GeometryRequest) -> Geometry:
@@ -191,11 +251,14 @@ def find_geometry(request: GeometryRequest) -> Geometry:
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
+    from jointstiff.schemas.geometry import Geometry
+    from jointstiff.service.computation import as_request_errors, geometry_work
+
     try:
         if request.robot_id is not None:
             raise RequestError(
-                f"there is no robot '{request.robot_id}' in a file",
-                remedy="give the robot itself, as `robot` or by --robot",
+                f"the stored robot '{request.robot_id}' cannot be used from a file",
+                remedy="give the robot document itself, as `robot` or with --robot",
                 where="robot_id",
             )
         nominal = None
@@ -208,15 +271,20 @@ def find_geometry(request: GeometryRequest) -> Geometry:
         raise CampaignError(problem_of(error)) from error
 
 
-def _carried_out(
+def carried_out(
     message: type[AnyJob], request: Message, work: Callable[[], Work], on_progress: OnProgress | None = None
 ) -> AnyJob:
-    with _as_campaign_error(message.kind):
+    """Carry out a job.
+
+    Raises:
+        CampaignError: the request cannot be used.
+    """
+    with as_campaign_error(message.kind):
         made = work()
         return carry_out(new_job(message, request, made), made, on_progress)
 
 
-def _prepared(campaign: Campaign, file: str = "") -> PreparedSet:
+def prepared_campaign(campaign: Campaign, file: str = "") -> PreparedSet:
     """Return robot and readings ready for computation.
 
     Args:
@@ -226,9 +294,9 @@ def _prepared(campaign: Campaign, file: str = "") -> PreparedSet:
     Raises:
         CampaignError: robot or readings cannot be used.
     """
-    with _as_campaign_error(f"{file}robot"):
+    with as_campaign_error(f"{file}robot"):
         robot = _robot(campaign.robot.model_dump_json())
-    with _as_campaign_error(f"{file}measurement_set"):
+    with as_campaign_error(f"{file}measurement_set"):
         return prepare_set(campaign.measurement_set, robot, uuid4().hex)
 
 
@@ -239,7 +307,8 @@ def _robot(document: str) -> PreparedRobot:
 
 
 @contextmanager
-def _as_campaign_error(section: str) -> Iterator[None]:
+def as_campaign_error(section: str) -> Iterator[None]:
+    """Turn errors of the input into one that says in which section of the file."""
     try:
         yield
     except (InputError, RequestError) as error:

@@ -17,8 +17,9 @@ from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.pair import Pair, PairSummary
 from jointstiff.schemas.robot import Robot, RobotSummary
 from jointstiff.schemas.run import RunSummary
-from jointstiff.service.library.answers import AwayError, RefusedError, alien, problem_in, silence
+from jointstiff.service.library.answers import alien, no_address, problem_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
+from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
 
 PATIENCE_SECONDS: Final = 60.0
@@ -52,6 +53,8 @@ class Client:
         Raises:
             RefusedError: there can be no such address.
         """
+        if not url.startswith(("http://", "https://")):
+            raise RefusedError(no_address(url))
         headers = {} if key is None else {"Authorization": f"Bearer {key}"}
         try:
             self._http = httpx.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
@@ -140,5 +143,6 @@ class Client:
         return response
 
     def _announce(self, attempt: RetryCallState) -> None:
-        if attempt.attempt_number == 1 and self._warn is not None and attempt.outcome is not None:
-            self._warn(f"{attempt.outcome.exception()}; trying again for {PATIENCE_SECONDS:.0f} s")
+        lost = attempt.outcome.exception() if attempt.outcome is not None else None
+        if attempt.attempt_number == 1 and self._warn is not None and isinstance(lost, AwayError):
+            self._warn(f"{lost.problem.detail}; trying again for {PATIENCE_SECONDS:.0f} s")

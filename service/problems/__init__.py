@@ -21,6 +21,7 @@ from jointstiff.service.problems.table import (
     invalid_request,
     problem_of,
 )
+from jointstiff.service.problems.wording import reworded
 
 __all__ = [
     "MAX_ITEMS",
@@ -38,4 +39,5 @@ __all__ = [
     "http_problem",
     "invalid_request",
     "problem_of",
+    "reworded",
 ]

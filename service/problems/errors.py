@@ -68,7 +68,15 @@ class StoreError(Exception):
 
 
 class StoreUnavailableError(StoreError):
-    """The database does not answer, or refuses what the store must do."""
+    """The database does not answer, or refuses what the store must do.
+
+    Attributes:
+        public_reason: The reason without names of hosts and users, for those who ask over the network.
+    """
+
+    def __init__(self, reason: str, remedy: str, public_reason: str | None = None) -> None:
+        super().__init__(reason, remedy)
+        self.public_reason = reason if public_reason is None else public_reason
 
 
 class NotFoundError(StoreError):
@@ -82,7 +90,7 @@ class NotFoundError(StoreError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_shown(identifier)}",
-            f"check the id, or list them: GET /v1/{kind.collection}",
+            f"check the id; list them with GET /v1/{kind.collection}",
         )
         self.kind = kind
         self.id = identifier
@@ -94,7 +102,7 @@ class DeletedError(NotFoundError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
         self.reason = f"the {kind.name} {_shown(identifier)} was deleted"
-        self.remedy = f"bring it back with POST /v1/{kind.collection}/{identifier}/restore"
+        self.remedy = f"restore it with POST /v1/{kind.collection}/{identifier}/restore"
         self.args = (f"{self.reason}: {self.remedy}",)
 
 
@@ -108,8 +116,9 @@ class NotEndedError(StoreError):
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
-            f"the {kind.name} {_shown(identifier)} has not ended",
-            f"cancel it first with POST /v1/{kind.collection}/{identifier}/cancel, or wait for its end",
+            f"the {kind.name} {_shown(identifier)} has not finished",
+            f"cancel it first with POST /v1/{kind.collection}/{identifier}/cancel, or wait until it "
+            "has finished",
         )
         self.kind = kind
         self.id = identifier
@@ -120,7 +129,8 @@ class TooManyJobsError(StoreError):
 
     def __init__(self, kind: Resource, most: int) -> None:
         super().__init__(
-            f"{most:,} {kind.collection} have not ended", "post it again when some have, or cancel some"
+            f"{most:,} {kind.collection} are queued or running, which is the maximum",
+            "try again when some have finished, or cancel some",
         )
         self.kind = kind
         self.most = most
@@ -136,8 +146,8 @@ class IdempotencyConflictError(StoreError):
 
     def __init__(self, kind: Resource, key: str) -> None:
         super().__init__(
-            f"the idempotency key {_shown(key)} already created a {kind.name} from another body",
-            "send the first body again, or take a new key",
+            f"the idempotency key {_shown(key)} was already used with another body to create a {kind.name}",
+            "send the first body again, or use a new key",
         )
         self.kind = kind
         self.key = key
@@ -152,7 +162,7 @@ class CursorError(StoreError):
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
-            f"{_shown(cursor)} is not a cursor",
-            "take `next` of the page before as it stands, or leave the cursor out",
+            f"{_shown(cursor)} is not a valid pagination cursor",
+            "use `next` of the previous page unchanged, or omit `cursor`",
         )
         self.cursor = cursor

@@ -19,6 +19,7 @@ from jointstiff.service.problems.errors import (
     StoreUnavailableError,
     TooManyJobsError,
 )
+from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import (
     JointstiffError,
     MeasurementError,
@@ -30,11 +31,11 @@ from jointstiff.solver.errors import (
 )
 
 MAX_ITEMS: Final = 20
-"""Faults listed in one answer."""
+"""Maximum number of faults listed in one answer."""
 MAX_PROBLEM_BYTES: Final = 8_000
-"""Size of an error body, whatever was sent."""
+"""Maximum size of an error body [bytes]."""
 _LONGEST: Final = 300
-_COMPARE: Final = "compare it with an example: `jointstiff simulate FILE` writes one, as has /openapi.json"
+_COMPARE: Final = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
 
 _OUTSIDE: Final = {"query", "path", "header"}
 """Where a request has something beside its body."""
@@ -49,13 +50,17 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),
         NotObservableError: (422, "not-observable", "The readings determine no joint"),
         SolverError: (500, "solver", "The optimum could not be certified"),
-        IdempotencyConflictError: (422, "idempotency-conflict", "The idempotency key was used before"),
-        CursorError: (422, "invalid-cursor", "The cursor is not one of ours"),
+        IdempotencyConflictError: (
+            422,
+            "idempotency-conflict",
+            "The idempotency key was used with another body",
+        ),
+        CursorError: (422, "invalid-cursor", "Invalid pagination cursor"),
         DeletedError: (404, "deleted", "The resource was deleted"),
-        TooManyJobsError: (429, "too-many-jobs", "Too many jobs wait"),
-        NotEndedError: (409, "not-ended", "The job has not ended"),
-        NotFoundError: (404, "not-found", "There is no such resource"),
-        StoreUnavailableError: (503, "store-unavailable", "The database does not answer"),
+        TooManyJobsError: (429, "too-many-jobs", "The queue is full"),
+        NotEndedError: (409, "not-ended", "The job has not finished"),
+        NotFoundError: (404, "not-found", "The resource does not exist"),
+        StoreUnavailableError: (503, "store-unavailable", "The database is not available"),
         StoreError: (500, "store", "The database cannot be used"),
     }
 )
@@ -65,9 +70,9 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "missing": "add this field",
         "extra_forbidden": "remove it, or check its spelling",
         "finite_number": "give a finite number",
-        "json_invalid": "send valid JSON, numbers finite, nested no deeper than 200",
-        "union_tag_invalid": "give one of the formats named",
-        "too_long": "send less, or split it into several resources",
+        "json_invalid": "send valid JSON with finite numbers and at most 200 levels",
+        "union_tag_invalid": "use one of the formats named",
+        "too_long": "send fewer, or split them into several resources",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
     }
@@ -81,7 +86,9 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
         type=_urn(slug),
         title=title,
         status=status,
-        detail=_short(error.reason, 2 * _LONGEST),
+        detail=_short(
+            error.public_reason if isinstance(error, StoreUnavailableError) else error.reason, 2 * _LONGEST
+        ),
         where=_short(error.where) if isinstance(error, JointstiffError) and error.where else None,
         remedy=_short(error.remedy, 2 * _LONGEST),
     )
@@ -112,10 +119,10 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
     return _fitted(
         Problem(
             type=_urn("invalid-request"),
-            title="The request does not have the form that the API describes",
+            title="The request does not match the API's schema",
             status=422,
-            detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; "
-            f"first: {items[0].where}: {items[0].reason}",
+            detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; first: {items[0].where}: "
+            f"{items[0].reason}",
             where=items[0].where,
             remedy=items[0].remedy or _otherwise(errors[0]),
             errors=items,
@@ -124,21 +131,19 @@ def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
 
 
 def _reason(error: Mapping[str, Any]) -> str:
-    if error["type"] in _NO_OBJECT:
-        return "must be an object"
-    return str(error["msg"]).removeprefix("Value error, ")
+    return "must be an object" if error["type"] in _NO_OBJECT else reworded(error)
 
 
 def _otherwise(error: Mapping[str, Any]) -> str:
     """The remedy where the kind of fault has none of its own."""
     if error["loc"] and error["loc"][0] in _OUTSIDE:
         return "see this address in /openapi.json"
-    return "change it as the reason says" if error["type"] == "value_error" else _COMPARE
+    return "correct it as the reason says" if error["type"] == "value_error" else _COMPARE
 
 
 def _remedy(error: Mapping[str, Any]) -> str | None:
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
-        return "give as many numbers as the field has components, with decimal points, not commas"
+        return "give one number per component, with decimal points, not commas"
     return _REMEDIES.get(str(error["type"]))
 
 
@@ -146,7 +151,7 @@ def _kind(error: Exception) -> tuple[int, str, str]:
     for ancestor in type(error).__mro__:
         if ancestor in _KINDS:
             return _KINDS[ancestor]
-    return 500, "internal", "An unexpected failure"
+    return 500, "internal", "Internal error"
 
 
 def _urn(slug: str) -> str:

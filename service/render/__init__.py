@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
-from jointstiff.service.render.comparison_table import comparison_table
-from jointstiff.service.render.geometry_table import geometry_report
-from jointstiff.service.render.import_table import import_report
-from jointstiff.service.render.pair_table import pair_report
-from jointstiff.service.render.terminal import console, problem_text, progress_bar, run_report
+from typing import TYPE_CHECKING
+
+from jointstiff.solver.doors import names_of
+
+if TYPE_CHECKING:
+    from jointstiff.service.render.geometry_table import geometry_report
+    from jointstiff.service.render.import_table import import_report
+    from jointstiff.service.render.methods_table import comparison_report
+    from jointstiff.service.render.pair_table import pair_report
+    from jointstiff.service.render.plan_table import plan_csv, plan_report
+    from jointstiff.service.render.terminal import console, problem_text, progress_bar, run_report
+else:
+    __getattr__ = names_of(
+        __name__,
+        geometry_table="geometry_report",
+        import_table="import_report",
+        methods_table="comparison_report",
+        pair_table="pair_report",
+        plan_table="plan_csv plan_report",
+        terminal="console problem_text progress_bar run_report",
+    )
 
 __all__ = [
-    "comparison_table",
+    "comparison_report",
     "console",
     "geometry_report",
     "import_report",
     "pair_report",
+    "plan_csv",
+    "plan_report",
     "problem_text",
     "progress_bar",
     "run_report",

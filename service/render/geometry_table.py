@@ -19,10 +19,14 @@ from jointstiff.schemas.geometry import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.render.terminal import problem_text
+from jointstiff.service.render.terminal import problem_text, verdict_line
 
 _STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 _MILLI, _MICRO = 1e3, 1e6
+_CONTROLLER_LEVEL = 0.01
+"""Probability below which the controller's angles do not fit."""
+_LEAST_PROBABILITY = 1e-6
+"""Less is no different for people."""
 
 
 def geometry_report(geometry: Geometry) -> RenderableType:
@@ -30,7 +34,8 @@ def geometry_report(geometry: Geometry) -> RenderableType:
     result = geometry.result
     if result is None:
         return problem_text(geometry.error) if geometry.error else Text(f"the geometry is {geometry.state}")
-    parts: list[RenderableType] = [
+    parts: list[RenderableType] = [verdict_line(result.assessment)]
+    parts += [
         Text(f"{f.severity}: {f.where}: {f.message}; {f.remedy}", style=_STYLES[f.severity])
         for f in result.findings
     ]
@@ -54,7 +59,7 @@ def geometry_report(geometry: Geometry) -> RenderableType:
 def _axes(result: GeometryResult) -> Table:
     table = _table(
         "Axes at model angle zero, in R0",
-        "points in mm, u: greatest standard uncertainty across the axis in µm, of its direction in µrad",
+        "points in mm; u: largest standard uncertainty across the axis in µm, and of its direction in µrad",
         ("axis", "x", "y", "z", "direction", "u point", "u direction"),
     )
     for axis in result.axes:
@@ -71,8 +76,9 @@ def _axes(result: GeometryResult) -> Table:
 
 def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
     table = _table(
-        "Sweeps, each fitted by itself",
-        "residuals by target, root mean square in µm; scale: turned as far as the controller says",
+        "Sweeps, each fitted separately",
+        "residuals by target, root mean square in µm; scale: rotation of the joint over that of "
+        "the controller",
         ("joint", "arc", "positions", "scale", "χ²/dof", "radial", "axial"),
     )
     for sweep in sweeps:
@@ -101,7 +107,8 @@ def _frame(frame: BaseFrameResult) -> Table:
     transform = frame.transform_tracker_to_base
     table = _table(
         f"Tracker to R0, placed by {'the nominal model' if frame.by == 'nominal' else 'the axes'}",
-        "y = R x + t; t in mm; u: standard uncertainty of a shift in µm and of a turn in µrad, axes of R0",
+        "y = R x + t; t in mm; u: standard uncertainty of a translation in µm and of a rotation in "
+        "µrad, axes of R0",
         ("", "R", "t", "u shift", "u turn"),
     )
     spread = [None] * 6 if frame.covariance is None else [sqrt(frame.covariance[i][i]) for i in range(6)]
@@ -119,7 +126,7 @@ def _frame(frame: BaseFrameResult) -> Table:
 def _targets(result: GeometryResult) -> Table:
     table = _table(
         "Targets in the flange frame",
-        "in mm, each with its standard uncertainty in the last digits",
+        "in mm, with the standard uncertainty of the last digits",
         ("target", "x", "y", "z"),
     )
     for target in result.targets:
@@ -133,7 +140,7 @@ def _targets(result: GeometryResult) -> Table:
 def _wrist(wrist: WristResult) -> Group:
     table = _table(
         "Wrist centre, in R0",
-        "in mm, each with its standard uncertainty in the last digits; weight in the combined one",
+        "in mm, with the standard uncertainty of the last digits; weight in the combined centre",
         ("by", "x", "y", "z", "weight"),
     )
     centres = [(e.way, e, f"{e.weight:.2f}") for e in wrist.estimates] + [("combined", wrist.combined, "")]
@@ -157,7 +164,7 @@ def _wrist(wrist: WristResult) -> Group:
 def _links(links: Sequence[LinkComparison]) -> Table:
     table = _table(
         "Links, nominal and identified",
-        "lengths in mm, angles in mrad; difference with its standard uncertainty in the last digits",
+        "lengths in mm, angles in mrad; difference with the standard uncertainty of its last digits",
         ("link", "after", "nominal", "identified", "difference"),
     )
     for link in links:
@@ -191,16 +198,25 @@ def _summary(result: GeometryResult) -> list[str]:
         f"{goodness.variance_factor:.2f} with {goodness.degrees_of_freedom} degrees of freedom"
     ]
     if goodness.agreement_probability is not None:
-        lines.append(f"one robot fits all sweeps (by chance: {goodness.agreement_probability:.2g})")
+        fits = "does not fit" if result.fit == "one_by_one" else "fits"
+        lines.append(f"one robot {fits} all sweeps ({_chance(goodness.agreement_probability)})")
     if goodness.controller_probability is not None:
+        fit = "fit" if goodness.controller_probability >= _CONTROLLER_LEVEL else "do not fit"
         lines.append(
-            f"the controller's angles fit the readings (by chance: {goodness.controller_probability:.2g})"
+            f"the controller's angles {fit} the readings ({_chance(goodness.controller_probability)})"
         )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
-    lines.append(f"DH tables (--json has them) leave out at most: {', '.join(tables)}")
+    lines.append(f"deviation of the DH tables (see --json): {', '.join(tables)}")
     return lines
+
+
+def _chance(probability: float) -> str:
+    """Return the probability that noise alone makes a fit so bad."""
+    return f"noise alone fits no better with probability {max(probability, _LEAST_PROBABILITY):.1g}" + (
+        " or less" if probability < _LEAST_PROBABILITY else ""
+    )
 
 
 def _table(title: str, caption: str, headings: Sequence[str]) -> Table:

@@ -1,4 +1,4 @@
-"""What was understood of files of readings, for people: each column, each assumption, what is missing."""
+"""Report of an import for people: each column, each assumption, and missing items."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _columns(file: FilePreview) -> Table:
 
 
 def _dialect(file: FilePreview) -> str:
-    """How the file is written."""
+    """Describe the file's format."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
     if file.format == "xlsx":
         return f"Excel, sheet {file.sheet!r}, {rows}"

@@ -26,9 +26,11 @@ def links_report(links: LinksResult, selection: ModelSelection | None) -> list[R
     if selection is not None:
         parts.append(_selection_table(selection))
     lines = (
-        f"penalty {links.penalty:.3g} ({source}); the readings determine {links.effective_freedom:.1f} of "
-        f"{links.parameters} numbers",
-        f"certified: within {certificate.gap:.1e} sigma of the optimum, no eigenvalue below zero",
+        (
+            f"penalty {links.penalty:.3g} ({source}); the readings determine "
+            f"{links.effective_freedom:.1f} of {links.parameters} parameters"
+        ),
+        f"certified: within {certificate.gap:.1e} sigma of the optimum; no negative eigenvalue",
     )
     return parts + [Text(f"  {line}", style="dim") for line in lines]
 
@@ -52,8 +54,8 @@ def _elements_table(links: LinksResult) -> Table:
 def _links_table(links: LinksResult) -> Table:
     table = Table(
         title=f"Links, {_MODEL_NAMES[links.model]}",
-        caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: how many "
-        "numbers the readings determine",
+        caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: number "
+        "of parameters that the readings determine",
     )
     for heading in ("behind", "translation", "rotation", "freedom"):
         table.add_column(heading, justify="left" if heading == "behind" else "right")
@@ -76,14 +78,15 @@ def _principal(link: LinkCompliance, kind: str) -> str:
 def _selection_table(selection: ModelSelection) -> Table:
     table = Table(
         title="Compensation of held-out configurations",
-        caption="mean over the folds and its standard error; the simplest within one of the best is named",
+        caption="mean over the folds ± standard error; the simplest model within one standard error of the "
+        "best is marked",
     )
     for heading in ("model", "compensation", "std. error", "penalty", ""):
         table.add_column(heading, justify="left" if heading in {"model", ""} else "right")
     for scored in selection.models:
         verdict = "best" if scored.model == selection.best else ""
         if scored.model == selection.simplest:
-            verdict = f"[green]simplest good enough[/]{', best' if verdict else ''}"
+            verdict = f"[green]simplest within one standard error[/]{', best' if verdict else ''}"
         penalty = "—" if scored.penalty is None else f"{scored.penalty:.2g}"
         cells = (_percent(scored.compensation), _percent(scored.standard_error), penalty, verdict)
         table.add_row(_MODEL_NAMES[scored.model], *cells)

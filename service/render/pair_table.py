@@ -16,7 +16,7 @@ from jointstiff.schemas.pair import (
     PairedJoint,
     PairResult,
 )
-from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, warning_lines
+from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, verdict_report
 
 _MEGA = 1e-6
 _SMALLEST_P = 1e-4
@@ -27,7 +27,7 @@ def pair_report(pair: Pair) -> RenderableType:
     if pair.result is None:
         return problem_text(pair.error) if pair.error else Text(f"the pair is {pair.state}")
     result = pair.result
-    parts: list[RenderableType] = [Text(line, style="yellow") for line in warning_lines(result.warnings)]
+    parts = verdict_report(result.assessment, result.warnings)
     parts.append(_joints_table(pair, result))
     parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
     if result.ordered is not None:
@@ -40,8 +40,7 @@ def _joints_table(pair: Pair, result: PairResult) -> Table:
     confidence = pair.request.confidence or pair.request.options.confidence
     table = Table(
         title=_title(pair),
-        caption="stiffness k in 10⁶ N·m/rad, with its standard uncertainty; p: probability of such a "
-        "difference if the joint has not changed",
+        caption="stiffness k in 10⁶ N·m/rad with its standard uncertainty; p: p-value of equal stiffnesses",
     )
     table.add_column("joint")
     for heading in ("k first", "k second", "ratio", f"{100 * confidence:g} % interval", "p"):
@@ -95,8 +94,8 @@ def _p_value(p: float | None) -> str:
 def _ordered_table(ordered: OrderedResult) -> Table:
     table = Table(
         title="Both in one problem, no joint softer on the second side",
-        caption="stiffness in 10⁶ N·m/rad, its interval under all constraints; the order costs "
-        f"{ordered.chi_square_increase:.3g} in χ²",
+        caption="stiffness in 10⁶ N·m/rad, interval under all constraints; the order increases χ² by "
+        f"{ordered.chi_square_increase:.3g}",
     )
     table.add_column("joint")
     for heading in ("k first", "interval", "k second", "interval"):
@@ -130,7 +129,7 @@ def _stiffness_interval(ends: tuple[float, float] | None) -> str:
 
 def _avoided(avoided: AvoidedDeflection) -> Text:
     predicted = "—" if avoided.predicted is None else f"{100 * avoided.predicted:.1f} %"
-    measured = "no observation is on both sides"
+    measured = "no observation is common to both sides"
     if avoided.measured is not None and avoided.measured.value is not None:
         measured = f"measured {_percent(avoided.measured)} in {avoided.matching} observations on both sides"
     return Text(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, log10
+from types import MappingProxyType
+from typing import Final
 
 from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -12,44 +14,60 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from jointstiff.schemas.assessment import Assessment, Reason, Verdict
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.measurement import QualityWarning
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.run import Identifiability, JointResult, ResamplingResult, Run, RunResult
 from jointstiff.service.render.links_table import links_report
 
-_VERDICTS = {
-    "identified": "[green]identified[/]",
+_STATUSES = {
     "uncertain": "[yellow]uncertain[/]",
     "at_bound": "[yellow]at bound[/]",
     "not_observable": "[dim]not observable[/]",
 }
+_VERDICTS = {
+    "use": "[green]identified[/]",
+    "use_with_care": "[yellow]use with care[/]",
+    "do_not_use": "[red]do not use[/]",
+}
+"""Words for an identified joint."""
 METHOD_NAMES = {
     "complete_pose": "complete pose",
     "partial_pose": "partial pose",
     "decoupled_partial_pose": "decoupled partial pose",
 }
 _SIGMA = {
-    "consistent": "agrees with sigma",
-    "residuals_too_large": "residuals larger than sigma allows",
-    "residuals_too_small": "residuals smaller than sigma says",
+    "consistent": "consistent with sigma",
+    "residuals_too_large": "residuals larger than sigma predicts",
+    "residuals_too_small": "residuals smaller than sigma predicts",
 }
+_HEADLINES: Final[Mapping[Verdict, tuple[str, str]]] = MappingProxyType(
+    {
+        "use": ("Use: nothing speaks against these numbers", "bold green"),
+        "use_with_care": ("Use with care", "bold yellow"),
+        "do_not_use": ("Do not use", "bold red"),
+    }
+)
+"""First line of a report, and its style."""
+_REASON_STYLES: Final = {"use_with_care": "yellow", "do_not_use": "red"}
+_REASONS_SHOWN = 3
+_UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
+"""Warnings that `deflection_unexplained` says better."""
 _MEGA = 1e-6
 _WARNINGS_SHOWN = 8
 _NARROWEST = 80
 
 
 def run_report(run: Run) -> RenderableType:
-    """Warnings first, then the joints, then what the fit is worth."""
+    """Lay out the verdict with its reasons, further warnings, the joints, and what the fit is worth."""
     if run.result is None:
         return problem_text(run.error) if run.error else Text(f"the run is {run.state}")
     result = run.result
-    parts: list[RenderableType] = [
-        *(Text(line, style="yellow") for line in warning_lines(result.warnings)),
-        _joints_table(run, result),
-    ]
+    parts = [*verdict_report(result.assessment, result.warnings), _joints_table(run, result)]
     parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
     parts.append(_summary(result))
+    parts += [Text(f"  {line}", style="dim") for line in _force_uncertainty(result)]
     parts += [Text(f"  {line}", style="dim") for line in _complementary_stiffness(result)]
     parts += [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
     parts += [Text(f"  {line}", style="dim") for line in _identifiability(result.identifiability)]
@@ -61,13 +79,13 @@ def run_report(run: Run) -> RenderableType:
 
 
 def _identifiability(found: Identifiability) -> list[str]:
-    """How well the readings show the joints, and what to measure next."""
+    """Print the observability of the joints, and the advice."""
     lines = []
     if found.observability is not None and found.condition_number is not None:
         indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability)
         lines.append(f"observability {indices}; condition number {found.condition_number:.3g}")
     lines += found.weakest
-    lines += [f"next, for {advice.joint}: {advice.message}" for advice in found.advice]
+    lines += [f"{advice.joint} next: {advice.message}" for advice in found.advice]
     return lines
 
 
@@ -77,7 +95,11 @@ def _complementary_stiffness(result: RunResult) -> list[str]:
     if size is None:
         return []
     shift = "" if size.largest_shift is None else f" by at most {size.largest_shift:.2g} std. uncertainties"
-    verb = f"included ({size.iterations} fits), it changes" if size.included else "neglected, it would change"
+    verb = (
+        f"included ({size.iterations} fits); it changes"
+        if size.included
+        else "neglected; including it changes"
+    )
     return [f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"]
 
 
@@ -97,6 +119,36 @@ def _suspicious(result: RunResult) -> list[str]:
     ]
     hidden = robust.suspicious_count - _WARNINGS_SHOWN
     return [*lines, f"and {hidden} more (--json lists them)"] if hidden > 0 else lines
+
+
+def verdict_line(assessment: Assessment) -> Text:
+    """Return the verdict in one line."""
+    headline, style = _HEADLINES[assessment.verdict]
+    count = len(assessment.reasons)
+    return Text(headline + (f": {count} reason{'' if count == 1 else 's'}" if count else ""), style=style)
+
+
+def verdict_report(assessment: Assessment, warnings: Sequence[QualityWarning] = ()) -> list[RenderableType]:
+    """Lay out the verdict, its reasons with their remedies, and the warnings that no reason repeats."""
+    reasons = assessment.reasons
+    lines: list[RenderableType] = [verdict_line(assessment)]
+    for reason in reasons[:_REASONS_SHOWN]:
+        place = f"{reason.where}: " if reason.where else ""
+        lines.append(Text(f"  {place}{reason.message}; {reason.remedy}", style=_REASON_STYLES[reason.weight]))
+    if len(reasons) > _REASONS_SHOWN:
+        lines.append(Text(f"  and {len(reasons) - _REASONS_SHOWN} more (--json shows all)"))
+    rest = [warning for warning in warnings if not _repeated(warning, reasons)]
+    return [*lines, *(Text(line, style="yellow") for line in warning_lines(rest))]
+
+
+def _repeated(warning: QualityWarning, reasons: Sequence[Reason]) -> bool:
+    """Return whether a reason says what a warning says."""
+    return any(
+        reason.code == warning.code
+        or reason.message.startswith(warning.message)
+        or (reason.code == "deflection_unexplained" and warning.code in _UNEXPLAINED)
+        for reason in reasons
+    )
 
 
 def warning_lines(warnings: Sequence[QualityWarning]) -> list[str]:
@@ -128,8 +180,23 @@ def _joints_table(run: Run, result: RunResult) -> Table:
     table.add_column("verdict")
     for joint in result.joints:
         prior = [_prior_cell(joint, known=joint.name in request.priors)] if request.priors else []
-        table.add_row(Text(joint.name), *_stiffness_cells(joint), *prior, _VERDICTS[joint.status])
+        table.add_row(Text(joint.name), *_stiffness_cells(joint), *prior, _verdict_cell(joint))
     return table
+
+
+def _force_uncertainty(result: RunResult) -> list[str]:
+    """Return the share of the force in the joints' variances, where its uncertainty is stated."""
+    shares = [
+        (joint.budget.force_scale**2 + joint.budget.force_direction**2) / joint.standard_uncertainty**2
+        for joint in result.joints
+        if joint.budget is not None and joint.standard_uncertainty
+    ]
+    if not shares:
+        return []
+    return [
+        f"uncertainty of the force: {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the variances, "
+        "common to all joints"
+    ]
 
 
 def _resampling_table(run: Run, resampling: ResamplingResult) -> Table:
@@ -192,9 +259,14 @@ def _stiffness_cells(joint: JointResult) -> tuple[str, str, str]:
 
 
 def _open_interval(joint: JointResult) -> str:
-    """Where there is no upper end: the one-sided bound, which is the higher one."""
+    """Format an interval without an upper end: its one-sided bound, which is the higher one."""
     least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
     return "—" if least is None else f"> {_MEGA * least:.3g}"
+
+
+def _verdict_cell(joint: JointResult) -> str:
+    """Return the status, or the verdict on an identified joint."""
+    return _VERDICTS[joint.verdict] if joint.status == "identified" else _STATUSES[joint.status]
 
 
 def _prior_cell(joint: JointResult, *, known: bool) -> str:
@@ -205,7 +277,7 @@ def _prior_cell(joint: JointResult, *, known: bool) -> str:
 
 
 def _stiffness_uncertainty(joint: JointResult) -> float | None:
-    """Of the stiffness, to first order: u(k) = u(c) k²."""
+    """Return the uncertainty of the stiffness, to first order: u(k) = u(c) k²."""
     if joint.standard_uncertainty is None or joint.stiffness is None:
         return None
     return joint.standard_uncertainty * joint.stiffness**2
@@ -231,7 +303,7 @@ def _summary(result: RunResult) -> Text:
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
         verdict = f": {_SIGMA[goodness.test.verdict]}" if goodness.test else ""
-        lines.append(f"χ²/dof {ratio:.2f}{verdict} (1 where model and sigma are right)")
+        lines.append(f"χ²/dof {ratio:.2f}{verdict} (1 if model and sigma are right)")
     return Text("  " + ", ".join(lines))
 
 

@@ -1,9 +1,9 @@
-"""What the frame of a measurement set stands for, settled when the set comes in."""
+"""Resolve the frame of a measurement set when the set is stored."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from jointstiff.service.store import Store
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry import BaseDrift, RigidTransform
+
+FRAME_CODES: Final[frozenset[WarningCode]] = frozenset({"base_drifted", "base_target_moved"})
+"""Kinds of warnings about a frame, whatever the observations."""
 
 
 def resolve_frame(
@@ -74,9 +77,9 @@ def _drift(
     read = to_base_targets(geometry, result.goodness.sigma, later)
     if read is None:
         raise MeasurementError(
-            "the geometry has no base targets to compare these with",
+            "the geometry has no base targets to compare with",
             where="frame.base_targets",
-            remedy="leave them out, or give base_targets.before with the geometry",
+            remedy="omit them, or give `base_targets.before` with the geometry",
         )
     drift = read.drift(result.goodness.sigma, _middle(request, read.after.mean(axis=0)))
     warnings = [
@@ -86,7 +89,7 @@ def _drift(
             message=finding.message
             if finding.code == "base_drifted"
             else f"base target '{drift.moved_targets[0]}': {finding.message}",
-            remedy="it is removed from this set; let the tracker warm up, and fix it better"
+            remedy="the drift is corrected in this set; let the tracker warm up, and mount it more firmly"
             if finding.code == "base_drifted"
             else finding.remedy,
         )
@@ -96,7 +99,7 @@ def _drift(
 
 
 def _middle(request: MeasurementSetRequest, instead: FloatArray) -> FloatArray:
-    """Of the unloaded positions [m]; if all readings are deflections, another point."""
+    """Return the middle of the unloaded positions [m]; if all readings are deflections, another point."""
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     if not places:
         return instead

@@ -17,7 +17,7 @@ from jointstiff.service.importing import (
     missing_from,
     read_files,
 )
-from jointstiff.service.problems import FilesError
+from jointstiff.service.problems import FilesError, reworded
 
 
 def import_files(files: Sequence[SourceFile], request: ImportRequest) -> ImportAnswer:
@@ -36,7 +36,7 @@ def import_files(files: Sequence[SourceFile], request: ImportRequest) -> ImportA
             imported.assembly, request.flange_targets, load_point=request.load_point is not None
         )
         if request.encoders is None:
-            missing.append("which encoders close the position loop (`encoders`): motor or secondary")
+            missing.append("the encoders that close the position loop (`encoders`): motor or secondary")
         document = None if missing else _document(imported, request, files[0].name)
     except ImportFileError as error:
         raise FilesError(error.reason, remedy=error.remedy, where=_where(error.place)) from error
@@ -63,8 +63,8 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
         fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
         path = ".".join(map(str, fault["loc"]))
         raise FilesError(
-            f"the readings make no measurement set: {path}: {fault['msg']}",
-            remedy="see the limits of measurement sets",
+            f"the readings do not make a valid measurement set: {path} {reworded(fault)}",
+            remedy="check the limits of measurement sets",
         ) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
 from uuid import uuid4
@@ -9,10 +10,10 @@ from uuid import uuid4
 from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.service.computation import PreparedSet, check_set, hash_of
 from jointstiff.service.conversion import ReadingArrays, in_base, to_measurements
-from jointstiff.service.resources.frames import resolve_frame
+from jointstiff.service.resources.frames import FRAME_CODES, resolve_frame
 from jointstiff.service.resources.robots import Robots
 from jointstiff.service.store import IdempotencyKey, MeasurementSetRecord, NotFoundError, Store
-from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.robot import Robot
 
 _CACHED = 16
@@ -59,13 +60,42 @@ class MeasurementSets:
         """
         return assembled(self._store.sets.get(set_id))
 
-    def prepared(self, set_id: str) -> PreparedSet:
-        """The set ready for computation.
+    def prepared(self, set_id: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a set ready for computation.
+
+        Args:
+            set_id: its id.
+            leave_out: labels of observations that are left out; the others are inspected without them.
 
         Raises:
             NotFoundError: there is no such set.
+            RequestError: it has no observation of such a label, or none remains.
         """
-        return self._prepared(set_id)
+        return self._without(set_id, frozenset(leave_out)) if leave_out else self._prepared(set_id)
+
+    def _without(self, set_id: str, labels: frozenset[str]) -> PreparedSet:
+        stored = self.document(set_id)
+        unknown = labels - {observation.label for observation in stored.observations}
+        if unknown:
+            raise RequestError(
+                f"the set has no observation '{min(unknown)}'",
+                where="leave_out",
+                remedy="give labels of its observations",
+            )
+        kept = [observation for observation in stored.observations if observation.label not in labels]
+        if not kept:
+            raise RequestError(
+                "all observations are left out", where="leave_out", remedy="leave some of them in"
+            )
+        robot, robot_hash = self._robots.load(stored.robot_id)
+        noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
+        checked = check_set(
+            stored.model_copy(update={"observations": kept}), robot, stored.resolved_frame, noticed
+        )
+        content = hash_of(robot_hash, checked.content_hash)
+        return PreparedSet(
+            robot, checked.measurements, checked.readings, checked.warnings, stored.robot_id, content
+        )
 
     def _prepare(self, set_id: str) -> PreparedSet:
         record = self._store.sets.get(set_id)

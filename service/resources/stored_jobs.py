@@ -40,8 +40,8 @@ def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geom
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
     if geometry.result is None:
         raise RequestError(
-            f"geometry '{geometry_id}' has {geometry.state} and found no robot",
-            remedy="name one that succeeded",
+            f"geometry '{geometry_id}' is {geometry.state} and has no identified robot",
+            remedy="use a geometry that has succeeded",
             where=where,
         )
     return geometry, geometry.result

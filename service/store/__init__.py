@@ -14,7 +14,7 @@ from jointstiff.service.problems import (
 )
 from jointstiff.service.store.deletion import KEEP_DELETED
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
-from jointstiff.service.store.job_log import OPEN_STATES, Standing
+from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import IdempotencyKey, JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
 
@@ -28,11 +28,11 @@ __all__ = [
     "IdempotencyConflictError",
     "IdempotencyKey",
     "JobRecord",
+    "JobStatus",
     "MeasurementSetRecord",
     "NotEndedError",
     "NotFoundError",
     "RobotRecord",
-    "Standing",
     "Store",
     "StoreError",
     "StoreUnavailableError",

@@ -8,7 +8,7 @@ from dataclasses import asdict, fields
 from types import MappingProxyType
 from typing import Any, Final, Generic
 
-from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select
+from sqlalchemy import Connection, Integer, Select, Table, bindparam, false, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems import (
@@ -62,6 +62,7 @@ class Collection(Generic[Record, Entry]):
         self._mine = [table.c.kind == resource.name] if table is jobs else []
         columns = [shown[field.name] for field in fields(record)]
         self._visible = [jobs.c.deleted_at.is_(None)] if table is jobs else []
+        self._hidden = [jobs.c.deleted_at.is_not(None)] if table is jobs else [false()]
         self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
         self._by_id = self._exists.with_only_columns(*columns).where(*self._visible)
         self._by_key: Select[Any] = (
@@ -136,7 +137,12 @@ class Collection(Generic[Record, Entry]):
         return self._record(*list(row))
 
     def page(
-        self, *, limit: int, cursor: str | None = None, filters: Mapping[str, str] = _NO_FILTERS
+        self,
+        *,
+        limit: int,
+        cursor: str | None = None,
+        filters: Mapping[str, str] = _NO_FILTERS,
+        deleted: bool = False,
     ) -> RecordPage[Entry]:
         """Return one page, newest first. Records that are added meanwhile do not disturb the next one.
 
@@ -144,6 +150,7 @@ class Collection(Generic[Record, Entry]):
             limit: how many at most, one or more.
             cursor: `next` of the page before; none for the first page.
             filters: column, or field of the summary of a job → value that it must have.
+            deleted: only deleted ones instead of the others.
 
         Raises:
             CursorError: no page gave this cursor.
@@ -156,7 +163,7 @@ class Collection(Generic[Record, Entry]):
         columns = self._table.c
         query = (
             select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
-            .where(columns.sequence < before, *self._mine, *self._visible)
+            .where(columns.sequence < before, *self._mine, *(self._hidden if deleted else self._visible))
             .where(*(columns[name] == value for name, value in sorted(filters.items())))
             .order_by(columns.sequence.desc())
             .limit(bindparam("limit", limit + 1, type_=Integer))
@@ -187,7 +194,7 @@ class Collection(Generic[Record, Entry]):
             if not self._finds(select(table.c.id).where(table.c.id == bindparam("id")), identifier):
                 raise NotFoundError(parent, identifier) from error
         raise StoreError(
-            f"there is a {self.resource.name} {record.id} already", "give each record an id of its own"
+            f"a {self.resource.name} {record.id} already exists", "give each record a unique id"
         ) from error
 
     def _finds(self, query: Select[Any], identifier: str) -> bool:

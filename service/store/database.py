@@ -93,7 +93,7 @@ class Database:
     @contextmanager
     def _turn(self) -> Iterator[None]:
         if not self._turns.acquire(timeout=_BUSY_SECONDS):
-            raise PoolTimeoutError(f"others have been writing for {_BUSY_SECONDS:.0f} s")
+            raise PoolTimeoutError(f"the database has been locked by other writers for {_BUSY_SECONDS:.0f} s")
         try:
             yield
         finally:
@@ -110,10 +110,12 @@ class Database:
             cause = error.orig if isinstance(error, DBAPIError) else error
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
-                f"the {self.dialect} database does not do its work ({lines[0][:200]})",
-                "see that the file can be written and its disk is not full"
+                f"the {self.dialect} database failed ({lines[0][:200]})",
+                "check that the file is writable and its disk is not full"
                 if self.dialect == "sqlite"
-                else "see that the server runs and that its address, user and rights are right",
+                else "check that the server runs, and its address, user and privileges",
+                # The text of the SQLite library names no machine, that of the PostgreSQL server does.
+                None if self.dialect == "sqlite" else "the postgresql database does not answer",
             ) from error
 
 
@@ -121,11 +123,11 @@ def _parse(url: str) -> URL:
     try:
         parsed = make_url(url)
     except (ArgumentError, ValueError) as error:
-        raise StoreError("the URL of the database cannot be read", _URLS) from error
+        raise StoreError("the database URL is invalid", _URLS) from error
     if parsed.drivername not in _DIALECTS:
-        raise StoreError(f"{parsed.drivername} is not a database that can be used here", _URLS)
+        raise StoreError(f"{parsed.drivername} is not a supported database", _URLS)
     if parsed.drivername == "sqlite" and parsed != URL.create("sqlite", database=parsed.database):
-        raise StoreError("the URL of an SQLite database has more than a path", _URLS)
+        raise StoreError("an SQLite URL must have only a path", _URLS)
     return parsed
 
 
@@ -172,7 +174,7 @@ def _switch_to_wal(connection: Connection) -> None:
             time.sleep(0.01)
     if mode not in {"wal", "memory"}:
         raise StoreUnavailableError(
-            f"the file system of the SQLite database has no write-ahead log (mode {mode})",
+            f"the file system of the SQLite database does not support a write-ahead log (mode {mode})",
             "put the file on a local disk, or use PostgreSQL",
         )
 

@@ -13,7 +13,7 @@ from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs
 
 KEEP_DELETED: Final = timedelta(days=30)
-"""How long a deleted job can be brought back."""
+"""Time for which a deleted job can be restored."""
 
 
 class Deletions:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
@@ -20,8 +21,10 @@ _FORGET: Final = 100
 class Heartbeats:
     """Signs of life of the workers of a store."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, clock: Callable[[Connection], datetime] | None = None) -> None:
+        """Keep the beats in a database; its own clock tells the time unless another is given."""
         self._database = database
+        self._now = clock or self._database_time
 
     def beat(self, executor: str, silence: timedelta) -> list[str]:
         """An executor lives.
@@ -58,7 +61,7 @@ class Heartbeats:
         rows = connection.execute(select(heartbeats.c.executor).where(living)).all()
         return sorted(str(row.executor) for row in rows)
 
-    def _now(self, connection: Connection) -> datetime:
+    def _database_time(self, connection: Connection) -> datetime:
         if self._database.dialect == "sqlite":  # all who use it share this machine's clock
             return datetime.now(UTC)
         now: datetime = connection.execute(select(func.now())).scalar_one()

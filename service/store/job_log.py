@@ -32,7 +32,7 @@ _open: Final = jobs.c.state.in_(OPEN_STATES)
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class JobStatus:
     """State of a job.
 
     Attributes:
@@ -59,15 +59,15 @@ class JobLog:
             self._kind, jobs.c.id.in_(bindparam("ids", expanding=True))
         )
 
-    def standing(self, job_id: str) -> Standing | None:
+    def status(self, job_id: str) -> JobStatus | None:
         """Return state and progress of a job; None if there is no such job."""
-        return self.standings([job_id]).get(job_id)
+        return self.statuses([job_id]).get(job_id)
 
-    def standings(self, job_ids: Collection[str]) -> dict[str, Standing]:
+    def statuses(self, job_ids: Collection[str]) -> dict[str, JobStatus]:
         """Return state and progress of those of some jobs that exist, by id."""
         with self._database.reading() as connection:
             rows = connection.execute(self._standings, {"ids": list(job_ids)}).all()
-        return {str(row.id): Standing(str(row.state), int(row.done)) for row in rows}
+        return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
     def state(self, job_id: str) -> str | None:
         """Return the state of a job; None if there is no such job."""
@@ -115,7 +115,7 @@ class JobLog:
 
     def done(self, job_id: str) -> int:
         """Return the number of units of a job that are done."""
-        found = self.standing(job_id)
+        found = self.status(job_id)
         return 0 if found is None else found.done
 
     def died(self, job_id: str) -> int:

@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
-from jointstiff.service.workers.queue import Ledger
-from jointstiff.service.workers.supervisor import Supervisor
-from jointstiff.service.workers.worker import run_worker
+from typing import TYPE_CHECKING
 
-__all__ = ["Ledger", "Supervisor", "run_worker"]
+from jointstiff.solver.doors import names_of
+
+if TYPE_CHECKING:
+    from jointstiff.service.workers.queue import JobQueue
+    from jointstiff.service.workers.supervisor import Supervisor
+    from jointstiff.service.workers.worker import run_worker
+else:
+    __getattr__ = names_of(
+        __name__,
+        queue="JobQueue",
+        supervisor="Supervisor",
+        worker="run_worker",
+    )
+
+__all__ = ["JobQueue", "Supervisor", "run_worker"]

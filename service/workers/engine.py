@@ -1,4 +1,4 @@
-"""Durable execution of long jobs on DBOS Transact: announced by the service, carried out by workers.
+"""Durable execution of long jobs on DBOS Transact: enqueued by the service, carried out by workers.
 
 A job is a workflow; its steps are shared out to workflows of their own, its parts, so that any number of
 workers can take part, and none is kept from other jobs for long. What a step computed is kept before the
@@ -26,7 +26,7 @@ from jointstiff.service.workers.queue import (
     APPLICATION,
     QUEUES,
     VERSION,
-    Ledger,
+    JobQueue,
     as_store_errors,
     engine_url,
     schema_of,
@@ -67,7 +67,7 @@ class Engine:
     """A worker's side: carries out jobs until closed. One a process.
 
     Attributes:
-        ledger: of the jobs.
+        queue: of the jobs.
         active: ids of the workflows that this process is carrying out, one for each time.
     """
 
@@ -83,7 +83,7 @@ class Engine:
         Raises:
             StoreError: the engine's tables cannot be made or used.
         """
-        self.ledger = Ledger(store, database)
+        self.queue = JobQueue(store, database)
         self.active: list[str] = []
         config: DBOSConfig = {
             "name": APPLICATION,
@@ -118,7 +118,7 @@ class Engine:
 
 
 class _Steps:
-    """What a job consists of, each step kept by the engine. A job that has ended computes nothing more."""
+    """Steps of a job, each kept by the engine. A finished job computes nothing more."""
 
     def __init__(self, jobs: Mapping[str, Jobs]) -> None:
         @DBOS.step(name="plan")

@@ -1,4 +1,4 @@
-"""The engine's tables: which jobs are announced, who carries them out, what became of them.
+"""The engine's tables: which jobs are enqueued, who carries them out, what became of them.
 
 They are DBOS's own, beside the store's in the same database; only its public client is asked.
 """
@@ -33,11 +33,11 @@ logging.getLogger("dbos").setLevel(logging.CRITICAL)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of the workflow of a job.
+    """Outcome of the workflow of a job.
 
     Attributes:
         status: the engine's word for it.
-        version: of the layout that it was announced with.
+        version: of the layout that it was enqueued with.
     """
 
     status: str
@@ -54,8 +54,8 @@ class Outcome:
         return not self.ended and self.version < VERSION
 
 
-class Ledger:
-    """What the engine keeps of the jobs of a store."""
+class JobQueue:
+    """Records that the engine keeps of the jobs of a store."""
 
     def __init__(self, store: Store, database: str) -> None:
         """Connect to the engine's tables, making them if need be.
@@ -155,8 +155,8 @@ def engine_url(database: str) -> str:
     url = make_url(database)
     if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
         raise StoreError(
-            "a database in memory cannot be shared with workers",
-            "give a file: --database sqlite:///jointstiff.db",
+            "an in-memory database cannot be shared with workers",
+            "use a file: --database sqlite:///jointstiff.db",
         )
     if url.get_backend_name() == "postgresql":
         url = url.set(drivername="postgresql")
@@ -177,6 +177,6 @@ def as_store_errors() -> Iterator[None]:
     except SQLAlchemyError as error:
         cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
         raise StoreError(
-            f"the tables for long jobs cannot be made or used ({cause[:200]})",
-            "give the database's user the right to create a schema in it",
+            f"the tables for long jobs cannot be created or used ({cause[:200]})",
+            "give the database user the privilege to create a schema",
         ) from error

@@ -27,8 +27,8 @@ class WorkerLostError(Exception):
     """The engine gave a job up."""
 
 
-class Janitor:
-    """Of one worker. It looks at every beat; what it does is safe to repeat, and others do the same."""
+class Recovery:
+    """Recovery by one worker. It runs at every heartbeat; it is idempotent, and other workers do the same."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class Janitor:
             StoreUnavailableError: the database does not answer; look again later.
         """
         living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
-        pending = self._engine.ledger.pending()
+        pending = self._engine.queue.pending()
         duties = [lambda: self._take_up_idle(pending)]
         if living and living[0] == self._executor:  # one of the living is enough
             abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
@@ -83,12 +83,12 @@ class Janitor:
 
     def hand_over(self) -> None:
         """Leave what this worker has begun to the others, as it is about to end."""
-        pending = self._engine.ledger.pending()
+        pending = self._engine.queue.pending()
         self._resume({name for name, (_, executor) in pending.items() if executor == self._executor}, pending)
         self._heartbeats.forget(self._executor)
 
     def _take_up_idle(self, pending: dict[str, tuple[str, str]]) -> None:
-        """What this process took and does not carry out: its thread ended as the database was in the way."""
+        """Resume jobs that this process holds but does not run: their thread ended on a database error."""
         mine = {name for name, (_, executor) in pending.items() if executor == self._executor}
         idle = mine - set(self._engine.active)
         self._resume(idle & self._idle, pending)
@@ -106,16 +106,18 @@ class Janitor:
                 if not jobs.goes_on(job_id) or not (job_id in computed or jobs.is_computed(job_id)):
                     continue
                 if jobs.log.died(job_id) >= ATTEMPTS:
-                    jobs.fail(job_id, WorkerLostError(f"{ATTEMPTS} workers died over job {job_id}"))
+                    jobs.fail(
+                        job_id, WorkerLostError(f"{ATTEMPTS} workers died while computing job {job_id}")
+                    )
 
     def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:
-        self._engine.ledger.resume((name, pending[name][0]) for name in names)
+        self._engine.queue.resume((name, pending[name][0]) for name in names)
 
     def _look_after_jobs(self) -> None:
         lost, missing = set[str](), set[str]()
         for kind, jobs in self._jobs.items():
             open_jobs = jobs.log.open_jobs()
-            outcomes = self._engine.ledger.outcomes(open_jobs) if open_jobs else {}
+            outcomes = self._engine.queue.outcomes(open_jobs) if open_jobs else {}
             unknown = set(open_jobs) - set(outcomes)
             outdated = {job for job, outcome in outcomes.items() if outcome.outdated}
             self._renew(kind, outdated | unknown & self._unknown)
@@ -130,7 +132,7 @@ class Janitor:
         """
         for job_id in job_ids:
             self._jobs[kind].log.forget_steps([job_id])
-            self._engine.ledger.renew(kind, job_id)
+            self._engine.queue.renew(kind, job_id)
 
     def _fail_lost(self, jobs: Jobs, outcomes: dict[str, Outcome]) -> set[str]:
         """End open jobs whose workflow has ended without ending them, two looks in a row.
@@ -140,12 +142,14 @@ class Janitor:
         """
         lost = {job for job, outcome in outcomes.items() if outcome.ended}
         for job_id in lost & self._lost:
-            jobs.fail(job_id, WorkerLostError(f"the engine gave job {job_id} up: {outcomes[job_id].status}"))
+            jobs.fail(
+                job_id, WorkerLostError(f"the job engine gave up job {job_id}: {outcomes[job_id].status}")
+            )
         return lost
 
     def _tidy(self) -> None:
         """Remove the steps of jobs that ended a while ago: only the result is asked for from then on."""
-        ended = self._engine.ledger.forget_ended(self._keep, _REMOVED)
+        ended = self._engine.queue.forget_ended(self._keep, _REMOVED)
         if ended:
             for jobs in self._jobs.values():
                 jobs.log.forget_steps(ended)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Final
 
@@ -15,18 +16,30 @@ from jointstiff.service.threads import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""
-_SHORT_LIFE_SECONDS: Final = 10.0
+_SHORT_LIFE_SECONDS: Final = 60.0  # reading its libraries alone takes ten on a busy machine
 _PAUSE_SECONDS: Final = 2.0
-"""Before a worker that did not live long is replaced, so that one that cannot start does not spin."""
+_LONGEST_PAUSE_SECONDS: Final = 60.0
+_FAILING: Final = 2
+"""Short lives, one after the other, from which on a worker counts as one that cannot start."""
 _END_SECONDS: Final = 10.0
 
 _logger = logging.getLogger(__name__)
 
 
+def pause_after(short_lives: int) -> float:
+    """Return how long to wait before a worker is started again, doubled with each short life [s].
+
+    A worker that cannot start, for want of memory or of its database, must not keep a processor busy.
+    """
+    return min(_PAUSE_SECONDS * 2.0 ** min(short_lives - 1, 10), _LONGEST_PAUSE_SECONDS)
+
+
 class Supervisor:
     """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
 
-    def __init__(self, database: str, workers: int, prefix: str) -> None:
+    def __init__(
+        self, database: str, workers: int, prefix: str, forget: Callable[[str], object] = lambda _: None
+    ) -> None:
         """Start the workers.
 
         Args:
@@ -34,7 +47,10 @@ class Supervisor:
             workers: how many; none is allowed.
             prefix: what makes the names of these workers unlike those of other services, and the same as
                 those of an earlier start of this one.
+            forget: called with the name of a worker that ended by itself, which is living no more.
         """
+        self._forget = forget
+        self._short_lives: dict[str, int] = {}
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._watchers = [
@@ -57,16 +73,26 @@ class Supervisor:
         for watcher in self._watchers:
             watcher.join(max(0.0, deadline - time.monotonic()))
 
+    @property
+    def failing(self) -> int:
+        """Return the number of workers that end soon after each start."""
+        return sum(lives >= _FAILING for lives in list(self._short_lives.values()))
+
     def _keep(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
         while not self._stopping.is_set():
             began = time.monotonic()
+            alive = threading.Timer(_SHORT_LIFE_SECONDS, self._short_lives.pop, (name, 0))
+            alive.daemon = True
+            alive.start()
             try:
                 self._watch(database, name)
             except OSError:
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
+            alive.cancel()
             if time.monotonic() - began < _SHORT_LIFE_SECONDS:
-                self._stopping.wait(_PAUSE_SECONDS)
+                self._short_lives[name] = self._short_lives.get(name, 0) + 1
+                self._stopping.wait(pause_after(self._short_lives[name]))
 
     def _watch(self, database: str, name: str) -> None:
         """Start a worker, and wait for its end."""
@@ -84,6 +110,7 @@ class Supervisor:
         if not self._stopping.is_set():
             how = f"signal {-status}" if status < 0 else f"status {status}"
             _logger.warning("worker %s ended with %s; starting it again", name, how)
+            self._forget(name)
 
 
 def _environment(database: str) -> dict[str, str]:

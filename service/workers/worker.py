@@ -16,7 +16,7 @@ from jointstiff.service.jobs import Parts
 from jointstiff.service.render import console
 from jointstiff.service.store import SILENT_SECONDS, Store
 from jointstiff.service.workers.engine import Engine
-from jointstiff.service.workers.recovery import BEAT_SECONDS, Janitor
+from jointstiff.service.workers.recovery import BEAT_SECONDS, Recovery
 
 _EARLY_BEAT: Final = 1.0
 """The first looks come sooner, as there may be something to take over."""
@@ -48,8 +48,8 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     jobs = Parts.of(store).jobs
     store.heartbeats.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
     with Engine(store, jobs, database, executor) as engine:
-        janitor = Janitor(store.heartbeats, jobs, engine, executor)
-        keeper = threading.Thread(target=_look_after, args=(janitor, stop), daemon=True)
+        recovery = Recovery(store.heartbeats, jobs, engine, executor)
+        keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
         gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
         console().print(f"worker {executor} ready", markup=False)
         keeper.start()
@@ -60,14 +60,14 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
         os._exit(0)
 
 
-def _look_after(janitor: Janitor, stop: threading.Event) -> None:
+def _look_after(recovery: Recovery, stop: threading.Event) -> None:
     """Look at every beat; at the end, hand over."""
     pause = _EARLY_BEAT
     while not stop.is_set():
-        _patiently(janitor.look)
+        _patiently(recovery.look)
         stop.wait(pause)
         pause = BEAT_SECONDS
-    _patiently(janitor.hand_over)
+    _patiently(recovery.hand_over)
 
 
 def _patiently(act: Callable[[], None]) -> None:
@@ -75,7 +75,7 @@ def _patiently(act: Callable[[], None]) -> None:
     try:
         act()
     except Exception:
-        _logger.warning("could not look after the jobs; trying again", exc_info=True)
+        _logger.warning("could not check the jobs; trying again", exc_info=True)
 
 
 def _end_with(parent: int) -> None:

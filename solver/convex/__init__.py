@@ -5,6 +5,7 @@ from __future__ import annotations
 from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
 from jointstiff.solver.convex.certificate import Certificate, Proposer, certify
 from jointstiff.solver.convex.constraints import Constraints, Order
+from jointstiff.solver.convex.designs import best_for_worst_direction, best_for_worst_place
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.semidefinite import (
     Cone,
@@ -35,6 +36,8 @@ __all__ = [
     "Proposer",
     "SemidefiniteProgram",
     "Solution",
+    "best_for_worst_direction",
+    "best_for_worst_place",
     "certify",
     "certify_cone",
     "diagonal",

@@ -13,10 +13,10 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, Support
 from jointstiff.solver.convex.scaled import Scaled
 
 _NO_DIRECTION = 1e-13
-"""Relative singular value that is a zero up to rounding."""
+"""Relative singular value that counts as zero."""
 _ROUNDING = 64 * np.finfo(float).eps
 _TIGHT = 1e-12
-"""Greatest slack, relative to the variables, that is taken for rounding."""
+"""Largest slack, relative to the variables, that counts as rounding."""
 
 
 def exact_support(scaled: Scaled) -> Support:

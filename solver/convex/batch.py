@@ -27,10 +27,11 @@ from jointstiff.solver.convex.supports import (
 from jointstiff.solver.errors import SolverError
 
 LEAST_EIGENVALUE = 1e-6
-"""Of an equilibrated Gram matrix. Rounding of 1e-16 in its entries grows to 1e-10 in the answer there."""
+"""Largest condition of an equilibrated Gram matrix: rounding of 1e-16 in its entries grows to 1e-10 in the
+answer."""
 
 _ROUNDING = 64 * np.finfo(float).eps
-"""Of a gradient, relative to the largest variable."""
+"""Tolerance of a gradient, relative to the largest variable."""
 
 _PIVOTS = 8
 """Rounds of pivoting; nearly all problems settle in two or three."""

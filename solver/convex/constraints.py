@@ -1,4 +1,4 @@
-"""What is known of the compliances for certain: bounds, and which joint is at least as stiff as which."""
+"""Constraints on the compliances: bounds, and order ("joint i is at least as stiff as joint j")."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ class Constraints:
         below = self._below()
         if below.diagonal().any():
             raise RequestError(
-                "the order of the joints goes round in a circle",
+                "`stiffness_order` contradicts itself: the chains of joints form a cycle",
                 where="stiffness_order",
-                remedy="name each joint once in a chain, and let no two chains contradict each other",
+                remedy="name each joint once per chain, and let no two chains contradict each other",
             )
         before = below | np.eye(len(below), dtype=np.bool_)
         lower = np.where(before, self.bounds.lower[:, None], -np.inf).max(axis=0)
         upper = np.where(before, self.bounds.upper, np.inf).min(axis=1)
         if not (lower < upper).all():
             raise RequestError(
-                "the stiffness bounds leave no room for the order of the joints",
+                "the stiffness bounds contradict `stiffness_order`",
                 where="stiffness_order",
-                remedy="widen the bounds, or leave the order out",
+                remedy="widen the bounds, or omit `stiffness_order`",
             )
         object.__setattr__(self, "bounds", Bounds(lower, upper))
 
@@ -98,10 +98,10 @@ class Constraints:
             upper[below[:, joint]] = np.minimum(upper[below[:, joint]], value)
         if not (lower[others] < upper[others]).all():
             raise RequestError(
-                "the decoupled method finds the arm first, and that leaves a wrist joint no room between "
-                "its bounds and the order",
+                "the decoupled method fits the arm first, which leaves no feasible compliance for a wrist "
+                "joint between its bounds and the order",
                 where="stiffness_order",
-                remedy="use method partial_pose, which finds all joints at once",
+                remedy="use method partial_pose, which fits all joints at once",
             )
         return Constraints(Bounds(lower, upper), self.order).select(others)
 

@@ -28,9 +28,9 @@ class Bounds:
     def __post_init__(self) -> None:
         if not (self.lower < self.upper).all():
             raise RequestError(
-                "a lower bound is not below its upper bound",
+                "a lower bound is not less than its upper bound",
                 where="stiffness_bounds",
-                remedy="give the least stiffness first, then the greatest",
+                remedy="give the minimum stiffness first, then the maximum",
             )
 
     @classmethod
@@ -66,7 +66,10 @@ class Inequalities:
     def __post_init__(self) -> None:
         rows_hold = np.isfinite(self.matrix).all() and np.isfinite(self.least).all()
         if not rows_hold or not self.matrix.any(axis=1).all():
-            raise SolverError("an inequality says nothing", remedy="report this with the data")
+            raise SolverError(
+                "an inequality constraint has only zero coefficients",
+                remedy="please report this problem, with the data",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +94,17 @@ class IdentificationProblem:
     def __post_init__(self) -> None:
         shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}
         if len(shapes) != 1 or self.R.shape[:1] != self.z.shape:
-            raise SolverError("shapes disagree", remedy="report this with the data")
+            raise SolverError("shapes disagree", remedy="please report this problem, with the data")
         if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
             raise SolverError(
-                "the regressor overflows", remedy="check the units and magnitudes of the readings"
+                "the regressor contains numbers that are too large",
+                remedy="check the units and the magnitudes of the readings",
             )
         if not (self.column_norms > 0).all():
-            raise SolverError("a parameter has no effect on the readings", remedy="report this with the data")
+            raise SolverError(
+                "a parameter has no effect on the readings",
+                remedy="please report this problem, with the data",
+            )
 
     @property
     def column_norms(self) -> FloatArray:

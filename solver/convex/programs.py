@@ -46,7 +46,7 @@ _SETTINGS: Final[Mapping[str, Any]] = {
     "iterative_refinement_max_iter": 30,
 }
 
-_COMPILING: Final = threading.RLock()
+COMPILING: Final = threading.RLock()
 """Held while a program is stated and compiled: cvxpy numbers its variables by a counter of the process."""
 
 
@@ -133,7 +133,7 @@ def least_squares(scaled: Scaled) -> FloatArray | None:
 def _least_squares(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
     import cvxpy as cp
 
-    with _COMPILING:
+    with COMPILING:
         x, r = cp.Variable(columns), cp.Variable(rows)
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
         constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
@@ -157,7 +157,7 @@ def huber(A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, scaled: Sc
     """
     import cvxpy as cp
 
-    with _COMPILING:
+    with COMPILING:
         x = cp.Variable(A.shape[2])
         residuals = d.ravel() - A.reshape(-1, A.shape[2]) @ x
         norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
@@ -179,7 +179,7 @@ def interval_end(objective: FloatArray, ball: Scaled) -> FloatArray | None:
 def _interval_end(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
     import cvxpy as cp
 
-    with _COMPILING:
+    with COMPILING:
         x, a = cp.Variable(columns), cp.Parameter(columns, name="a")
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
         constraints = [cp.norm(A @ x - b) <= 1, *_constraints(x, below, above, inequalities)]
@@ -203,7 +203,7 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
     """
     import cvxpy as cp
 
-    with _COMPILING:
+    with COMPILING:
         dimension = scalars + sum(size * (size + 1) // 2 for size in sizes)
         y, r = cp.Variable(dimension), cp.Variable(rows)
         T, z = cp.Parameter((rows, dimension), name="T"), cp.Parameter(rows, name="z")

@@ -39,13 +39,13 @@ from jointstiff.solver.convex.supports import (
 from jointstiff.solver.errors import SolverError
 
 _NO_DIRECTION = 1e-13
-"""Relative singular value that is a zero up to rounding."""
+"""Relative singular value that counts as zero."""
 
 _TOUCHES = 1e-6
-"""Slack at which an interior point may stand from a row that is tight at the optimum."""
+"""Largest slack of an interior point at a row that is active at the optimum."""
 
 _PIVOTS = 8
-"""Rounds of pivoting; from Clarabel's support one confirms it."""
+"""Maximum rounds of pivoting; starting from Clarabel's support, one round confirms it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +145,9 @@ def _first_certified(
             if certificate.holds:
                 return _unscaled(problem, scaled, x, certificate)
     raise SolverError(
-        f"no solution satisfies the optimality conditions to {TOLERANCE:g} "
-        f"(primal {certificate.primal:.1e}, dual {certificate.dual:.1e})",
-        remedy="report this with the data",
+        f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
+        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
+        remedy="please report this problem, with the data",
     )
 
 

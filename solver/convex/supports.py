@@ -12,7 +12,7 @@ from jointstiff.solver.arrays import FloatArray, Support
 FREE, LOWER, UPPER = 0, -1, 1
 
 TOLERANCE = 1e-12
-"""Greatest violation of an optimality condition, in equilibrated variables, that is taken for rounding."""
+"""Largest violation of an optimality condition, in equilibrated variables, that counts as rounding."""
 
 
 def support_at(x: FloatArray, lower: FloatArray, upper: FloatArray) -> Support:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jointstiff.solver.fitting.common import force_response
 from jointstiff.solver.fitting.decoupled import DecoupledPartialPose
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.iteration import (
@@ -42,6 +43,7 @@ __all__ = [
     "SigmaTest",
     "Weighting",
     "fit_once",
+    "force_response",
     "iterate_to_convergence",
     "neglected_shift",
     "prior_to_data",

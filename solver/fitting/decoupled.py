@@ -73,7 +73,7 @@ class DecoupledPartialPose:
     def response(
         self, block: RegressorBlock, joints: IndexArray, prior: PriorRows | None = None
     ) -> FloatArray:
-        """What other readings would have added; see `jointstiff.solver.fitting.methods.MethodAccumulator`."""
+        """Return the sums of other readings; see `jointstiff.solver.fitting.methods.MethodAccumulator`."""
         out = np.zeros(len(self._order))
         arm, wrist = joints[joints < self._arm_joints], joints[joints >= self._arm_joints]
         first, second = self._arm, self._targets
@@ -161,8 +161,8 @@ def _refuse_undetermined_arm(arm: StageFit | None, names: tuple[str, ...]) -> No
     if arm and arm.undetermined:
         joints = ", ".join(names[j] for j in sorted(j for group in arm.undetermined for j in group.joints))
         raise UnsupportedMethodError(
-            f"the wrist centre determines {joints} only together, so the arm's share of the "
-            "deflection is unknown",
+            f"the displacement of the wrist centre determines only a combination of {joints}, so the "
+            "arm's share of the deflection is unknown",
             where="method",
             remedy="use method partial_pose, or add postures and load directions",
         )
@@ -172,7 +172,8 @@ def _refuse_unseen_arm(unseen: IndexArray, names: tuple[str, ...]) -> None:
     if len(unseen):
         joints = ", ".join(names[j] for j in unseen)
         raise UnsupportedMethodError(
-            f"the wrist centre does not move when {joints} turns, so it cannot show how that joint bends",
+            f"the wrist centre does not move when {joints} turns, so its displacement does not show "
+            "the compliance of that joint",
             where="method",
             remedy="use method partial_pose",
         )

@@ -43,3 +43,15 @@ class Fit:
         if factor == 1.0:
             return self
         return replace(self, covariance=factor * self.covariance, likelihood=self.likelihood.inflated(factor))
+
+    def with_common(self, responses: FloatArray) -> Fit:
+        """The same estimate with the variance of errors that all observations share.
+
+        Args:
+            responses: (n, k) what a standard uncertainty of each moves, in units of sigma.
+        """
+        return replace(
+            self,
+            covariance=self.covariance + responses @ responses.T,
+            likelihood=self.likelihood.with_common(responses[self.likelihood.joints]),
+        )

@@ -29,11 +29,12 @@ from jointstiff.solver.regression import (
 from jointstiff.solver.robot import Robot
 
 MAX_ITERATIONS = 20
-"""Fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness, mostly a thousandth."""
+"""Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
+typically 1/1000."""
 _STILL = 1e-10
-"""Relative change of the compliances between two fits that ends them."""
+"""Relative change of the compliances between two fits at which the iteration has converged."""
 SHIFT_OBSERVATIONS = 2 * BLOCK_LENGTH
-"""As many tell how much K_c matters."""
+"""Number of fits that show the effect of K_c."""
 
 
 class NewMethod(Protocol):
@@ -101,7 +102,7 @@ def fit_once(
         largest.add(block)
         first_block = first_block or block
     if first_block is None:  # measurements hold at least one observation
-        raise SolverError("there is no observation", remedy="report this with the data")
+        raise SolverError("there are no observations", remedy="please report this problem, with the data")
     observability = require_observable(excitation) if before is None else before.observability
     fit = fit_with_prior(
         method, observability, settings, measurements.sigma if robust is None else robust.sigma
@@ -158,17 +159,17 @@ def iterate_to_convergence(
         if (change <= _STILL * size).all():
             return last, rounds
     raise SolverError(
-        f"the compliances still change by {(change / size).max():.1e} after {MAX_ITERATIONS} fits with the "
-        "complementary stiffness",
+        f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
+        f"fits the compliances still change by {(change / size).max():.1e} (relative)",
         where="complementary_stiffness",
-        remedy="neglect it, or add postures and loads that show every joint",
+        remedy="neglect the complementary stiffness, or add postures and loads that excite every joint",
     )
 
 
 def neglected_shift(
     robot: Robot, measurements: Measurements, neglected: Iteration, prior: PriorRows | None
 ) -> FloatArray:
-    """How much including K_c would change the compliances, to first order.
+    """Return the change of the compliances if K_c were included, to first order.
 
     The same estimator, linear where bounds stay as active as they are, of what the model left out. Of a set
     beyond `SHIFT_OBSERVATIONS` as many stand for the whole, evenly spread. Where loads of all directions
@@ -212,15 +213,15 @@ def require_observable(excitation: Excitation) -> Observability:
     observability = excitation.observability()
     if not excitation.anything_moved:
         raise NotObservableError(
-            "no target moved at all, so nothing can be said of any joint",
+            "no target moved, so no compliance can be identified",
             where="observations",
-            remedy="check that the loaded readings were taken under load",
+            remedy="check that the loaded readings were taken with the load applied",
         )
     if observability.null.all():
         reasons = "; ".join(str(reason).split(":")[0] for reason in observability.reasons)
         raise NotObservableError(
-            f"the readings determine no joint: {reasons}",
+            f"the readings do not determine any joint: {reasons}",
             where="observations",
-            remedy="add loads that twist the joints, and targets away from their axes",
+            remedy="add loads with a torque about the joints' axes, and targets away from these axes",
         )
     return observability

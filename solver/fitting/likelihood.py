@@ -39,6 +39,18 @@ class Likelihood:
         rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
+    def with_common(self, responses: FloatArray) -> Likelihood:
+        """The same centre with covariance ``C + S Sᵀ``, which takes ``RᵀR`` to ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
+
+        Args:
+            responses: S (p, k), in units of sigma.
+        """
+        rows = self.given_rows
+        if rows is not None:
+            U, s, _ = np.linalg.svd(rows @ responses, full_matrices=False)
+            rows = rows + U @ ((1.0 / np.hypot(1.0, s) - 1.0)[:, None] * (U.T @ rows))
+        return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
+
     def interval(self, wanted: IndexArray, radii: FloatArray) -> FloatArray:
         """Ends (q, w, 2) of unconstrained intervals [rad/(N·m)].
 

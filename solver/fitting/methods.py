@@ -1,4 +1,4 @@
-"""What every method offers, and the two that solve one problem for all joints (method.md §4)."""
+"""Interface of all methods, and the two that solve one problem for all joints (method.md §4)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from jointstiff.solver.robot import Robot
 
 
 class MethodAccumulator(Protocol):
-    """What each method offers: take in blocks, then fit.
+    """Interface of a method: add readings in blocks, then fit.
 
     Attributes:
         judged: the rows of all targets, weighted by covariance. Whatever a method fits, it is judged on

@@ -1,4 +1,4 @@
-"""What is known of the compliances before anything is measured: a data sheet's value with its uncertainty."""
+"""Priors on the compliances: a data sheet's value with its uncertainty."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Prior:
             raise RequestError(
                 "a prior's standard uncertainty is not positive",
                 where="priors",
-                remedy="give a positive stiffness and its standard uncertainty",
+                remedy="give a positive stiffness and a positive standard uncertainty",
             )
 
     @property

@@ -39,27 +39,30 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import Compression, TargetRows
 
 DEFAULT_THRESHOLD = 2.8
-"""In units of sigma: 95 % of good readings of three coordinates stay below (χ of three degrees: 2.796)."""
+"""Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three
+degrees: 2.796)."""
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
-"""4.03 sigma: one good reading of three coordinates in a thousand lies beyond."""
+"""Limit of a suspicious reading, 4.03 sigma: one good reading of three coordinates in a thousand exceeds
+it."""
 
 _MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
 """1.538: median of the norm of three standard normal coordinates."""
 _LEAST_SCALE = 1e-6
-"""Of the rms deflection: no tracker measures better, and exact readings have no scale at all."""
+"""Smallest scale relative to the rms deflection: no tracker measures better, and exact readings have no
+scale."""
 _SCALE_TOLERANCE = 1e-6
 _SCALE_ROUNDS = 100
 _ROUNDS = 200
 _LEAST_DAMPING = 1e-8
 _STATED = 500
-"""Targets up to which Huber's problem is solved as stated: 12 ms for 100, and some 40 ms for these."""
+"""Number of targets up to which Huber's problem is solved as stated: 12 ms for 100, about 40 ms for these."""
 _NO_DESCENT = 1e-12
-"""Relative increase of the objective that is rounding."""
+"""Relative increase of the objective that counts as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """What the Huber loss makes of N observations of T targets.
+    """Result of a fit of N observations of T targets with the Huber loss.
 
     Attributes:
         threshold: norm beyond which a reading counts less, in units of sigma.
@@ -266,10 +269,10 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
         if certificate.holds:
             return compliance, certificate
     raise SolverError(
-        f"the Huber loss finds no optimum that satisfies its conditions (primal {certificate.primal:.1e}, "
-        f"dual {certificate.dual:.1e})",
+        "the fit with the Huber loss did not converge to an optimum (primal "
+        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})",
         where="loss",
-        remedy="use loss squared, and report this with the data",
+        remedy="use loss squared, and report this problem with the data",
     )
 
 
@@ -280,9 +283,9 @@ def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
     freedom = rows - len(compliance)
     if freedom < 1:
         raise UnsupportedMethodError(
-            "the Huber loss must know what a good reading is, and there are no more readings than joints",
+            "the Huber loss needs sigma, which cannot be estimated: there are no more readings than joints",
             where="loss",
-            remedy="state noise, or measure more",
+            remedy="state `noise`, or add observations",
         )
     unit = np.sqrt(rows / freedom) / _MEDIAN_NORM
     least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.d**2)))

@@ -1,4 +1,4 @@
-"""What the residuals say of sigma, and whether they agree with what was stated (method.md §6)."""
+"""Estimation of sigma from the residuals, and its test against the stated value (method.md §6)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.regression import Compression
 
 SIGMA_TEST_LEVEL: Final = 0.01
-"""Share of campaigns whose stated sigma is called wrong although model and sigma are right."""
+"""Significance level: share of campaigns whose stated sigma is rejected although model and sigma are
+right."""
 
 _LEAST_FREEDOM = 0.5
-"""Degrees of freedom are whole numbers, or nearly, for any method: below this there are none."""
+"""Least degrees of freedom; they are integers, or nearly, for every method."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Scale:
     degrees_of_freedom: float
 
     def quantile(self, probability: float) -> float:
-        """Of a deviation in standard uncertainties: normal, or Student's where sigma is estimated."""
+        """Return the quantile in standard uncertainties: normal, or Student's where sigma is estimated."""
         if self.given:
             return float(special.ndtri(probability))
         return float(special.stdtrit(self.degrees_of_freedom, probability))

@@ -1,4 +1,4 @@
-"""How to identify, as data."""
+"""Settings of an identification, as data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Loss = Literal["squared", "huber"]
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """How to identify.
+    """Settings of an identification.
 
     Attributes:
         method: see method.md §4.

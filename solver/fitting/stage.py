@@ -179,6 +179,6 @@ def solved(
 
 
 def encoder_moment(stage: Stage, block: RegressorBlock, joints: IndexArray) -> FloatArray:
-    """Of the encoders of the first joints, which are the stage's parameters."""
+    """Return the moments of the encoders of the first joints, which are the stage's parameters."""
     readings = encoder_readings(block, joints)
     return stage.moment(None if readings is None else readings.select(joints))

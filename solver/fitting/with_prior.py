@@ -42,9 +42,9 @@ def fit_with_prior(
     sigma = scale_of(alone, method.judged.rows, sigma).sigma
     if not sigma:
         raise UnsupportedMethodError(
-            "a prior is weighed against sigma, which is not given and which these readings do not show",
+            "weighting a prior needs sigma, which is not given and cannot be estimated from these readings",
             where="priors",
-            remedy="state noise, or measure more",
+            remedy="state `noise`, or add observations",
         )
     fit = method.fit(observability.null, settings.constraints, settings.prior.rows(sigma))
     return replace(fit, alone=alone)

@@ -22,9 +22,9 @@ MOST_STEPS = 60
 _MOST_HALVINGS = 20
 _CONVERGED = 1e-9
 _RANK_TOLERANCE = 1e-10
-"""Singular value of the column-scaled Jacobian, beside the largest, that counts as zero."""
+"""Singular value of the column-scaled Jacobian, relative to the largest, that counts as zero."""
 _UNDETERMINED = 1e-6
-"""Share of an unknown in a direction that the readings do not see, above which it is not determined."""
+"""Share of an unknown in an unobservable direction above which it is not determined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +135,7 @@ def minimise(
             return state, linear
         state, r = trial, shorter
     raise MeasurementError(
-        f"the fit does not converge: after {MOST_STEPS} steps the residual is still "
-        f"{np.sqrt(np.mean(r**2)):.2g} rms",
+        f"the fit did not converge in {MOST_STEPS} steps; the residual is {np.sqrt(np.mean(r**2)):.2g} m rms",
         where=where,
-        remedy="check the unit and the sign of the angles, the joint map, and that rows are in order",
+        remedy="check the unit and the sign of the angles, the joint map, and the order of the rows",
     )

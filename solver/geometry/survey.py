@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from jointstiff.solver.geometry.model import (
     link_table,
     refine_axes,
 )
-from jointstiff.solver.geometry.surveyed import BaseTargets, Conventions, Evidence, Survey
+from jointstiff.solver.geometry.surveyed import BaseTargets, Conventions, Evidence, Survey, SweepFit
 from jointstiff.solver.geometry.sweeps import (
     AngleUse,
     Axis,
@@ -40,15 +39,16 @@ from jointstiff.solver.geometry.sweeps import (
     SweptAxes,
     agreement_findings,
     angle_probability,
+    disagree,
     geometry_findings,
     identify_axes,
 )
 from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
 
-_DEGENERATE = "the readings leave it too uncertain to be found"
+_DEGENERATE = "its uncertainty is too large"
 
 LEAST_SIGMA = 1e-12
-"""Of a coordinate [m]: a picometre. Less, and covariances are zeros."""
+"""Smallest standard uncertainty of a coordinate [m]; with less, covariances vanish."""
 
 
 def survey_sweeps(
@@ -57,7 +57,7 @@ def survey_sweeps(
     *,
     nominal: KinematicChain | None = None,
     name: str = "identified",
-    fit: Literal["one_by_one", "together"] = "together",
+    fit: SweepFit = "together",
     angles: AngleUse = "free",
     base_targets: BaseTargets | None = None,
 ) -> Survey:
@@ -68,7 +68,8 @@ def survey_sweeps(
         conventions: where R0 and the flange frame are.
         nominal: model of the robot; needed where a convention is by it.
         name: of the identified robot.
-        fit: `one_by_one` asks least of the controller's repeatability; see `sweep_bundle`.
+        fit: `one_by_one` asks least of the controller's repeatability; see `sweep_bundle`. Where the sweeps
+            disagree, `together` falls back to it with a finding.
         angles: see `circle_point`.
         base_targets: read before and after.
 
@@ -77,12 +78,14 @@ def survey_sweeps(
     """
     free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
     alone = free if angles == "free" else trusted
-    identified = refine_axes(alone, angles=angles) if fit == "together" else alone
+    together = refine_axes(alone, angles=angles) if fit == "together" else None
+    agreement = None if together is None else angle_probability(alone, together)
+    identified = alone if together is None or disagree(agreement) else together
     _refuse_exact(identified)
-    agreement = angle_probability(alone, identified) if fit == "together" else None
-    evidence = Evidence(alone, angle_probability(free, trusted), agreement)
+    used: SweepFit = "one_by_one" if identified is alone else "together"
+    evidence = Evidence(alone, used, angle_probability(free, trusted), agreement)
     wrist = _wrist_of_sweeps(identified)
-    found = geometry_findings(alone, identified.names) + agreement_findings(agreement)
+    found = geometry_findings(alone, together or alone) + agreement_findings(agreement)
     frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
     return _survey(identified, frame, wrist, found, base_targets, evidence)
 
@@ -110,7 +113,7 @@ def survey_poses(
 
 @dataclass(frozen=True)
 class _Frame:
-    """What is asked for of the result."""
+    """Frames that are requested of the result."""
 
     conventions: Conventions
     nominal: KinematicChain | None
@@ -180,9 +183,9 @@ def _placed_targets(identified: IdentifiedAxes, flange: FlangeConvention) -> Boo
 def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:
     if nominal is None:
         raise MeasurementError(
-            "a frame as in the nominal model, and no nominal model is given",
+            "the base or flange frame is to be that of the nominal model, but there is no nominal model",
             where=where,
-            remedy="give the robot's nominal model, or place the frame by the axes",
+            remedy="give the robot's nominal model, or define the frame by `axes`",
         )
     return nominal
 
@@ -190,7 +193,7 @@ def _needed(nominal: KinematicChain | None, where: str) -> KinematicChain:
 def _refuse_exact(identified: IdentifiedAxes) -> None:
     if not identified.sigma > LEAST_SIGMA:
         raise MeasurementError(
-            f"the residuals speak for a sigma of {identified.sigma:.1g} m, which no instrument has",
+            f"the residuals give sigma = {identified.sigma:.1g} m, which no tracker reaches",
             where="noise.sigma",
             remedy="state sigma if the readings are simulated without noise",
         )
@@ -208,7 +211,7 @@ def _wrist_of_sweeps(identified: SweptAxes) -> WristCentre | str:
 def _wrist_of_axes(identified: IdentifiedAxes) -> WristCentre | str:
     """The nearest point to the last three axes with the arm at model angle zero: there are no spheres."""
     if identified.n < WRIST_JOINTS:
-        return f"{identified.n} axes have no wrist"
+        return f"a robot with {identified.n} axes has no three-axis wrist"
     posture = np.zeros(identified.n)
     try:
         (centre, influence), miss = nearest_to_axes(identified, posture)

@@ -32,7 +32,7 @@ from jointstiff.solver.geometry.sweeps import (
 
 @dataclass(frozen=True)
 class Conventions:
-    """Where R0 and the flange frame stand, which no axis shows.
+    """Conventions for R0 and the flange frame, which no axis determines.
 
     Attributes:
         base: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`.
@@ -78,18 +78,23 @@ class BaseTargets:
         )
 
 
+SweepFit = Literal["one_by_one", "together"]
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What sweeps say of themselves.
+    """Statistics of the fit of the sweeps.
 
     Attributes:
         one_by_one: the axes of each sweep by itself, with the fits.
+        fit: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for.
         controller_probability: that noise alone makes the controller's angles fit as badly as they do.
         agreement_probability: that noise alone makes one robot fit all sweeps as badly as it does; None if
             they were fitted one by one.
     """
 
     one_by_one: SweptAxes
+    fit: SweepFit
     controller_probability: float
     agreement_probability: float | None
 
@@ -168,11 +173,16 @@ class Survey:
         return self.identified.variance_factor
 
     @property
+    def fit(self) -> SweepFit | None:
+        """Return the fit that gave the axes; None for poses."""
+        return None if self.evidence is None else self.evidence.fit
+
+    @property
     def agreement_probability(self) -> float | None:
-        """That noise alone makes one robot fit all sweeps so badly; None if that was not tested."""
+        """Return the p-value of one robot model for all sweeps; None if that was not tested."""
         return None if self.evidence is None else self.evidence.agreement_probability
 
     @property
     def controller_probability(self) -> float | None:
-        """That noise alone makes the controller's angles fit so badly; None for poses."""
+        """Return the p-value of the controller's angles; None for poses."""
         return None if self.evidence is None else self.evidence.controller_probability

@@ -7,11 +7,16 @@ from jointstiff.solver.inference.advised_reading import Advice
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.inference.estimate import Estimate, assemble
-from jointstiff.solver.inference.joint import JointCompliance, stiffness_interval, stiffness_of
+from jointstiff.solver.inference.joint import (
+    JointCompliance,
+    UncertaintyBudget,
+    stiffness_interval,
+    stiffness_of,
+)
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Contributions, Prediction, predict
-from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.inference.reason import Action, Place, Reason
+from jointstiff.solver.inference.profile import profile_ends, profile_row_ends, range_on_box
+from jointstiff.solver.inference.reason import Action, Place, Reason, Usability
 from jointstiff.solver.inference.stages import StagesCertificate
 
 __all__ = [
@@ -25,6 +30,8 @@ __all__ = [
     "Prediction",
     "Reason",
     "StagesCertificate",
+    "UncertaintyBudget",
+    "Usability",
     "advise",
     "assemble",
     "assess",
@@ -33,6 +40,8 @@ __all__ = [
     "predict",
     "predict_encoders",
     "profile_ends",
+    "profile_row_ends",
+    "range_on_box",
     "stiffness_interval",
     "stiffness_of",
 ]

@@ -27,18 +27,19 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
-"""Of a compliance; a joint above it needs advice."""
+"""Relative standard uncertainty of a compliance above which a joint gets advice."""
 MOST_JOINTS: Final = 3
-"""Joints that get advice, the worst ones: one posture often serves several."""
+"""Maximum number of joints that get advice, the worst first: one posture often serves several."""
 MOST_POSTURES: Final = 48
-"""Of the set, and as many new ones; fewer where many joints make each candidate costly."""
+"""Maximum number of postures of the set, and of new ones; fewer where many joints make each candidate
+costly."""
 LEAST_GAIN: Final = 0.01
-"""A reading that takes less than this share off the standard uncertainty is not worth taking."""
+"""Least relative reduction of the standard uncertainty for which a reading is advised."""
 LITTLE_MORE: Final = 1.1
-"""The easier of two pieces of advice suffices if it does as well within this factor: weights can only pull
-downwards, so a new posture; otherwise one of the set, which is known to be clear."""
+"""The easier of two pieces of advice is chosen if it does as well within this factor: weights can only pull
+downwards, so a new posture; otherwise one of the set, which is known to be free of collisions."""
 EASIER: Final = 1.05
-"""A force along an axis of R0 or the set's own is easier to apply: others must do better by this factor."""
+"""A force along an axis of R0, or the set's own, is easier to apply: others must be better by this factor."""
 _NO_PIVOT: Final = 1e-12
 _SHOWS: Final = 1e-6
 
@@ -197,7 +198,10 @@ def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
     visible = ~estimate.observability.null
     inverse = Spectrum(regressor[:, visible]).inverse
     least = estimate.sigma * np.linalg.norm(inverse, axis=1)
-    return np.allclose(np.sqrt(np.diagonal(estimate.covariance)[visible]), least, rtol=0.01, atol=0.0)
+    by_readings = np.diagonal(estimate.covariance)
+    if estimate.common is not None:
+        by_readings = by_readings - np.square(estimate.common).sum(axis=1)
+    return np.allclose(np.sqrt(np.maximum(by_readings[visible], 0.0)), least, rtol=0.01, atol=0.0)
 
 
 def _deviation(spectrum: Spectrum, joint: int) -> float | None:

@@ -54,26 +54,26 @@ class Advice:
             labels: of the observations.
         """
         if self.observation is not None:
-            posture = f"in the posture of {labels[self.observation]}"
+            posture = f"in posture {labels[self.observation]}"
         else:
             angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(self.joints))
-            posture = f"in the posture ({angles})°, if it is clear,"
+            posture = f"in posture ({angles})°, if it is free of collisions,"
         return f"{posture} {self._load()}: {self._gain(names[self.joint])}"
 
     def _load(self) -> str:
         size = float(np.linalg.norm(self.force))
         if self.own_direction:
-            return f"load with {size:.4g} N as before"
+            return f"apply the load of {size:.4g} N as before"
         direction = ", ".join(f"{part / size + 0.0:.2f}" for part in self.force.tolist())
-        return f"pull {size:.4g} N along ({direction})"
+        return f"apply {size:.4g} N along ({direction})"
 
     def _gain(self, name: str) -> str:
         """Return what the reading gains: the uncertainty, its change, or at least the torque."""
-        method = "" if self.same_method else "by the partial pose "
+        method = "" if self.same_method else "with method partial_pose "
         ratio = self.uncertainty_ratio
-        change = "" if ratio is None else f", {ratio:.2g} of what it is"
+        change = "" if ratio is None else f", {ratio:.2g} times its present value"
         if self.standard_uncertainty is not None:
-            return f"{method}u({name}) becomes {self.standard_uncertainty:.2g} rad/(N.m){change}"
+            return f"{method}u({name}) falls to {self.standard_uncertainty:.2g} rad/(N.m){change}"
         if ratio is not None:
-            return f"{method}u({name}) becomes {ratio:.2g} of what it is"
-        return f"that twists {name} with {self.torque:.3g} N.m"
+            return f"{method}u({name}) falls to {ratio:.2g} times its present value"
+        return f"a torque of {self.torque:.3g} N.m about the axis of {name}"

@@ -1,8 +1,9 @@
 """Fits under mistakes that leave numbers plausible: columns exchanged, a wrong joint map, load as target.
 
-Each alternative is one more regressor of the same deflections: ``q = M E q_c + o`` with E exchanging,
-reversing or coupling the controller's angles, or the load at a target's place. As it has as many parameters
-as the fit itself, their residual sums compare directly.
+Each alternative is one more regressor of the same deflections: ``q = M (E q_c + e) + o`` with E exchanging,
+reversing or coupling the controller's angles, e offsetting them, or the load at a target's place. As it has
+as many parameters as the fit itself, their residual sums compare directly. Zeros of joints are offset by
+quarter turns, as makers' conventions are.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Final, Literal
 
 import numpy as np
@@ -23,27 +24,32 @@ from jointstiff.solver.regression import BLOCK_LENGTH, regressor_blocks, target_
 from jointstiff.solver.robot import Configurations, Robot
 
 AlternativeKind = Literal[
-    "columns_exchanged", "sign_reversed", "joints_coupled", "joint_map", "load_and_target_exchanged"
+    "columns_exchanged",
+    "sign_reversed",
+    "zero_offset",
+    "joints_coupled",
+    "joint_map",
+    "load_and_target_exchanged",
 ]
 
 FALSE_ALARM: Final = 1e-4
-"""Probability that noise alone makes any of the alternatives of a set look better."""
+"""Probability that noise alone makes any alternative of a set fit better."""
 LARGEST_RATIO: Final = 0.7
-"""Residual sum over that of the fit: model errors, which are no noise, favour a wrong alternative by less."""
+"""Largest ratio of the residual sums, alternative to fit: model errors favour a wrong alternative by less."""
 LEAST_COMPENSATION: Final = 0.7
-"""Share of the deflection that an alternative must explain; below it as given, whole joint maps are tried."""
+"""Least compensation of an alternative; below it as given, whole joint maps are tried."""
 _MAPPED_JOINTS: Final = 7
-"""Joints up to which whole joint maps are tried: their number doubles with each."""
+"""Number of joints up to which whole joint maps are tried: their number doubles with each joint."""
 _OBSERVATIONS: Final = 60
-"""Observations that tell a mistake of the whole set; more take time and tell no more."""
-_SCREENED: Final = 8
-"""Observations, or more where targets are few, that show which alternatives are worth a closer look."""
+"""Number of observations that suffice to find a mistake of the whole set."""
+_SCREENED: Final = 4
+"""Number of observations, or more where targets are few, that select the alternatives to examine."""
 _MOST_TARGETS: Final = 8
 _READINGS: Final = 12 * BLOCK_LENGTH
-"""Readings computed at most: of a robot with many joints fewer observations are compared."""
+"""Maximum number of readings computed: with many joints fewer observations are compared."""
 _LEAST_FREEDOM: Final = 3
 _NULL: Final = 1e-9
-"""Norm of a column beside the greatest, of a joint that no load twists."""
+"""Norm of a column, relative to the largest, below which no load twists its joint."""
 _RIDGE: Final = 1e-12
 
 
@@ -55,12 +61,14 @@ class Alternative:
         kind: which mistake.
         joints: indices of the controller's joints concerned.
         matrix: (n, n) E, the controller's angles meant from those given, dimensionless.
+        offset: (n,) e [rad].
         target: index of the target whose place and the load point are exchanged; None for other kinds.
     """
 
     kind: AlternativeKind
     joints: tuple[int, ...]
     matrix: FloatArray
+    offset: FloatArray
     target: int | None = None
 
 
@@ -145,7 +153,8 @@ def _screened(
 @lru_cache
 def _alternatives(n: int, targets: int) -> tuple[Alternative, ...]:
     """Return the mistakes that are compared."""
-    return (*_exchanges(n), *_joint_maps_of_one(n), *_loads(n, min(targets, _MOST_TARGETS)))
+    mistakes = (_exchanges(n), _joint_maps_of_one(n), _zeros(n), _loads(n, min(targets, _MOST_TARGETS)))
+    return tuple(chain.from_iterable(mistakes))
 
 
 def _exchanges(n: int) -> Iterator[Alternative]:
@@ -153,21 +162,29 @@ def _exchanges(n: int) -> Iterator[Alternative]:
     for j, k in combinations(range(n), 2):
         order = np.arange(n)
         order[[j, k]] = k, j
-        yield Alternative("columns_exchanged", (j, k), unit[order])
+        yield Alternative("columns_exchanged", (j, k), unit[order], np.zeros(n))
 
 
 def _joint_maps_of_one(n: int) -> Iterator[Alternative]:
     unit = np.eye(n)
     for j in range(n):
-        yield Alternative("sign_reversed", (j,), unit - 2.0 * np.outer(unit[j], unit[j]))
+        yield Alternative("sign_reversed", (j,), unit - 2.0 * np.outer(unit[j], unit[j]), np.zeros(n))
     if n > 2:
         for sign in (1.0, -1.0):
-            yield Alternative("joints_coupled", (1, 2), unit + sign * np.outer(unit[2], unit[1]))
+            matrix = unit + sign * np.outer(unit[2], unit[1])
+            yield Alternative("joints_coupled", (1, 2), matrix, np.zeros(n))
+
+
+def _zeros(n: int) -> Iterator[Alternative]:
+    unit = np.eye(n)
+    for j in range(n):
+        for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+            yield Alternative("zero_offset", (j,), unit, turn * unit[j])
 
 
 def _loads(n: int, targets: int) -> Iterator[Alternative]:
     for t in range(targets):
-        yield Alternative("load_and_target_exchanged", (), np.eye(n), t)
+        yield Alternative("load_and_target_exchanged", (), np.eye(n), np.zeros(n), t)
 
 
 @lru_cache
@@ -181,7 +198,7 @@ def _joint_maps(n: int) -> tuple[Alternative, ...]:
             if len(reversed_joints) + abs(sign) > 1:
                 concerned = {*reversed_joints.tolist(), *((1, 2) if sign else ())}
                 matrix = np.diag(signs) @ coupling
-                found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix))
+                found.append(Alternative("joint_map", tuple(sorted(concerned)), matrix, np.zeros(n)))
     return tuple(found)
 
 
@@ -201,6 +218,7 @@ def _rows(robot: Robot, part: Measurements, alternatives: Sequence[Alternative])
     """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative."""
     count, times = len(part), len(alternatives) + 1
     matrices = np.stack([np.eye(robot.n), *(alternative.matrix for alternative in alternatives)])
+    offsets = np.stack([np.zeros(robot.n), *(alternative.offset for alternative in alternatives)])
     stacked = part[np.tile(np.arange(count), times)]
     load_point, position = stacked.load_point.copy(), stacked.position.copy()
     by_load = [(k, a.target) for k, a in enumerate(alternatives, 1) if a.target is not None]
@@ -211,7 +229,7 @@ def _rows(robot: Robot, part: Measurements, alternatives: Sequence[Alternative])
         position[rows, t] = np.where(part.in_flange[:, t, None], part.load_point, part.position[:, t])
     stacked = replace(
         stacked,
-        joints=(part.joints @ matrices.transpose(0, 2, 1)).reshape(times * count, -1),
+        joints=(part.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1),
         load_point=load_point,
         position=position,
     )

@@ -6,7 +6,7 @@ No reason means "use": noise alone raises one in less than one of a hundred sets
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
@@ -38,6 +38,18 @@ class Assessment:
     reasons: tuple[Reason, ...]
     joints: tuple[Usability, ...]
 
+    def supported(self, prediction: Prediction) -> Prediction:
+        """Return what the readings support of a prediction.
+
+        An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
+        """
+        codes = {reason.code for reason in self.reasons}
+        if "no_residual_freedom" in codes:
+            prediction = replace(prediction, compensation=None)
+        if codes & {"no_residual_freedom", "no_joint_identified"}:
+            prediction = replace(prediction, contributions=None)
+        return prediction
+
 
 def assess(
     robot: Robot,
@@ -63,7 +75,7 @@ def assess(
     found = chain(
         () if within_noise(estimate) else alternative_reasons(robot, measurements),
         load_reasons(robot, measurements),
-        finding_reasons(measurements, settings, findings),
+        finding_reasons(measurements, settings, prediction, findings),
         fit_reasons(measurements, estimate, prediction),
     )
     reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))

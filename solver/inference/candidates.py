@@ -12,9 +12,9 @@ from jointstiff.solver.regression import whitener
 from jointstiff.solver.robot import Configurations, Robot
 
 LEAST_SPAN = 1.0
-"""Range of a joint's angle [rad] from which new postures are drawn, where the set itself spans less."""
+"""Range of a joint's angle [rad] for new postures, where the set itself spans less."""
 _DRAWS = 4
-"""New postures drawn for each that is wanted, as limits of coupled joints strike some out."""
+"""New postures drawn for each one needed, as limits of coupled joints exclude some."""
 _SEED = 20170924
 
 AXIS_DIRECTIONS: FloatArray = np.array(
@@ -28,7 +28,7 @@ AXIS_DIRECTIONS.setflags(write=False)
 
 @dataclass(frozen=True, eq=False)
 class Equipment:
-    """What there is to load and to measure with.
+    """Available loads and targets.
 
     Attributes:
         force: (3,) the strongest of the set, axes of R0 [N].
@@ -69,7 +69,7 @@ class Equipment:
 
     @property
     def strength(self) -> float:
-        """Of the strongest force [N]."""
+        """Return the magnitude of the strongest force [N]."""
         return float(np.linalg.norm(self.force))
 
 

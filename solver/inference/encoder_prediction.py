@@ -1,4 +1,4 @@
-"""What the joints' compliances make secondary encoders read, and encoders that contradict the load."""
+"""Predicted readings of secondary encoders, and encoders that contradict the load."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from jointstiff.solver.regression import regressor_blocks
 from jointstiff.solver.robot import Robot
 
 AGAINST_SIGMAS: Final = 5.0
-"""Deflection against the torque, in its standard deviations, that is not noise."""
+"""Deflection opposite to the torque, in standard deviations, above which it is not noise."""
 LARGEST_ENCODER_DEFLECTION: Final = 0.02
-"""Joints bend by milliradians; more than this [rad] is a mistake in a unit, or a robot that moved."""
+"""Largest plausible deflection of a joint [rad]: more is a mistake in a unit, or a robot that moved."""
 
 
 def predict_encoders(
@@ -75,11 +75,11 @@ def _against(
         yield Finding(
             "encoder_against_torque",
             worst if len(rows) == 1 else None,
-            f"the encoder of {robot.joint_names[j]} moved by {1e6 * encoders.deflection[worst, j]:.3g} µrad "
-            f"under a torque of {torque[worst, j]:.4g} N.m, against it, in {len(rows)} of "
+            f"the encoder of {robot.joint_names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} "
+            f"µrad, opposite to the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
             f"{int(encoders.present[:, j].sum())} readings",
             "check the encoder's sign, which is that of the model's joint, not the controller's; that "
-            "unloaded and loaded are not swapped; and the signs of the force",
+            "unloaded and loaded are not exchanged; and the signs of the force",
         )
 
 
@@ -90,6 +90,6 @@ def _large(robot: Robot, encoders: EncoderReadings) -> Iterator[Finding]:
         yield Finding(
             "encoder_deflection_implausibly_large",
             worst,
-            f"the encoder of {robot.joint_names[j]} moved by {1e3 * size[worst, j]:.3g} mrad",
-            "check units.angle, and that unloaded and loaded readings are of the same posture",
+            f"the encoder of {robot.joint_names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
+            "check `units.angle`, and that unloaded and loaded readings are of the same posture",
         )

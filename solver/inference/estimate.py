@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from jointstiff.solver.convex import Certificate
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting import (
     Fit,
+    Likelihood,
     RobustFit,
     Scale,
     Settings,
@@ -31,6 +33,9 @@ from jointstiff.solver.observability import (
 )
 from jointstiff.solver.regression import ComplementaryStiffness, Compression
 
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding of a position [m], the unit of common errors where the readings are exact."""
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -41,6 +46,10 @@ class Estimate:
         compliance: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not
             observable are no estimates; `joints` withholds them.
         covariance: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown.
+        likelihood: of the compliances that the readings see, before any constraint, in units of sigma.
+        common: (n, 4) what a standard uncertainty of the force's scale, and of its rotation about x, y and z
+            of R0, moves in all joints together [rad/(N·m)]; its share of `covariance` is its product with its
+            transpose. None where no uncertainty of the force is stated.
         sigma: standard uncertainty of one coordinate of one reading [m]; None where it was not given
             and there are no degrees of freedom to estimate it from.
         sigma_given: whether sigma was stated with the readings.
@@ -70,6 +79,8 @@ class Estimate:
     observability: Observability
     complementary_stiffness: ComplementaryStiffness | None = None
     robust: RobustFit | None = None
+    likelihood: Likelihood | None = None
+    common: FloatArray | None = None
 
     @property
     def estimated(self) -> BoolArray:
@@ -120,7 +131,7 @@ class Estimate:
 
     @property
     def sigma_test(self) -> SigmaTest | None:
-        """Of a sigma that was stated; None where it was not, or without residual degrees of freedom."""
+        """Return the test of a stated sigma; None if not stated, or without residual freedom."""
         return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
 
 
@@ -135,6 +146,7 @@ def assemble(
     characteristic_length: float | None,
     inflation: float = 1.0,
     sigma_given: bool = True,
+    common: Callable[[float], FloatArray] | None = None,
 ) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
 
@@ -148,6 +160,8 @@ def assemble(
         characteristic_length: [m], if one was used.
         inflation: of the variance of the estimate, where the loss is not squared.
         sigma_given: false if a sigma is passed that comes from the readings themselves.
+        common: return what errors common to all observations move in the estimate (n, 4) [rad/(N·m)], given
+            sigma; None where there are none.
 
     Returns:
         The estimate.
@@ -157,12 +171,19 @@ def assemble(
         scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
     scale = replace(scale, given=scale.given and sigma_given)
     fit = fit.inflated(inflation)
+    responses = None
+    if common is not None and scale.sigma is not None:
+        sigma = max(scale.sigma, _LEAST_SIGMA)
+        scale, responses = replace(scale, sigma=sigma), common(sigma)
+        fit = fit.with_common(responses / sigma)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(scale, fit, covariance)
     ratios = np.full(len(names), np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
         ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
-    evidence = Evidence(names, fit, observability, scale, settings.constraints, settings.confidence, ratios)
+    evidence = Evidence(
+        names, fit, observability, scale, settings.constraints, settings.confidence, ratios, responses
+    )
     joints = verdicts(evidence)
     return Estimate(
         joints=joints,
@@ -177,6 +198,8 @@ def assemble(
         certificates=fit.certificates,
         regressor=whitened.matrix,
         observability=observability,
+        likelihood=fit.likelihood,
+        common=responses,
     )
 
 
@@ -185,7 +208,7 @@ def _refuse_overflow(scale: Scale, fit: Fit, covariance: FloatArray | None) -> N
     numbers += [] if covariance is None else [covariance]
     if not all(np.isfinite(array).all() for array in numbers):
         raise MeasurementError(
-            "the numbers overflow: loads, lengths and sigma are of magnitudes that do not go together",
+            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
             where="units",
             remedy="check the units of force, length and sigma",
         )

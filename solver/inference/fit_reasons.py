@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Prediction
@@ -15,23 +16,28 @@ from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.readings import Measurements
 
 CARE_RATIO, UNUSABLE_RATIO = 1.5, 3.0
-"""Residuals over what sigma allows, by which the uncertainties are too small."""
+"""Ratio of the residuals to sigma above which the uncertainties are too small."""
 CARE_LEVEL: Final = 1e-3
-"""Probability of larger residuals by chance: few readings exceed `CARE_RATIO` without a mistake."""
+"""p-value of the residuals: few readings exceed `CARE_RATIO` without a mistake."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
-"""Compensation below which something besides the joints deflects; of real robots they explain 80 %."""
+"""Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
 LEAST_SIGMA: Final = 1e-8
-"""No tracker reads this well [m]: such residuals are those of computed readings."""
+"""Residuals [m] below which the readings are computed, not measured."""
 _LEAST_FREEDOM: Final = 0.5
+_LEAST_POSTURES: Final = 3
+_DISTINCT: Final = float(np.radians(5.0))
+"""Difference of a joint's angle [rad] that makes a posture another one."""
 
 
 def fit_reasons(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:
     """Yield the reasons that an estimate and its prediction give."""
     yield from _identified(estimate)
     yield from _freedom(measurements, estimate)
+    yield from _postures(measurements)
     yield from _residuals(estimate)
     yield from _unexplained(estimate, prediction)
     yield from _from_judge(estimate, prediction)
+    yield from _links(prediction)
 
 
 def within_noise(estimate: Estimate) -> bool:
@@ -61,24 +67,47 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Reason]
         coordinates += int(measurements.encoders.present.sum())
     free = min(estimate.degrees_of_freedom, coordinates - sum(i.rank for i in estimate.identifiability))
     if free < _LEAST_FREEDOM:
-        unknown = estimate.sigma is None
+        unknown = not estimate.sigma_given
         yield Reason(
             "no_residual_freedom",
             "do_not_use" if unknown else "use_with_care",
             None,
             "there are as many parameters as readings, so the fit is exact whatever was measured: "
-            + ("no uncertainty is known" if unknown else "only the stated noise says how certain it is"),
-            "add observations, at least twice as many as now",
+            + (
+                "the uncertainty is unknown"
+                if unknown
+                else "its uncertainty comes from the stated noise only"
+            ),
+            "add observations: at least twice the present number",
         )
     elif estimate.sigma is not None and not estimate.sigma_given and estimate.sigma < LEAST_SIGMA:
         yield Reason(
             "residuals_vanish",
             "use_with_care",
             None,
-            f"by the residuals a reading is certain to {estimate.sigma:.2g} m, and no tracker is: these "
-            "readings are computed, not measured, and the uncertainties mean nothing",
-            "state `noise` as the tracker's data sheet gives it",
+            f"the residuals give a standard uncertainty of {estimate.sigma:.2g} m per reading, which "
+            "no tracker reaches: these readings are computed, not measured, and the uncertainties are "
+            "meaningless",
+            "state `noise` from the tracker's data sheet",
         )
+
+
+def _postures(measurements: Measurements) -> Iterator[Reason]:
+    """Report postures so few that no reading shows whether the stiffnesses hold elsewhere."""
+    postures: list[FloatArray] = []
+    for joints in measurements.joints:
+        if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
+            postures.append(joints)
+        if len(postures) >= _LEAST_POSTURES:
+            return
+    yield Reason(
+        "few_postures",
+        "use_with_care",
+        None,
+        f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: nothing shows whether the "
+        "stiffnesses hold in others",
+        f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° or more",
+    )
 
 
 def _residuals(estimate: Estimate) -> Iterator[Reason]:
@@ -92,8 +121,8 @@ def _residuals(estimate: Estimate) -> Iterator[Reason]:
             "residuals_exceed_sigma",
             "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use",
             None,
-            f"the residuals are {ratio:.3g} times what the stated noise allows, so the uncertainties are too "
-            "small by as much",
+            f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
+            "uncertainties are too small by the same factor",
             "check frames, joint map, units and noise; if all are correct, something besides the joints "
             "deflects: omit `noise` so that sigma is estimated from the residuals",
             Action("omit_noise"),
@@ -110,11 +139,24 @@ def _unexplained(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]
         "deflection_unexplained",
         "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use",
         None,
-        f"the joints explain {100 * share:.3g} % of the mean deflection; of industrial robots they explain "
-        "about 80 %",
-        "check the robot's model and joint map, the frame and signs of the forces, and the units",
+        f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
+        "robots explain about 80 %",
+        "check the robot's model, the joint map, the frame and signs of the forces, and the units",
         Action("show_posture", (int(norm.argmax()),)),
     )
+
+
+def _links(prediction: Prediction) -> Iterator[Reason]:
+    """Report that joints and links share what bends (method.md §7)."""
+    if prediction.contributions is None:
+        yield Reason(
+            "links_bend_with_joints",
+            "use_with_care",
+            None,
+            "each joint's number holds part of what bends beside it, by more than its uncertainty says; the "
+            "predicted deflections are not affected",
+            "use the model to predict deflections; for the joints alone identify with elasticity joints",
+        )
 
 
 def _from_judge(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:

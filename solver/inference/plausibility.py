@@ -1,4 +1,4 @@
-"""What is suspicious in a fit: said beside its numbers, so that no one trusts them unwarned."""
+"""Warnings about implausible fits, reported with the numbers."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
 
 WORTH_A_WARNING: Final = 0.1
-"""Relative error of sigma that the test finds but that changes no conclusion: large sets show the least."""
+"""Relative error of sigma that changes no conclusion; in large sets the test detects even less."""
 LEAST_COMPENSATION: Final = 0.5
-"""Joints usually explain four fifths of the deflection; the paper's worst method explained half."""
+"""Least compensation: joints usually explain 80 % of the deflection, in the paper's worst method 50 %."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
-"""Of an industrial robot's joint [N·m/rad], with three decades to spare."""
+"""Range of joint stiffness of industrial robots [N·m/rad], with a margin of three decades."""
 LARGEST_SHIFT: Final = 0.5
-"""Bias in standard uncertainties at which a 95 % interval covers 92 %."""
+"""Bias in standard uncertainties at which a 95 % interval covers only 92 %."""
 
 
 def judge(estimate: Estimate, prediction: Prediction) -> list[Finding]:
@@ -53,18 +53,18 @@ def _sigma(estimate: Estimate) -> Iterator[Finding]:
         yield Finding(
             "sigma_overstated",
             None,
-            f"the residuals are {ratio:.3g} of what sigma says (chi-square test, {_p_value(test.p_value)}), "
-            "so the uncertainties are too large",
-            "check sigma and the units of length; leave noise out, and sigma comes from the residuals",
+            f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
+            f"{_p_value(test.p_value)}), so the uncertainties are too large",
+            "check `noise` and `units.length`; omit `noise` so that sigma is estimated from the residuals",
         )
     else:
         yield Finding(
             "residuals_exceed_sigma",
             None,
-            f"the residuals are {ratio:.3g} times what sigma allows (chi-square test, "
-            f"{_p_value(test.p_value)}), so the uncertainties are too small by as much",
-            "check frames, joint map, units and sigma; if all are right something else than joints bends: "
-            "leave noise out, and sigma comes from the residuals",
+            f"the residuals are {ratio:.3g} times as large as sigma predicts (chi-square test, "
+            f"{_p_value(test.p_value)}), so the uncertainties are too small by the same factor",
+            "check frames, joint map, units and `noise`; if all are correct, something besides the "
+            "joints deflects: omit `noise` so that sigma is estimated from the residuals",
         )
 
 
@@ -79,15 +79,16 @@ def _priors(estimate: Estimate) -> Iterator[Finding]:
         if ratio is None or ratio <= 1.0:
             continue
         says = (
-            "alone tells it from other joints"
+            "alone separates it from other joints"
             if np.isinf(ratio)
-            else f"says {ratio:.3g} times as much as the readings"
+            else f"carries {ratio:.3g} times as much information as the readings"
         )
         yield Finding(
             "prior_dominates",
             None,
-            f"the prior of {joint.name} {says}: its number is known beforehand rather than measured",
-            "add loads and postures that twist it more, or leave the prior out to see what was measured",
+            f"the prior of {joint.name} {says}: the estimate is the data sheet's rather than measured",
+            "add loads and postures with more torque about its axis, or omit the prior to see what was "
+            "measured",
             joint=joint.name,
         )
 
@@ -98,8 +99,8 @@ def _compensation(prediction: Prediction) -> Iterator[Finding]:
         yield Finding(
             "low_compensation",
             None,
-            f"the joints explain {100 * share:.3g} % of the mean deflection",
-            "check the robot's model and joint map, the frame and signs of the forces, and the units",
+            f"the joints explain only {100 * share:.3g} % of the mean deflection",
+            "check the robot's model, the joint map, the frame and signs of the forces, and the units",
         )
 
 
@@ -112,8 +113,8 @@ def _stiffness(estimate: Estimate) -> Iterator[Finding]:
                 yield Finding(
                     "stiffness_implausible",
                     None,
-                    f"{joint.name} comes out at {stiffness:.3g} N.m/rad; joints of industrial robots have "
-                    f"{least:.0e} to {greatest:.0e} N.m/rad",
+                    f"the stiffness of {joint.name} is {stiffness:.3g} N.m/rad; joints of industrial robots "
+                    f"have {least:.0e} to {greatest:.0e} N.m/rad",
                     _implausible_remedy(estimate, joint),
                     joint=joint.name,
                 )
@@ -122,12 +123,15 @@ def _stiffness(estimate: Estimate) -> Iterator[Finding]:
 def _implausible_remedy(estimate: Estimate, joint: JointCompliance) -> str:
     """Say what to check: a unit scales all joints alike, a wrong column or map bends one out of line."""
     if (joint.compliance or 0.0) < 0.0:
-        return "bound the compliances from below; check joint map, order of angles and signs of the forces"
+        return "set non_negative; check the joint map, the order of the angles and the signs of the forces"
     sizes = [abs(j.compliance) for j in estimate.joints if j.status == "identified" and j.compliance]
     least, greatest = (1.0 / bound for bound in reversed(PLAUSIBLE_STIFFNESS))
     if all(not least <= size <= greatest for size in sizes):
         return "check the units of force, length and moment: all joints are out of range"
-    return f"check the angles and the joint map of {joint.name} and its neighbours; other joints are in range"
+    return (
+        f"check the angles and the joint map of {joint.name} and its neighbours; the other joints "
+        "are plausible"
+    )
 
 
 def _complementary_stiffness(estimate: Estimate) -> Iterator[Finding]:

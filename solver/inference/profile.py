@@ -1,15 +1,17 @@
 """Profile-likelihood intervals of the compliances under constraints (method.md §6).
 
-The ends of an interval are the least and the greatest c_j on the part of the ball ``‖R (c − ĉ)‖² ≤ ρ²`` that
-the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a second-order cone program each. Its optimum is also
-that of a quadratic program: with h such that ``Rᵀ h = ±e_j``, the point that minimises ``‖R (c − ĉ) + s h‖²``
-under the constraints satisfies all conditions of Karush, Kuhn and Tucker for the cone program but one, that
-it lies on the sphere, and its distance ‖R (c − ĉ)‖ grows with s. So
+The ends of an interval are the least and the greatest aᵀc, a = e_j for a joint, on the part of the ball
+``‖R (c − ĉ)‖² ≤ ρ²`` that the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a second-order cone
+program each. Its optimum is also that of a quadratic program: with h such that ``Rᵀ h = ±a``, the point
+that minimises ``‖R (c − ĉ) + s h‖²`` under the constraints satisfies all conditions of Karush, Kuhn and
+Tucker for the cone program but one, that it lies on the sphere, and its distance ‖R (c − ĉ)‖ grows with s.
+So
 
 1. where the extremal point of the free ball satisfies the constraints, it is the end, in closed form;
 2. elsewhere s is found by Newton's method, in closed form on the face that the last point lies on and so
    exact once the face is right; all ends at once, each point certified as the optimum of its program;
-3. where the joint comes to its own bound inside the ball, that bound is the end.
+3. where aᵀc comes to its least value on the box inside the ball, as a joint to its own bound, that is the
+   end.
 """
 
 from __future__ import annotations
@@ -29,18 +31,18 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting import Likelihood
 
 RADIUS_TOLERANCE = 1e-11
-"""Greatest relative deviation of an end's squared distance from ρ² that is taken for rounding."""
+"""Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""
 
 _ROUNDS = 100
 _POINT = 1e-9
-"""Radius beside the greatest of a ball that is a point, as that of one-sided bounds at 50 % is."""
+"""Relative radius of a ball that counts as a point, as of one-sided bounds at 50 %."""
 _NO_DIRECTION = 1e-13
 _AT_BOUND = 1e-9
 """Distance from its own bound, in units of the ball's radius, at which a joint counts as at it."""
 _STANDS_STILL = 1e-13
-"""Movement of a joint on a face, relative to that without constraints, which is rounding."""
+"""Movement of a joint on a face, relative to that without constraints, that counts as rounding."""
 _VIOLATION = 1e-9
-"""Of an inequality, in units of the ball's radius."""
+"""Tolerance of an inequality, in units of the ball's radius."""
 
 
 def profile_ends(
@@ -63,20 +65,52 @@ def profile_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
+    return profile_row_ends(likelihood, constraints, np.eye(len(likelihood.centre))[wanted], radii)
+
+
+def profile_row_ends(
+    likelihood: Likelihood,
+    constraints: Constraints,
+    rows: FloatArray,
+    radii: FloatArray,
+) -> FloatArray:
+    """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
+
+    Args:
+        likelihood: of p compliances.
+        constraints: on the same p.
+        rows: (w, p) functions a, none zero; each determined by the readings.
+        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+
+    Returns:
+        (q, w, 2) lower and upper ends, in the unit of aᵀc.
+
+    Raises:
+        SolverError: if an end could not be certified.
+    """
     move = _move_to_nearest(likelihood, constraints, float(radii.max()))
     distance = likelihood.rows @ move
     radius = np.sqrt(radii**2 + distance @ distance)
-    ends = likelihood.interval(wanted, radius)
-    covariance = likelihood.covariance[:, wanted]
-    reach = (covariance / np.sqrt(covariance[wanted, np.arange(len(wanted))])).T[:, None, :]  # (w, 1, p)
-    reach = radius[:, None, None, None] * np.array([-1.0, 1.0])[:, None] * reach  # (q, w, 2, p)
+    signed = radius[:, None, None] * np.array([-1.0, 1.0])
+    covariance = rows @ likelihood.covariance  # (w, p)
+    deviation = np.sqrt((covariance * rows).sum(axis=1))
+    ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed * deviation[:, None]
+    reach = signed[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
     bent = ~constraints.hold(likelihood.centre + reach)
     point = radii <= _POINT * radii.max()
     nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
-    ends[point], bent[point] = nearest[wanted, None], False
+    ends[point], bent[point] = (rows @ nearest)[:, None], False
     if bent.any():
-        ends[bent] = _bent_ends(likelihood, constraints, radius, wanted, bent)
+        ends[bent] = _bent_ends(likelihood, constraints, radius, rows, bent)
     return ends
+
+
+def range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
+    """Return the least and greatest values (w, 2) of linear functions (w, p) within bounds."""
+    with np.errstate(invalid="ignore"):
+        at = np.stack([rows * bounds.lower, rows * bounds.upper])
+    at = np.where(rows == 0.0, 0.0, at)
+    return np.stack([at.min(axis=0).sum(axis=1), at.max(axis=0).sum(axis=1)], axis=-1)
 
 
 def _move_to_nearest(likelihood: Likelihood, constraints: Constraints, scale: float) -> FloatArray:
@@ -91,21 +125,20 @@ def _bent_ends(
     likelihood: Likelihood,
     constraints: Constraints,
     radius: FloatArray,
-    wanted: IndexArray,
+    rows: FloatArray,
     bent: BoolArray,
 ) -> FloatArray:
     """(K,) the ends that the constraints bend, in the order of `bent` (q, w, 2)."""
     kind, which, side = np.nonzero(bent)
     scale = float(radius.max())
     ball = _Ball(likelihood, constraints, scale)
-    joint, upwards = wanted[which], side == 1
-    objective = np.zeros((len(joint), len(likelihood.centre)))
-    objective[np.arange(len(joint)), joint] = np.where(upwards, -1.0, 1.0)
+    a = rows[which]
+    objective = np.where(side == 1, -1.0, 1.0)[:, None] * a * ball.unit
+    objective /= np.linalg.norm(objective, axis=1, keepdims=True)
     x, at_bound = _march(ball, objective, (radius[kind] / scale) ** 2)
-    bounds = constraints.bounds
-    own = np.where(upwards, bounds.upper[joint], bounds.lower[joint])
-    value = likelihood.centre[joint] + x[np.arange(len(joint)), joint] * ball.unit[joint]
-    return np.where(at_bound, own, np.clip(value, bounds.lower[joint], bounds.upper[joint]))
+    box = range_on_box(a, constraints.bounds)
+    value = a @ likelihood.centre + (a * ball.unit * x).sum(axis=1)
+    return np.where(at_bound, box[np.arange(len(a)), side], np.clip(value, box[:, 0], box[:, 1]))
 
 
 class _Ball:
@@ -148,7 +181,7 @@ def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[Flo
     """The points that minimise each objective (K, p) within ‖A x‖² ≤ radius2 (K,) and the constraints.
 
     Returns:
-        (K, p) points, and (K,) whether the joint came to its own bound inside the ball.
+        (K, p) points, and (K,) whether the objective came to its least value on the box inside the ball.
     """
     count = len(objective)
     pull = np.asarray(np.linalg.lstsq(ball.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
@@ -156,7 +189,7 @@ def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[Flo
     s = np.sqrt(radius2 / free_slope)
     low, high = np.zeros(count), np.full(count, np.inf)
     points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
-    own = np.where(objective > 0, ball.bounds.lower, -ball.bounds.upper)[objective != 0]
+    own = range_on_box(objective, ball.bounds)[:, 0]
     pending = np.arange(count)
     for _ in range(_ROUNDS):
         x, step = _points(ball, s[pending], objective[pending], pull[pending])
@@ -180,7 +213,10 @@ def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[Flo
 
 
 def _not_certified() -> SolverError:
-    return SolverError("an end of an interval could not be certified", remedy="report this with the data")
+    return SolverError(
+        "an end of a confidence interval could not be certified",
+        remedy="please report this problem, with the data",
+    )
 
 
 def _next(

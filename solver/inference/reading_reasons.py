@@ -10,14 +10,19 @@ import numpy as np
 from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.inference.alternatives import BetterAlternative, better_alternative, places_on_flange
+from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
 SAME_PLACE: Final = 2e-3
-"""Distance of a load point from a target [m] that robots' models cannot tell from none."""
+"""Distance between load point and target [m] below which they count as the same."""
+OUTLYING: Final = 6.0
+"""Residual over the median, beyond which a model of more than joints does not explain an observation."""
 FEW: Final = 0.1
-"""Share of suspicious readings that the Huber loss, or leaving them out, copes with."""
+"""Largest share of suspicious readings that the Huber loss, or omitting them, can handle."""
+MOST_LEFT_OUT: Final = 0.3
+"""Largest share of the observations that an action leaves out: beyond it something else is wrong."""
 _PLACES: Final = 60
 
 
@@ -47,24 +52,49 @@ def _undone(robot: Robot, better: BetterAlternative) -> tuple[str, str, Action]:
         both = f"the columns of {names[0]} and {names[1]}"
         return (
             f"with {both} exchanged",
-            f"check {both}; exchange them",
+            f"check {both}; if they are exchanged, exchange them back",
             Action("exchange_columns", joints=names),
         )
     if alternative.kind == "load_and_target_exchanged":
         action = Action("exchange_load_and_target", target=alternative.target)
         what = f"with the load applied at target {(alternative.target or 0) + 1}"
-        return what, "check the load point and the target's place in the flange frame; exchange them", action
+        return (
+            what,
+            (
+                "check the load point and the target's position in the flange frame; if they are "
+                "exchanged, exchange them back"
+            ),
+            action,
+        )
     matrix = robot.joint_map.matrix @ alternative.matrix
-    action = Action("apply_joint_map", joints=names, joint_map=tuple(map(tuple, matrix.tolist())))
+    offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
+    action = Action(
+        "apply_joint_map",
+        joints=names,
+        joint_map=tuple(map(tuple, matrix.tolist())),
+        offset=tuple(offset.tolist()),
+    )
+    if alternative.kind == "zero_offset":
+        turn = f"{np.degrees(alternative.offset[alternative.joints[0]]):+.0f}°"
+        what = f"with the zero of {names[0]} offset by {turn}"
+        return (
+            what,
+            f"check where the controller's zero of {names[0]} is; correct the joint map's offset",
+            action,
+        )
     if alternative.kind == "joint_map":
-        what = f"with another joint map, of {', '.join(names)}"
-        return what, "check signs and coupling of the joint map in the controller's manual", action
+        what = f"with another joint map for {', '.join(names)}"
+        return what, "check signs and coupling of the joint map against the controller's manual", action
     if alternative.kind == "sign_reversed":
         return f"with the sign of {names[0]} reversed", "check the joint map's signs", action
     driver, driven = alternative.joints
     sign = "added to" if alternative.matrix[driven, driver] > 0 else "taken from"
     what = f"with the controller's angle of {names[0]} {sign} that of {names[1]}"
-    return what, "check whether the controller couples these joints; correct the joint map", action
+    return (
+        what,
+        "check in the manual whether the controller couples these joints, and correct the joint map",
+        action,
+    )
 
 
 def load_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:
@@ -81,7 +111,7 @@ def load_reasons(robot: Robot, measurements: Measurements) -> Iterator[Reason]:
             "load_at_target",
             "use_with_care",
             None,
-            f"the load point is the place of target {t + 1}, where a reflector sits",
+            f"the load point coincides with target {t + 1}, a reflector",
             "check the load point in the flange frame",
             Action("exchange_load_and_target", target=t),
         )
@@ -91,56 +121,91 @@ _LENGTHS: Final[frozenset[FindingCode]] = frozenset(
     {"length_unit_suspect", "deflection_implausibly_large", "deflection_implausibly_small"}
 )
 _HARMLESS: Final[frozenset[FindingCode]] = frozenset(
-    {"zero_load", "deflection_below_noise", "target_name_suspect", "deflections_unexplained"}
+    {"zero_load", "deflection_below_noise", "target_name_suspect", "deflections_unexplained", "base_drifted"}
 )
-"""Warnings that cost information but bias nothing, or that `deflection_unexplained` says better."""
+"""Warnings that cost information but cause no bias, or that `deflection_unexplained` states better."""
 
 
 def finding_reasons(
-    measurements: Measurements, settings: Settings, findings: Sequence[Finding]
+    measurements: Measurements, settings: Settings, prediction: Prediction, findings: Sequence[Finding]
 ) -> Iterator[Reason]:
     """Turn the findings of the integrity checks into reasons, one for each kind."""
-    yield from _gross_errors(findings)
-    yield from _suspicious(measurements, settings, findings)
+    yield from _gross_errors(findings, len(measurements))
+    others = [finding for finding in findings if finding.code != "residual_outlier"]
+    yield from _suspicious(others)
+    outliers = [finding for finding in findings if finding.code == "residual_outlier"]
+    yield from _outlying(measurements, settings, prediction, outliers)
 
 
-def _gross_errors(findings: Sequence[Finding]) -> Iterator[Reason]:
-    for same in _by_code(findings, "error"):
-        first = same[0]
+def _gross_errors(findings: Sequence[Finding], count: int) -> Iterator[Reason]:
+    """Report errors, those of the whole set first; a wrong unit, or most of a set, is not to be left out."""
+    kinds = sorted(_by_code(findings, "error"), key=lambda same: same[0].observation is not None)
+    for same in kinds:
+        first, observations = same[0], _observations(same)
+        some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * count
         yield Reason(
             "length_unit_suspect" if first.code in _LENGTHS else "gross_error",
             "do_not_use",
             _place(first),
             _with_count(same),
             first.remedy,
-            None if first.observation is None else Action("leave_out_readings", _observations(same)),
+            Action("leave_out_readings", observations) if some else None,
         )
 
 
-def _suspicious(
-    measurements: Measurements, settings: Settings, findings: Sequence[Finding]
-) -> Iterator[Reason]:
-    """Report warnings of the integrity checks; the Huber loss copes with a few outliers."""
+def _suspicious(findings: Sequence[Finding]) -> Iterator[Reason]:
+    """Report warnings of the integrity checks."""
     for same in _by_code(findings, "warning"):
-        first, few = same[0], len(_observations(same)) < FEW * len(measurements)
-        outliers = first.code == "residual_outlier"
-        if first.code in _HARMLESS or (outliers and few and settings.loss == "huber"):
-            continue
-        yield Reason(
-            "suspicious_readings",
-            "use_with_care",
-            _place(first),
-            _with_count(same),
-            first.remedy,
-            _action_of(same, use_huber=outliers and few),
-        )
+        first, observations = same[0], _observations(same)
+        if first.code not in _HARMLESS:
+            action = Action("show_posture", observations) if observations else None
+            yield Reason(
+                "suspicious_readings",
+                "use_with_care",
+                _place(first),
+                _with_count(same),
+                first.remedy,
+                action,
+            )
 
 
-def _action_of(same: Sequence[Finding], *, use_huber: bool) -> Action | None:
-    observations = _observations(same)
+def _outlying(
+    measurements: Measurements, settings: Settings, prediction: Prediction, outliers: Sequence[Finding]
+) -> Iterator[Reason]:
+    """Report observations that springs fitted to all do not explain.
+
+    A few are wrong readings, and the Huber loss copes with them; many are a model that lacks something, such
+    as links that bend. What a model of more than joints explains is no outlier.
+    """
+    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    if prediction.contributions is None:
+        typical = float(np.median(norm))
+        outliers = [f for f in outliers if f.observation is None or norm[f.observation] > OUTLYING * typical]
+    observations = _observations(outliers)
     if not observations:
-        return None
-    return Action("use_huber" if use_huber else "show_posture", observations)
+        return
+    count = int((norm >= norm[list(observations)].min()).sum())
+    if count < FEW * len(measurements):
+        if settings.loss != "huber":
+            yield Reason(
+                "suspicious_readings",
+                "use_with_care",
+                _place(outliers[0]),
+                _with_count(outliers),
+                outliers[0].remedy,
+                Action("use_huber", observations),
+            )
+        return
+    yield Reason(
+        "deflection_unexplained",
+        "use_with_care",
+        None,
+        f"{count} of {len(measurements)} observations deflect far otherwise than springs in the joints make "
+        "the others: too many for single wrong readings, so something besides the joints bends, or angles or "
+        "loads are wrong",
+        "look at these postures; if their readings are right, try elasticity joints_and_links",
+        Action("show_posture", observations),
+    )
 
 
 def _by_code(findings: Sequence[Finding], severity: str) -> Iterator[list[Finding]]:

@@ -10,6 +10,7 @@ Usability = Literal["use", "use_with_care", "do_not_use"]
 ReasonCode = Literal[
     "no_joint_identified",
     "no_residual_freedom",
+    "few_postures",
     "gross_error",
     "suspicious_readings",
     "length_unit_suspect",
@@ -21,6 +22,7 @@ ReasonCode = Literal[
     "stiffness_implausible",
     "prior_dominates",
     "complementary_stiffness_matters",
+    "links_bend_with_joints",
 ]
 
 ActionKind = Literal[
@@ -37,7 +39,7 @@ ActionKind = Literal[
 
 @dataclass(frozen=True)
 class Place:
-    """What a reason is about: one observation or one joint.
+    """Subject of a reason: one observation or one joint.
 
     Attributes:
         observation: its index; None for a joint.
@@ -50,13 +52,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Action:
-    """What a program can do at a click.
+    """Action that a program can offer as a button.
 
     Attributes:
         kind: which action.
         observations: indices of the observations to leave out, or to show.
         joints: names of the joints whose columns are exchanged.
-        joint_map: rows of the corrected joint map's matrix M, its offset unchanged; empty for other kinds.
+        joint_map: rows of the corrected joint map's matrix M; empty for other kinds.
+        offset: of the corrected joint map [rad]; empty for other kinds.
         target: index of the target to be exchanged with the load point; None for other kinds.
     """
 
@@ -64,6 +67,7 @@ class Action:
     observations: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
     joint_map: tuple[tuple[float, ...], ...] = ()
+    offset: tuple[float, ...] = ()
     target: int | None = None
 
 

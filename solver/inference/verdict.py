@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10
+from math import floor, log10, sqrt
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import Constraints
 from jointstiff.solver.fitting import Fit, Scale
-from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
+from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds, UncertaintyBudget
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.observability import Observability, noise_reason
 
 _NO_UNCERTAINTY = (
-    "its uncertainty is unknown, as there are no more readings than joints and sigma is not given: "
-    "state noise, or measure more"
+    "its uncertainty is unknown: sigma is not given, and there are no more readings than "
+    "joints to estimate it; state `noise`, or add observations"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the verdicts rest on.
+    """Data on which the verdicts are based.
 
     Attributes:
         names: of the n joints.
@@ -32,6 +32,8 @@ class Evidence:
         constraints: on the compliances.
         confidence: level of the intervals.
         prior_to_data: (n,) NaN where there is no prior, inf where only the prior speaks.
+        common: (n, 4) what a standard uncertainty of the force's scale, and of its rotation about x, y and z,
+            moves in the estimate [rad/(N·m)]; part of the fit's covariance. None where none is stated.
     """
 
     names: tuple[str, ...]
@@ -41,11 +43,20 @@ class Evidence:
     constraints: Constraints
     confidence: float
     prior_to_data: FloatArray
+    common: FloatArray | None = None
 
     def uncertainty(self, j: int) -> float | None:
         """Standard uncertainty of the unconstrained compliance [rad/(N·m)]; None where sigma is unknown."""
         sigma = self.scale.sigma
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
+
+    def budget(self, j: int) -> UncertaintyBudget | None:
+        """Return the contributions to that uncertainty."""
+        whole = self.uncertainty(j)
+        if whole is None or self.common is None:
+            return None
+        scale, direction = abs(float(self.common[j, 0])), float(np.linalg.norm(self.common[j, 1:]))
+        return UncertaintyBudget(sqrt(max(0.0, whole**2 - scale**2 - direction**2)), scale, direction)
 
 
 def verdicts(evidence: Evidence) -> tuple[JointCompliance, ...]:
@@ -115,6 +126,7 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
         one_sided,
         None if np.isnan(ratio) else ratio,
         "; ".join(reason for reason in reasons if reason) or None,
+        evidence.budget(j),
     )
 
 
@@ -126,16 +138,16 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     """Which constraint holds joint j, or None."""
     value, active = float(evidence.fit.compliance[j]), int(evidence.fit.active[j])
     if active and value == 0.0:
-        rigid = "these readings cannot tell it from rigid"
+        rigid = "these readings cannot distinguish it from rigid"
         if ends is None or ends[1, 1] <= 0:
-            return f"its compliance is at zero: {rigid}"
+            return f"its compliance is zero: {rigid}"
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
         return f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: {rigid}"
     partners = [evidence.names[k] for k in _tied(evidence, j)]
     if partners:
-        return f"the order that was asked for holds it to the stiffness of {', '.join(partners)}"
+        return f"`stiffness_order` holds it at the stiffness of {', '.join(partners)}"
     if active:
-        return f"it is held by the {'greatest' if active < 0 else 'least'} stiffness that was asked for"
+        return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
     return None
 
 
@@ -149,8 +161,8 @@ def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | Non
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
         bound = f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: "
     return (
-        f"{bound}the standard uncertainty of its compliance, {uncertainty:.2g} rad/(N.m), exceeds the "
-        f"compliance itself: add loads that twist {evidence.names[j]} more"
+        f"{bound}the standard uncertainty of its compliance, {uncertainty:.2g} rad/(N.m), exceeds "
+        f"the compliance itself: add loads with more torque about the axis of {evidence.names[j]}"
     )
 
 
@@ -176,8 +188,8 @@ def _prior_alone(evidence: Evidence, j: int) -> str | None:
     if not np.isinf(evidence.prior_to_data[j]):
         return None
     return (
-        f"the readings show {evidence.names[j]} only together with other joints: "
-        "its prior alone tells them apart"
+        f"the readings show {evidence.names[j]} only in combination with other joints: only its "
+        "prior separates them"
     )
 
 
@@ -188,7 +200,8 @@ def _hidden(evidence: Evidence, j: int) -> str | None:
         if np.isnan(evidence.prior_to_data[j]):
             return observability.reasons[j]
         return (
-            f"{observability.reasons[j]}; its prior is not reported back, as nothing was measured of {name}"
+            f"{observability.reasons[j]}; its prior is not returned as a result, because nothing was "
+            f"measured of {name}"
         )
     for group in evidence.fit.undetermined:
         if j in group.joints:

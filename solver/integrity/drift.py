@@ -1,4 +1,4 @@
-"""Whether tracker and robot drift apart in the course of a day, as seen on the unloaded targets."""
+"""Drift between tracker and robot over a set, seen on the unloaded targets."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from jointstiff.solver.integrity.view import View
 
 LEAST_ROWS: Final = 8
 SMALLEST_DRIFT: Final = 1e-4
-"""Over the whole set [m]: less is of no consequence to deflections, which are differences of minutes."""
+"""Least drift over the whole set [m]: less does not matter for deflections, differences within minutes."""
 LEAST_FREEDOM: Final = 3
 _RANK: Final = 1e-10
 _EXACT: Final = 1e-18
-"""Variance [m²] of readings that are exact: rounding is no drift."""
+"""Variance [m²] of exact readings: rounding is no drift."""
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
@@ -52,16 +52,16 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         yield Finding(
             "drift_in_time",
             None,
-            f"in the course of the set the unloaded targets moved by {length_text(size)} "
-            f"beside the robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
-            f"{length_text(drift[2])}; probability by chance {chance:.1g})",
-            "check the tracker's stand, warm-up and temperature; deflections hold only what drifts between "
-            "their two readings",
+            f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
+            f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
+            f"{length_text(drift[2])}; p = {chance:.1g})",
+            "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
+            "drift between its two readings",
         )
 
 
 def _model_errors(view: View, rows: IndexArray, which: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """What the model may have wrong, and how far the barycentre is from its median place on the flange.
+    """Return regressors of model errors, and the barycentre's offset from its median place on the flange.
 
     Args:
         view: of the set.

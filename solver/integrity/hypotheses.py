@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +17,7 @@ Rows = IndexArray
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """What the angles and positions of some rows would be, had one mistake been made.
+    """Angles and positions of some rows, corrected for one assumed mistake.
 
     Attributes:
         code: the finding if it is true.
@@ -35,6 +36,10 @@ class Hypothesis:
     rows: Rows
 
 
+MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
+M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
+
+
 def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
     """Lengths and angles in another unit.
 
@@ -42,13 +47,17 @@ def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:
         joints: (M, n) controller angles as posted [rad].
     """
     rows = np.arange(len(joints))
-    for factor, taken in ((1e-3, "mm taken for m"), (1e3, "m taken for mm")):
-        yield Hypothesis("length_unit_suspect", joints, factor, taken, f"check units.length: {taken}?", rows)
-    for angles, taken in (
-        (np.deg2rad(joints), "degrees taken for radians"),
-        (np.rad2deg(joints), "radians taken for degrees"),
+    for factor, changed, remedy in (
+        (1e-3, "all lengths divided by 1000", MM_AS_M),
+        (1e3, "all lengths multiplied by 1000", M_AS_MM),
     ):
-        yield Hypothesis("angle_unit_suspect", angles, 1.0, taken, f"check units.angle: {taken}?", rows)
+        yield Hypothesis("length_unit_suspect", joints, factor, changed, remedy, rows)
+    for angles, changed, right, declared, unit in (
+        (np.deg2rad(joints), "all angles taken as degrees", "degrees", "radians", "deg"),
+        (np.rad2deg(joints), "all angles taken as radians", "radians", "degrees", "rad"),
+    ):
+        remedy = f"the angles seem to be in {right} and declared as {declared}: set `units.angle` to {unit}"
+        yield Hypothesis("angle_unit_suspect", angles, 1.0, changed, remedy, rows)
 
 
 def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> Iterator[Hypothesis]:
@@ -70,7 +79,7 @@ def angle_hypotheses(joints: FloatArray, rows: Rows, names: tuple[str, ...]) -> 
                 joints[rows[inside] + shift],
                 1.0,
                 f"the angles of the row {neighbour}",
-                f"move the readings by one row: they belong to the angles of the row {neighbour}",
+                f"shift the readings by one row: they belong to the angles of the row {neighbour}",
                 inside,
             )
 

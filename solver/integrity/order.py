@@ -14,9 +14,10 @@ from jointstiff.solver.integrity.springs import Springs
 Rows = IndexArray
 
 BETTER: Final = 0.5
-"""Ratio of residuals, corrected to as posted, that speaks for a mistake in one row."""
+"""Ratio of residuals, corrected to as posted, below which a row is taken for a mistake."""
 LEAST_ROWS: Final = 3
-"""Rows that one shift must explain: one may look like its neighbour by chance, and two be exchanged."""
+"""Least number of rows that one shift must explain: one may match its neighbour by chance, two may be
+exchanged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Where the targets sit on the flange: still, whatever the posture, if angles and readings belong together.
+"""Positions of the targets on the flange: constant if angles and readings belong together.
 
 A robot stands where its model says within millimetres. A mistake in the angles, their order, a name or a
 unit moves a target by centimetres or metres as seen from the flange; and the mistake that was made is the
@@ -22,23 +22,23 @@ from jointstiff.solver.robot import Configurations
 Rows = IndexArray
 
 LARGEST_MODEL_ERROR: Final = 0.02
-"""Robots stand where their model says within millimetres; more [m] is a wrong frame, map, unit or angle."""
+"""Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""
 OUTLIER: Final = 10.0
-"""Times the median distance from the median place: model errors vary with the posture, but not so much."""
+"""Factor on the median distance from the median position: model errors vary with the posture, but less."""
 SMALLEST_OUTLIER: Final = 2e-3
-"""Distance [m] below which it is not worth a word: a joint by 0.05° at 2 m."""
+"""Distance [m] below which nothing is reported: a joint by 0.05° at 2 m."""
 EXPLAINED: Final = 0.8
-"""Of the rows, that a mistake of the whole set must bring to one place; others may have their own."""
+"""Share of the rows that a mistake of the whole set must explain; others may have their own."""
 _ANCHORS: Final = 24
 _ROWS: Final = 150
-"""So many rows tell a mistake of the whole set; more take time and tell no more."""
+"""Number of rows that suffice to find a mistake of the whole set."""
 _SEARCHED: Final = 300
-"""Rows for which the posture they belong to is looked for."""
+"""Maximum number of rows for which the matching posture is searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What the places of the targets on the flange tell.
+    """Findings from the positions of the targets on the flange.
 
     Attributes:
         findings: what is suspicious.
@@ -102,8 +102,8 @@ def _of_the_set(best: Hypothesis, found: _Consensus, as_posted: _Consensus, coun
     return Finding(
         best.code,
         None,
-        f"as posted the targets keep to one place on the flange in {as_posted.count} of {count} observations"
-        f"; with {best.figure}, in {found.count} of {len(found.agree)}, within "
+        f"as posted, the targets keep one position on the flange in {as_posted.count} of {count} "
+        f"observations; with {best.figure}, in {found.count} of {len(found.agree)}, within "
         f"{length_text(float(found.apart[found.agree].max()))}",
         best.remedy,
         "error",
@@ -141,7 +141,7 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
             moved[0],
             f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
             f"taken at the angles of the row {neighbour}",
-            f"move the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+            f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
             "error",
         )
         for i in moved:
@@ -150,8 +150,8 @@ def _out_of_order(elsewhere: dict[int, int]) -> Iterator[Finding]:
         yield Finding(
             "observations_out_of_order",
             i,
-            f"its readings were taken at the angles of observations[{j}]",
-            "put readings and angles together again; the order of both is suspicious",
+            f"its readings match the angles of observations[{j}]",
+            "match readings and angles again; check the order of both",
             "error",
         )
 
@@ -162,7 +162,7 @@ def _exchanged(view: View, i: int, order: Rows) -> Finding:
     return Finding(
         "targets_swapped",
         i,
-        f"the targets sit on the flange where others do: what is called {pairs}",
+        f"the targets are at each other's positions on the flange: the target named {pairs}",
         "exchange their names in this observation",
         "error",
     )
@@ -174,9 +174,9 @@ def _off_model(view: View, i: int, seen: FloatArray, place: FloatArray) -> Findi
     return Finding(
         "target_off_model",
         i,
-        f"target '{view.targets[t]}' sits {length_text(apart[t])} from its median place on the flange",
-        "check that positions are in R0, units.length, the angles and their order, the joint map, and the "
-        "robot's model",
+        f"target '{view.targets[t]}' is {length_text(apart[t])} away from its median position on the flange",
+        "check that positions are in R0 and in `units.length`, the angles and their order, the "
+        "joint map, and the robot's model",
         "error",
     )
 
@@ -201,9 +201,9 @@ def _outliers(rows: Rows, apart: FloatArray) -> Iterator[Finding]:
         yield Finding(
             "target_off_model",
             int(rows[b]),
-            f"all targets sit at least {length_text(nearest[b])} from their median place on the flange, and "
-            f"mostly it is {length_text(float(np.median(nearest)))}",
-            "check the angles of this observation for a typing error, and that the robot stood still",
+            f"all targets are at least {length_text(nearest[b])} away from their median positions on "
+            f"the flange; typical is {length_text(float(np.median(nearest)))}",
+            "check the angles of this observation for a typing error, and whether the robot stood still",
         )
 
 

@@ -16,7 +16,7 @@ from jointstiff.solver.integrity.view import View
 Rows = IndexArray
 
 SAME_ANGLE: Final = 1e-5
-"""Angles [rad] that are the same posture: 20 µm at 2 m."""
+"""Tolerance of angles [rad] of the same posture: 20 µm at 2 m."""
 
 
 def inspect_repeats(view: View) -> Iterator[Finding]:
@@ -42,18 +42,18 @@ def _deflections(view: View, group: Rows) -> Iterator[Finding]:
     if not freedom or not squares:
         return
     sigma = float(np.sqrt(squares / freedom / 2.0))
-    stated, worse = "none is stated", False
+    stated, worse = "no noise is stated", False
     if m.sigma is not None:
-        stated = f"{length_text(m.sigma)} is stated"
+        stated = f"the stated sigma is {length_text(m.sigma)}"
         worse = float(special.chdtrc(freedom, squares / (2.0 * m.sigma**2))) < FALSE_ALARM
     yield Finding(
         "repeated_readings",
         None,
-        f"{count} observations repeat others, posture and load; their deflections make sigma "
-        f"{length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
-        "state a noise that agrees with the repetitions, and look for what moves between them"
+        f"{count} observations repeat the posture and load of others; their deflections give sigma "
+        f"= {length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
+        "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
         if worse
-        else "keep the repetitions in the set: they count like any others",
+        else "keep the repetitions in the set: they are used like all other observations",
         "warning" if worse else "note",
     )
 
@@ -65,10 +65,10 @@ def _positions(view: View, group: Rows) -> Iterator[Finding]:
     yield Finding(
         "repeated_readings",
         None,
-        f"in {count} repeated postures the unloaded targets came back within "
-        f"{length_text(float(np.sqrt(squares / freedom)))} a coordinate ({freedom} degrees of freedom): "
-        "tracker and robot together",
-        "compare with the stated noise: what is more is how well the robot comes back",
+        f"in {count} repeated postures the unloaded targets scatter by "
+        f"{length_text(float(np.sqrt(squares / freedom)))} per coordinate ({freedom} degrees of "
+        "freedom): tracker and robot together",
+        "compare with the stated noise: the excess is the repeatability of the robot",
         "note",
     )
 

@@ -1,4 +1,4 @@
-"""Whether the deflections are what springs in the joints make of the loads.
+"""Test of the deflections against those that joint compliances give under the loads.
 
 No stiffness is assumed: any springs will do. They give way to the load, so that its work is positive; and
 what no springs explain is a mistake in angles, order or load, or something else that bends.
@@ -25,16 +25,17 @@ from jointstiff.solver.robot import Configurations
 Rows = IndexArray
 
 UNEXPLAINED: Final = 0.5
-"""Of the median deflection. Joints explain four fifths of a real robot's, the paper's worst method a half."""
+"""Unexplained share of the median deflection: joints explain 80 % of a real robot's, the paper's worst
+method half."""
 WORTH_A_SEARCH: Final = 0.05
-"""Unexplained share from which a mistake of the whole set is looked for where no position was read."""
+"""Unexplained share above which a mistake of the whole set is searched where no position was read."""
 BETTER: Final = 0.5
-"""Ratio of what a corrected mistake leaves unexplained: what bends beside the joints bends as posted, too."""
+"""Ratio of the unexplained shares, corrected to as posted, below which a mistake is reported."""
 FLIPPED: Final = 0.5
 """Ratio of the residuals with the load reversed and as posted: 2 for a perfect fit, 0 for a wrong sign."""
 BEYOND_NOISE: Final = 5.0
 SMALLEST_RESIDUAL: Final = 5e-6
-"""No tracker sees less [m]."""
+"""Smallest deflection that a tracker can see [m]."""
 _ROWS_PER_JOINT: Final = 3
 
 
@@ -86,9 +87,10 @@ def _unexplained(part: Measurements, springs: Springs) -> Finding:
     return Finding(
         "deflections_unexplained",
         None,
-        f"no springs in the joints explain the deflections: of {length_text(float(np.median(deflection)))} "
-        f"in the median, {100.0 * springs.unexplained:.3g} % remain",
-        "check the frame and signs of the forces, the joint map, the order of angles and of rows",
+        "joint compliances do not explain the deflections: of "
+        f"{length_text(float(np.median(deflection)))} (median), {100.0 * springs.unexplained:.3g} "
+        "% remain",
+        "check the frame and signs of the forces, the joint map, and the order of angles and rows",
     )
 
 
@@ -97,9 +99,9 @@ def _force_sign(part: Measurements, springs: Springs) -> Finding:
     return Finding(
         "force_sign_suspect",
         None,
-        f"the load's work on the joints comes out at {springs.work:.3g} J, and springs make it positive; the "
+        f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(moved.sum())} of {len(moved)} observations",
-        "change the sign of every force, which is the one on the robot; or exchange unloaded and loaded",
+        "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
         "error",
     )
 
@@ -117,8 +119,9 @@ def _turned(i: int, part: Measurements, springs: Springs, k: int) -> Finding:
     return Finding(
         "deflection_against_force",
         i,
-        f"under {force:.4g} N the targets moved against what the others say, by {length_text(size)}"
-        f"; with the load reversed only {length_text(other)} remain",
+        f"under {force:.4g} N the targets moved opposite to the prediction from the other "
+        f"observations, by {length_text(size)}; with the load reversed only {length_text(other)} "
+        "remain",
         "change the sign of this force, or exchange unloaded and loaded",
         "error",
     )
@@ -151,8 +154,8 @@ def _outliers(
         yield Finding(
             "residual_outlier",
             int(rows[k]),
-            f"target '{view.targets[t]}' moved by {length_text(norm[k, t])} other than springs fitted to all "
-            f"make it, and such residuals are {length_text(scale)} mostly",
+            f"the deflection of target '{view.targets[t]}' differs by {length_text(norm[k, t])} from "
+            f"the fit to all observations; typical is {length_text(scale)}",
             "check this reading and its load; repeat it, or identify with loss huber",
         )
 
@@ -161,7 +164,8 @@ def _exchanged(i: int, one: str, other: str) -> Finding:
     return Finding(
         "targets_swapped",
         i,
-        f"with the deflections of '{one}' and '{other}' exchanged, springs explain them twice as well",
+        f"with the deflections of '{one}' and '{other}' exchanged, joint compliances explain them "
+        "twice as well",
         "exchange their names in this observation",
         "error",
     )
@@ -184,9 +188,9 @@ def _shifted(rows: Rows, shifted: Shift) -> Finding:
     return Finding(
         "observations_out_of_order",
         first,
-        f"the deflections of {len(shifted.rows)} observations, observations[{first}] to [{last}], are those "
-        f"that springs make of the row {neighbour}, and not of their own",
-        f"move the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+        f"the deflections of {len(shifted.rows)} observations, observations[{first}] to [{last}], "
+        f"match the load and posture of the row {neighbour}, not their own",
+        f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
         "error",
     )
 
@@ -219,8 +223,8 @@ def _corrected(best: Hypothesis, left: float, springs: Springs) -> Finding:
     return Finding(
         best.code,
         None,
-        f"springs leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained; with "
-        f"{best.figure}, {100.0 * left:.3g} %",
+        f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
+        f"unexplained; with {best.figure}, {100.0 * left:.3g} %",
         best.remedy,
         "error",
     )

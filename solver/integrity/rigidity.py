@@ -17,14 +17,14 @@ from jointstiff.solver.integrity.view import View
 Rows = IndexArray
 
 LEAST_SIGMA: Final = 1e-6
-"""Of a tracker's reading [m], where it is not stated and the distances say less."""
+"""Standard uncertainty of a reading [m] that is assumed where none is stated and the distances show less."""
 OVERSTATED: Final = 2.0
-"""Times the stated noise, of a scatter of distances that is worth a word."""
+"""Scatter of distances relative to the stated noise above which it is reported."""
 _ENOUGH: Final = 30
 _ORDERED: Final = 2.0
-"""Factor on a step where postures were measured in order: the model's errors are then steps themselves."""
+"""Factor on a step where postures were measured in order: the model's errors then look like steps."""
 _CLEARER: Final = 4.0
-"""Times the sum of squares, of an explanation by another target that does not count beside the best."""
+"""Ratio of the sums of squares above which another target is no explanation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +90,10 @@ def _moved(view: View, step: Step) -> Finding:
     return Finding(
         "target_moved",
         step.row,
-        f"from here on '{view.targets[step.target]}' sits {length_text(step.size)} from where it sat on the "
-        f"flange before, beside the other targets; {step.ratio:.3g} times what chance allows",
-        "check that it sits tight; treat it as another target from here on (give it another name), or repeat",
+        f"from here on, '{view.targets[step.target]}' is displaced by {length_text(step.size)} on "
+        f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
+        "check that the target is attached firmly; treat it as another target from here on "
+        "(another name), or repeat",
         "error",
     )
 
@@ -135,9 +136,9 @@ def _understated(edges: _Edges) -> Iterator[Finding]:
     yield Finding(
         "sigma_suspect",
         None,
-        f"distances between targets scatter by {length_text(edges.scatter)}, and the stated noise makes it "
-        f"{length_text(typical)}",
-        "check the stated noise and its unit; or leave it out, and it comes from the residuals",
+        f"distances between targets scatter by {length_text(edges.scatter)}, but the stated noise "
+        f"gives {length_text(typical)}",
+        "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the residuals",
     )
 
 
@@ -150,9 +151,9 @@ def _not_rigid(view: View, edges: _Edges, i: int, limits: FloatArray) -> Finding
     return Finding(
         "targets_not_rigid",
         i,
-        f"the distance between '{view.targets[edges.first[p]]}' and '{view.targets[edges.second[p]]}' "
-        f"({state}) differs by {length_text(change[p])} from its median, more than {length_text(limits[p])}: "
-        f"{who} moved",
+        f"the distance between '{view.targets[edges.first[p]]}' and "
+        f"'{view.targets[edges.second[p]]}' ({state}) differs by {length_text(change[p])} from its "
+        f"median (limit {length_text(limits[p])}): {who} moved",
         f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove that "
         "reading",
         "error",

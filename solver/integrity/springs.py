@@ -14,11 +14,11 @@ from jointstiff.solver.robot import Configurations
 
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9
-"""Norm of a column beside the greatest, of a joint that no load twists."""
+"""Norm of a column, relative to the largest, below which no load twists its joint."""
 _RIDGE: Final = 1e-9
-"""Beside unit columns: combinations that no load shows stay near zero."""
+"""Regularisation, relative to unit columns: combinations that no load shows stay near zero."""
 _SAMPLE: Final = 2000
-"""Observations that fix a handful of compliances well enough to judge all by them."""
+"""Number of observations that determine a few compliances well enough to judge all by them."""
 
 
 _ALL: Final = slice(None)

@@ -12,7 +12,11 @@ from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quant
 
 LEAST_ROWS: Final = 4
 SMALLEST_STEP: Final = 1e-4
-"""Of a target [m] that anyone would call moved."""
+"""Step of a target [m] that is always reported."""
+
+LARGEST_TURN: Final = 1e-3
+"""Displacement of a target [m] by the model's error of the flange's direction: 0.2° at 0.3 m."""
+_RANK: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,9 @@ def find_step(places: FloatArray, allowance: float = 1.0) -> Step | None:
     The others take away what the model has wrong of the flange's position; what it has wrong of its
     direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
     scatter. The scale is that of the changes from row to row, by their median, which a single step does not
-    touch, or that of the rows about the means of both sides, whichever is greater.
+    touch, or that of the rows about the means of both sides, whichever is greater. A step is that of a target
+    only if its distances to the others change by `SMALLEST_STEP`, too, or if they cannot tell: the model's
+    error of the flange's direction moves it beside the others, and changes no distance.
 
     Args:
         places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
@@ -58,10 +64,12 @@ def find_step(places: FloatArray, allowance: float = 1.0) -> Step | None:
         if len(rows) >= LEAST_ROWS:
             others = (filled[rows].sum(axis=1) - filled[rows, t]) / max(1, read[rows].sum(axis=1)[0] - 1)
             series.append((t, rows, filled[rows, t] - others))
-    return _most_significant(series, allowance)
+    return _most_significant(series, allowance, places)
 
 
-def _most_significant(series: list[tuple[int, IndexArray, FloatArray]], allowance: float) -> Step | None:
+def _most_significant(
+    series: list[tuple[int, IndexArray, FloatArray]], allowance: float, places: FloatArray
+) -> Step | None:
     if not series:
         return None
     changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
@@ -75,9 +83,23 @@ def _most_significant(series: list[tuple[int, IndexArray, FloatArray]], allowanc
         within = max(scale, vector_scale(np.linalg.norm(sides, axis=1)), 1e-9)
         size = float(np.linalg.norm(shift))
         ratio = size / (limit * within * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
-        if ratio > (best.ratio if best else 1.0) and size > SMALLEST_STEP:
+        likelier = ratio > (best.ratio if best else 1.0) and size > SMALLEST_STEP
+        if likelier and _apart_from_others(places[rows], t, k, shift):
             best = Step(t, int(rows[k]), size, ratio)
     return best
+
+
+def _apart_from_others(places: FloatArray, target: int, k: int, shift: FloatArray) -> bool:
+    """Return whether distances agree that a target moved by a shift (3,) [m] after the first k rows."""
+    arms = np.delete(places, target, axis=1) - places[:, target, None]
+    arms = arms[:, ~np.isnan(arms).any(axis=(0, 2))]
+    lengths = np.linalg.norm(arms, axis=2)
+    change = np.abs(np.median(lengths[k:], axis=0) - np.median(lengths[:k], axis=0))
+    if change.max(initial=0.0) > SMALLEST_STEP:
+        return True
+    unit = np.median(arms, axis=0) / np.median(lengths, axis=0)[:, None]
+    seen = np.linalg.lstsq(unit.T, shift, rcond=_RANK)[0] @ unit if len(unit) else np.zeros(3)
+    return float(np.linalg.norm(shift - seen)) > LARGEST_TURN
 
 
 def _split(y: FloatArray) -> tuple[int, FloatArray]:

@@ -1,4 +1,4 @@
-"""Where chance ends: thresholds from a stated rate of false alarms, not from examples.
+"""Thresholds of the checks, from a stated rate of false alarms.
 
 Every statistical check of a set is allowed `FALSE_ALARM` of false findings, divided among its comparisons
 (Bonferroni). Where the scale is not stated but taken from the data, robustly, its own uncertainty counts:
@@ -15,15 +15,15 @@ from scipy import special
 from jointstiff.solver.arrays import FloatArray
 
 FALSE_ALARM: Final = 1e-6
-"""Share of clean sets that a check calls suspicious by chance: a dozen checks, a set a day for centuries."""
+"""Significance level of a check: a dozen checks, a set a day for centuries."""
 MODEL_ALLOWANCE: Final = 1.5
-"""What does not come from noise is no normal variable; its extremes may be that much further out."""
+"""Factor for deviations that are not noise: they are not normal, and their extremes may be larger."""
 MEDIAN_EFFICIENCY: Final = 0.37
-"""Of a scale by medians: of that share of the readings the standard deviation is as uncertain."""
+"""Confidence of a scale estimated by medians, as the standard deviation of that share of the readings."""
 _MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
 """Median of the norm of three standard normal coordinates."""
 _MEDIAN_SIZE: Final = 0.6744897501960817
-"""Median of the size of one."""
+"""Median of the absolute value of one."""
 
 
 def normal_quantile(comparisons: int) -> float:

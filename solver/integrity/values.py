@@ -8,28 +8,29 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.finding import Finding, length_text
+from jointstiff.solver.integrity.hypotheses import M_AS_MM, MM_AS_M
 from jointstiff.solver.integrity.view import View
 
 NOISE_SIGMAS: Final = 3.0
-"""A deflection shorter than this many of its standard deviations says little."""
+"""Number of standard deviations below which a deflection carries little information."""
 LARGEST_DEFLECTION: Final = 0.02
-"""Robots bend by millimetres; more than this [m] is a mistake in a unit or a label."""
+"""Largest plausible deflection [m]: more is a mistake in a unit or a label."""
 SMALLEST_DEFLECTION: Final = 5e-6
-"""No tracker sees less [m]; a set in which nothing moves more has its lengths in another unit."""
+"""Smallest deflection that a tracker sees [m]; if all are smaller, the lengths have another unit."""
 LARGEST_SIGMA: Final = 1e-3
-"""No tracker is worse [m]."""
+"""Largest standard uncertainty of a tracker [m]."""
 FLANGE_LENGTHS: Final = (2e-3, 10.0)
 """Load points and targets in the flange frame [m]: none is as near the flange as all of a set in metres
 taken for millimetres would be, none as far as in the other case."""
 FORCES: Final = (5.0, 5e4)
-"""Of loads for stiffness [N]: less bends nothing, and more is twice the payload of the largest robots."""
+"""Plausible forces [N]: less deflects nothing, more is twice the payload of the largest robots."""
 RARE_TARGET: Final = 0.1
-"""A target read in a smaller share of many observations is likely another one's name misspelt."""
+"""Share of observations below which a target's name is likely misspelt."""
 _LIMIT_MARGIN: Final = 1e-3
 _MANY_TURNS: Final = 4 * np.pi
 _SMALL_DEGREES: Final = 2 * np.pi
 _NUMBERS_OF_CHANCE: Final = 3
-"""So few numbers, rounded, may agree in two observations by chance."""
+"""Number of values that may agree in two observations by chance, when rounded."""
 
 
 def inspect_values(view: View) -> Iterator[Iterator[Finding]]:
@@ -53,7 +54,7 @@ def _angle_unit(view: View) -> Iterator[Finding]:
             "angle_unit_suspect",
             None,
             f"the largest joint angle is {largest:.4g} rad, more than two turns",
-            "set units.angle to deg: the angles look like degrees",
+            "set `units.angle` to deg: the angles look like degrees",
             "error",
         )
     posted = float(np.rad2deg(largest))
@@ -62,7 +63,7 @@ def _angle_unit(view: View) -> Iterator[Finding]:
             "angle_unit_suspect",
             None,
             f"no joint turns by more than {posted:.3g}° in {len(view.measurements)} observations",
-            "set units.angle to rad: the angles look like radians",
+            "set `units.angle` to rad: the angles look like radians",
             "error",
         )
 
@@ -76,9 +77,9 @@ def _limits(view: View) -> Iterator[Finding]:
         yield Finding(
             "joint_outside_limits",
             int(i),
-            f"{robot.joint_names[j]} stands at {q[i, j]:.4g} rad (model angle), outside "
+            f"the model angle of {robot.joint_names[j]} is {q[i, j]:.4g} rad, outside its limits "
             f"[{lower[j]:.4g}, {upper[j]:.4g}] rad",
-            "check units.angle, the joint map, and the order of the angles",
+            "check `units.angle`, the joint map, and the order of the angles",
         )
 
 
@@ -89,7 +90,7 @@ def _rare_targets(view: View) -> Iterator[Finding]:
         yield Finding(
             "target_name_suspect",
             int(np.flatnonzero(present[:, t])[0]),
-            f"target '{view.targets[t]}' is read in {count[t]} of {len(present)} observations",
+            f"target '{view.targets[t]}' is read in only {count[t]} of {len(present)} observations",
             "check the spelling of its name",
         )
 
@@ -101,7 +102,7 @@ def _sigma(view: View) -> Iterator[Finding]:
             "sigma_suspect",
             None,
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
-            "check the stated noise: it is in units.length",
+            "check the stated noise: it is in `units.length`",
             "error",
         )
 
@@ -111,7 +112,7 @@ def _zero_load(view: View) -> Iterator[Finding]:
         yield Finding(
             "zero_load",
             int(i),
-            "force and moment are zero, so the observation says nothing about stiffness",
+            "force and moment are zero, so the observation carries no information on stiffness",
             "give the load, or remove the observation",
         )
 
@@ -125,8 +126,8 @@ def _force_unit(view: View) -> Iterator[Finding]:
         yield Finding(
             "force_unit_suspect",
             None,
-            f"the median force is {typical:.3g} N, outside {least:g} N to {greatest:g} N",
-            "check units.force: kN taken for N, or N for kN? (kgf taken for N does not show)",
+            f"the median force is {typical:.3g} N, outside the plausible {least:g} N to {greatest:g} N",
+            "check `units.force`: kN read as N, or N as kN? (kgf read as N is not detected)",
             "error",
         )
 
@@ -144,8 +145,9 @@ def _flange_lengths(view: View) -> Iterator[Finding]:
         yield Finding(
             "length_unit_suspect",
             None,
-            f"the load points and targets given in the flange frame reach {length_text(greatest)} from it",
-            f"check units.length: {'mm taken for m' if greatest > far else 'm taken for mm'}?",
+            f"the load points and targets given in the flange frame are up to {length_text(greatest)} "
+            "from it",
+            MM_AS_M if greatest > far else M_AS_MM,
             "error",
         )
 
@@ -158,7 +160,7 @@ def _size(view: View) -> Iterator[Finding]:
             "deflection_implausibly_large",
             int(i),
             f"target '{view.targets[t]}' moved by {length_text(length[i, t])}",
-            "check units.length, and that unloaded and loaded readings belong together",
+            "check `units.length`, and that unloaded and loaded readings belong together",
             "error",
         )
     if length.max() < SMALLEST_DEFLECTION and view.loaded.any():
@@ -166,7 +168,7 @@ def _size(view: View) -> Iterator[Finding]:
             "deflection_implausibly_small",
             None,
             f"no target moved by more than {length_text(float(length.max()))}",
-            "check units.length, and that the loaded readings were taken under load",
+            "check `units.length`, and that the loaded readings were taken with the load applied",
             "error",
         )
 
@@ -178,9 +180,10 @@ def _below_noise(view: View) -> Iterator[Finding]:
         yield Finding(
             "deflection_below_noise",
             int(i),
-            f"no target moved by more than {length_text(length[i])}, and the noise of a deflection is "
+            f"no target moved by more than {length_text(length[i])}; the noise of a deflection is "
             f"{length_text(noise)}",
-            "load the robot more, check that the loaded readings were taken under load, and the stated noise",
+            "increase the load; check that the loaded readings were taken with the load applied, and "
+            "check the stated noise",
         )
 
 
@@ -199,7 +202,7 @@ def _duplicates(view: View) -> Iterator[Finding]:
         yield Finding(
             "duplicated_observation",
             i,
-            f"its {same}readings are those of observations[{j}] to the last digit",
+            f"its {same}readings equal those of observations[{j}] to the last digit",
             "remove one of the two, or give the readings that belong to it",
             "error",
         )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from jointstiff.solver.links.cross_validation import WEIGHTS, FoldFit, Folds, Plan, fit_fold
 from jointstiff.solver.links.estimate import ElasticEstimate, LinkCompliance
-from jointstiff.solver.links.estimation import estimate_elastic, refuse_unsupported_elastic
+from jointstiff.solver.links.estimation import estimate_elastic, first_certified, refuse_unsupported_elastic
 from jointstiff.solver.links.joints import with_links
 from jointstiff.solver.links.model import MODELS, ElasticModel
-from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.penalty import judge_penalty
+from jointstiff.solver.links.regressor import ElasticColumns, elastic_rows_of
 from jointstiff.solver.links.selection import Selection, select_model
 
 __all__ = [
@@ -21,8 +22,11 @@ __all__ = [
     "LinkCompliance",
     "Plan",
     "Selection",
+    "elastic_rows_of",
     "estimate_elastic",
+    "first_certified",
     "fit_fold",
+    "judge_penalty",
     "refuse_unsupported_elastic",
     "select_model",
     "with_links",

@@ -23,15 +23,15 @@ from jointstiff.solver.robot import Robot
 
 Rule = Literal["best", "one_standard_error"]
 
-WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 0.0, 11))
-"""λ: from hardly any penalty to one that leaves next to nothing of the links."""
+WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-8.0, 2.0, 11))
+"""λ: from hardly any penalty to one that leaves nothing of the links."""
 _GAP: Final = 1e-4
-"""Of the fitted readings, relative to all: far below what predictions of other readings are worth."""
+"""Tolerance of the fitted readings, relative to all: far below the accuracy of predicted readings."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How to cross-validate.
+    """Settings of the cross-validation.
 
     Attributes:
         folds: how many, at least 2; fewer where there are fewer configurations.
@@ -56,9 +56,9 @@ class Plan:
         count = int(posture.max()) + 1
         if count < 2:
             raise UnsupportedMethodError(
-                "one posture, and cross-validation holds some out",
+                "the set has one posture, and cross-validation needs at least two",
                 where="observations",
-                remedy="measure more postures, or use elasticity joints",
+                remedy="add postures, or use elasticity joints",
             )
         # In the order of their first appearance, so that the angles' values do not decide.
         first = np.full(count, len(joints))
@@ -115,18 +115,18 @@ class Folds:
 
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
-        """Of each fold."""
+        """Return the compressed rows of each fold."""
         return tuple(
             elastic_rows(self._robot, self._measurements[indices], self.columns) for indices in self.held_out
         )
 
     @cached_property
     def all_rows(self) -> ElasticRows:
-        """Of the whole set."""
+        """Return the compressed rows of the whole set."""
         return ElasticRows.merged(list(self.rows))
 
     def training(self, fold: int) -> ElasticRows:
-        """Of all folds but one."""
+        """Return the compressed rows of all folds but one."""
         return ElasticRows.merged([rows for number, rows in enumerate(self.rows) if number != fold])
 
 
@@ -165,6 +165,11 @@ def _parameters(formulation: Formulation, weight: float) -> FloatArray:
         return np.full(formulation.cone.dimension, np.nan)
 
 
+def answered(errors: FloatArray) -> BoolArray:
+    """(W,) weights with an answer in all of the K folds, of their errors (K, W)."""
+    return np.asarray(np.isfinite(errors).all(axis=0))
+
+
 def chosen_weight(errors: FloatArray, rule: Rule) -> int:
     """Which weight cross-validation chooses.
 
@@ -173,14 +178,15 @@ def chosen_weight(errors: FloatArray, rule: Rule) -> int:
         rule: see `Plan`.
 
     Raises:
-        SolverError: no weight has an answer in all folds.
+        UnsupportedMethodError: no weight has an answer in all folds.
     """
-    mean = np.where(np.isfinite(errors).all(axis=0), errors.mean(axis=0), np.inf)
+    mean = np.where(answered(errors), errors.mean(axis=0), np.inf)
     best = int(mean.argmin())
     if not np.isfinite(mean[best]):
-        raise SolverError(
-            "no weight of the penalty has a certified answer in all folds",
-            remedy="choose fewer links, give a larger link_penalty, or report this with the data",
+        raise UnsupportedMethodError(
+            "no penalty has a certified answer in all folds of the cross-validation",
+            where="link_penalty",
+            remedy="omit link_penalty or give a larger one, choose fewer links, or use elasticity joints",
         )
     if rule == "best":
         return best

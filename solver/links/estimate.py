@@ -1,4 +1,4 @@
-"""What elastic links are found to be: compliances, what each explains, and the evidence (method.md §7)."""
+"""Estimate of elastic links: compliances, their shares, and the evidence (method.md §7)."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class LinkCompliance:
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """What an element contributes to the deflection.
+    """Contribution of an element to the deflection.
 
     Attributes:
         kind: a joint, the coupling between joints, or a link.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import sqrt
 from typing import Final
 
@@ -36,13 +36,15 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
 CERTIFIED_GAP: Final = 1e-2
-"""Of a certificate that is accepted, in units of sigma."""
+"""Largest gap of an accepted certificate, in units of sigma."""
 _DESIRED_GAP: Final = 1e-3
-"""Where rounding allows it: the ranks of the matrices are then beyond doubt."""
+"""Gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
+_SOLVED_GAP: Final = 0.8 * CERTIFIED_GAP
+"""Largest gap of the solution: raising its matrices to be semidefinite may add a little."""
 _LEAST_SCALE: Final = 1e-6
-"""Of a residual, beside the readings: data without noise have a scale, too."""
+"""Smallest residual scale relative to the readings: data without noise need a scale, too."""
 _LEAST_FREEDOM: Final = 0.5
-"""Degrees of freedom below which the residuals say nothing of sigma."""
+"""Degrees of freedom below which the residuals do not determine sigma."""
 
 
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
@@ -55,17 +57,17 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     refused = (
         (settings.method != "partial_pose", "method", "use method partial_pose"),
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (settings.loss != "squared", "loss", "use loss squared without the suspicious readings"),
-        (not positive, "stiffness_bounds", "leave bounds out, and compliances positive"),
-        (bool(settings.order), "stiffness_order", "leave the order of the joints out"),
-        (settings.prior is not None, "priors", "leave the priors out"),
+        (settings.loss != "squared", "loss", "use loss squared and omit the suspicious readings"),
+        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `non_negative` true"),
+        (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
+        (settings.prior is not None, "priors", "omit `priors`"),
         (settings.complementary_stiffness, "complementary_stiffness", "neglect the complementary stiffness"),
-        (measurements.encoders is not None, "encoder_readings", "leave the encoder readings out"),
+        (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
     )
     for is_refused, where, remedy in refused:
         if is_refused:
             raise UnsupportedMethodError(
-                f"elasticity beyond joints does not go with this {where.replace('_', ' ')}",
+                f"an elasticity other than joints cannot be combined with this {where.replace('_', ' ')}",
                 where=where,
                 remedy=f"{remedy}, or use elasticity joints",
             )
@@ -84,12 +86,11 @@ def estimate_elastic(
         weight: λ > 0 of the penalty.
 
     Raises:
-        UnsupportedMethodError: the penalty has no scale.
-        SolverError: optimality could not be certified.
+        UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     rows = folds.all_rows
     formulation = formulate(rows, model, folds.visible)
-    scale = measurements.sigma or _residual_scale(formulation, rows)
+    scale = _scale(formulation, rows, measurements.sigma)
     solution = _solved(formulation, weight, scale / formulation.size)
     freedom = _by_column(formulation, effective_freedom(formulation.program(weight), solution.x))
     compliances, least = _returned(formulation.compliances(solution.x), model)
@@ -118,6 +119,22 @@ def estimate_elastic(
     )
 
 
+def first_certified(
+    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, weights: Sequence[float]
+) -> ElasticEstimate:
+    """Fit a model with the first of some ascending weights whose optimum is certified.
+
+    Raises:
+        UnsupportedMethodError: none is; the error is that of the last.
+    """
+    for weight in weights[:-1]:
+        try:
+            return estimate_elastic(robot, measurements, folds, model, weight)
+        except UnsupportedMethodError:
+            continue
+    return estimate_elastic(robot, measurements, folds, model, weights[-1])
+
+
 def _residuals(
     rows: ElasticRows, compliances: FloatArray, left: float, sigma: float | None
 ) -> tuple[float | None, float]:
@@ -128,21 +145,35 @@ def _residuals(
     return sigma, squares / sigma**2 if sigma else 0.0
 
 
-def _residual_scale(formulation: Formulation, rows: ElasticRows) -> float:
-    """Of joints alone, whose model error stands for noise where sigma is unknown [m]."""
-    joints = formulation.joints
-    R, z = formulation.fit.R[:, joints], formulation.fit.z
-    left = float(np.linalg.norm(R @ np.linalg.lstsq(R, z, rcond=None)[0] - z))
-    return max(left, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - len(joints)))
+def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> float:
+    """Return the unit of gaps [m]: sigma, or the residuals where they are greater.
+
+    The residual scale of joints alone, whose model error stands for noise, replaces an unknown sigma.
+    The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
+    needed more exactly than that.
+    """
+    fit, joints = formulation.fit, formulation.joints
+    R = fit.R[:, joints]
+    alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
+    least = float(np.linalg.norm(fit.R @ fit.near - fit.z))
+    stated = sigma or max(alone, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - len(joints)))
+    return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
 
 
 def _solved(formulation: Formulation, weight: float, scale: float) -> ConeSolution:
     """As exactly as rounding allows, and certified in any case."""
-    program = formulation.program(weight)
     try:
-        return solve_cone(program, gap=_DESIRED_GAP * scale)
-    except SolverError:
-        return solve_cone(program, gap=0.5 * CERTIFIED_GAP * scale)
+        return solve_cone(formulation.program(weight), gap=_DESIRED_GAP * scale, accepted=_SOLVED_GAP * scale)
+    except SolverError as error:
+        raise _uncertified(weight) from error
+
+
+def _uncertified(weight: float) -> UnsupportedMethodError:
+    return UnsupportedMethodError(
+        f"with a penalty of {weight:.3g} rounding hides which links bend: no optimum can be certified",
+        where="link_penalty",
+        remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
+    )
 
 
 def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
@@ -161,14 +192,12 @@ def _judged(formulation: Formulation, weight: float, compliances: FloatArray, sc
     """Gap of what is returned, in units of the scale.
 
     Raises:
-        SolverError: it is not the optimum after all.
+        UnsupportedMethodError: it is not the optimum after all.
     """
     x = compliances[formulation.columns] / formulation.unit
     gap = certify_cone(formulation.program(weight), x, 0.0).gap * formulation.size / scale
     if not gap <= CERTIFIED_GAP:
-        raise SolverError(
-            f"the gap of what is returned is {gap:.1e} sigma", remedy="report this with the data"
-        )
+        raise _uncertified(weight)
     return gap
 
 

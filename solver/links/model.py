@@ -25,17 +25,18 @@ from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows
 ModelName = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 
 MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")
-"""From simple to rich."""
+"""The models, from simple to rich."""
 
 _SHORTEST_LEVER: Final = 1e-2
-"""Of the longest: a shorter one, of a joint through the load point, would leave rotations unpenalised."""
+"""Least lever relative to the longest: a shorter one, through the load point, would leave rotations
+unpenalised."""
 _NO_COLUMN: Final = 1e-9
-"""Of the largest joint column: a smaller one is rounding, and its joint gets no number."""
+"""Least joint column relative to the largest: a smaller one is rounding, and its joint gets no number."""
 
 
 @dataclass(frozen=True)
 class ElasticModel:
-    """What bends.
+    """Set of the elements that deflect.
 
     Attributes:
         name: which elements take part besides the joints, each of which is zero or positive:
@@ -178,7 +179,7 @@ def _link_metric(lever: FloatArray, model: ElasticModel, columns: IndexArray) ->
 
 def _no_scale() -> UnsupportedMethodError:
     return UnsupportedMethodError(
-        "nothing moved, or no load has a lever, so that the penalty of link compliance has no scale",
+        "nothing moved, or no load has a lever arm, so the penalty on link compliance has no scale",
         where="elasticity",
         remedy="use elasticity joints",
     )

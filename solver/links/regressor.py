@@ -20,15 +20,15 @@ from jointstiff.solver.regression import Compression, RegressorBlock, regressor_
 from jointstiff.solver.robot import Robot, joint_frames
 
 MOST_JOINTS = 12
-"""Joints of a robot whose links may bend: beyond, the program has more unknowns than sets have readings."""
+"""Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""
 
 _BLOCK = 256
-"""Observations at a time: their rows stay below 10 MB a target."""
+"""Observations per block: their rows stay below 10 MB a target."""
 
 
 @dataclass(frozen=True)
 class ElasticColumns:
-    """Where each compliance is among the P columns of the richest model.
+    """Columns of each compliance among the P columns of the richest model.
 
     Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.symmetric`.
 
@@ -43,7 +43,7 @@ class ElasticColumns:
     def __post_init__(self) -> None:
         if self.n > MOST_JOINTS:
             raise UnsupportedMethodError(
-                f"{self.n} joints, and elastic links go with at most {MOST_JOINTS}",
+                f"the robot has {self.n} joints; elastic links support at most {MOST_JOINTS}",
                 where="elasticity",
                 remedy="use elasticity joints",
             )
@@ -86,7 +86,7 @@ class ElasticBlock:
 
 @dataclass(frozen=True, eq=False)
 class ElasticRows:
-    """What some observations contribute to a fit: compressed rows, and sums that give the penalty its scale.
+    """Contribution of observations to a fit: compressed rows, and sums that give the penalty its scale.
 
     Attributes:
         triangle: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma.
@@ -110,7 +110,7 @@ class ElasticRows:
 
     @classmethod
     def merged(cls, parts: list[ElasticRows]) -> ElasticRows:
-        """Of all observations of the parts; nothing is subtracted, so nothing cancels."""
+        """Return the rows of all observations of the parts; nothing is subtracted, so nothing cancels."""
         width = len(parts[0].triangle)
         rows = Compression(width)
         rows.add(np.concatenate([part.triangle for part in parts]))
@@ -161,6 +161,19 @@ def elastic_blocks(
     for start in range(0, len(measurements), _BLOCK):
         for base in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             yield _block(robot, base, columns)
+
+
+def elastic_rows_of(robot: Robot, measurements: Measurements) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield rows (B, T, 3, n + 21 n) of joints and all links with the readings' covariance, by blocks.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+    """
+    columns = ElasticColumns(robot.n, tuple(range(robot.n)))
+    kept = np.r_[columns.joints, *(columns.link(joint) for joint in columns.links)]
+    for block in elastic_blocks(robot, measurements, columns):
+        yield block.rows[..., kept], block.base.measurements.covariance
 
 
 def _block(robot: Robot, base: RegressorBlock, columns: ElasticColumns) -> ElasticBlock:

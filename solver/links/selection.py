@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import diagonal
-from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, chosen_weight
+from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, answered, chosen_weight
+from jointstiff.solver.links.effective import EffectiveSpread, effective_rows
 from jointstiff.solver.links.model import MODELS, ModelName
 from jointstiff.solver.links.regressor import elastic_blocks
 from jointstiff.solver.readings import Measurements
@@ -18,7 +18,7 @@ from jointstiff.solver.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """How a model predicts readings that it was not fitted to.
+    """Prediction of readings that were not used in the fit.
 
     Attributes:
         model: which.
@@ -26,8 +26,7 @@ class HeldOut:
         compensation: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``.
         standard_error: of that mean, from the spread of the folds.
         by_fold: (K,) compensation of each fold.
-        jackknife: (n,) standard uncertainty of each joint's compliance by leaving out a fold at a time
-            [rad/(N·m)].
+        effective: dispersion of the joints' effective compliances.
     """
 
     model: ModelName
@@ -35,7 +34,7 @@ class HeldOut:
     compensation: float
     standard_error: float
     by_fold: FloatArray
-    jackknife: FloatArray
+    effective: EffectiveSpread
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +62,7 @@ def select_model(
     folds: Folds,
     fits: Mapping[ModelName, Sequence[FoldFit]],
     plan: Plan,
+    asked: ModelName | None = None,
 ) -> Selection:
     """Choose each model's weight, and compare the models at theirs.
 
@@ -72,12 +72,14 @@ def select_model(
         folds: of them.
         fits: of each model, one a fold.
         plan: weights and rule.
+        asked: the model that must have an answer; one without certified answers is left out otherwise.
 
     Raises:
-        SolverError: a model has no weight with certified answers.
+        UnsupportedMethodError: that model has no weight with certified answers.
     """
-    names = [name for name in MODELS if name in fits]
-    places = [chosen_weight(np.array([fit.error for fit in fits[name]]), plan.rule) for name in names]
+    errors = {name: np.array([fit.error for fit in fits[name]]) for name in MODELS if name in fits}
+    names = [name for name, each in errors.items() if name == asked or answered(each).any()]
+    places = [chosen_weight(errors[name], plan.rule) for name in names]
     chosen = np.array(
         [[fit.compliances[place] for fit in fits[name]] for name, place in zip(names, places, strict=True)]
     )
@@ -87,11 +89,13 @@ def select_model(
             for number, indices in enumerate(folds.held_out)
         ]
     ).T
-    columns = folds.columns
-    coupled = columns.coupling[diagonal(columns.n)]
-    joints = chosen[..., columns.joints] + chosen[..., coupled]
+    rows = effective_rows(robot, folds.columns)
+    spreads = [
+        EffectiveSpread.of(np.array([fit.compliances for fit in fits[name]]) @ rows.T, place)
+        for name, place in zip(names, places, strict=True)
+    ]
     models = tuple(
-        _held_out(name, plan.weights[place], joints[number], compensation[number])
+        _held_out(name, plan.weights[place], spreads[number], compensation[number])
         for number, (name, place) in enumerate(zip(names, places, strict=True))
     )
     best = max(models, key=lambda each: each.compensation)
@@ -100,17 +104,15 @@ def select_model(
     return Selection(models, best.model, simplest.model)
 
 
-def _held_out(name: ModelName, weight: float, compliances: FloatArray, by_fold: FloatArray) -> HeldOut:
-    """Mean and spread; the joints' compliances (K, n) of the folds give the jackknife's uncertainty."""
-    count = len(by_fold)
-    spread = np.square(compliances - compliances.mean(axis=0)).sum(axis=0)
+def _held_out(name: ModelName, weight: float, effective: EffectiveSpread, by_fold: FloatArray) -> HeldOut:
+    """Return mean and spread over the folds."""
     return HeldOut(
         model=name,
         penalty=None if name == "joints" else weight,
         compensation=float(by_fold.mean()),
-        standard_error=float(by_fold.std(ddof=1) / np.sqrt(count)),
+        standard_error=float(by_fold.std(ddof=1) / np.sqrt(len(by_fold))),
         by_fold=by_fold,
-        jackknife=np.sqrt((count - 1) / count * spread),
+        effective=effective,
     )
 
 

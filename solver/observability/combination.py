@@ -13,11 +13,11 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 JointIndices = IndexArray
 
 _PARTICIPATES = 1e-6
-"""Part in a null space, of a unit vector, above which a joint belongs to a combination."""
+"""Component of a unit vector in a null space above which a joint belongs to a combination."""
 _MATTERS = 0.1
-"""Part beside the largest that is worth a word."""
+"""Coefficient relative to the largest below which it is not mentioned."""
 _UNSPOKEN = 0.005
-"""Coefficient that vanishes where two digits are printed."""
+"""Coefficient that vanishes when two digits are printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ class Combination:
         """
         together = ", ".join(names[joint] for joint in self.joints)
         return (
-            f"only a combination of {together} shows in the readings, {self.in_words(names)}: "
-            "add postures in which their axes differ"
+            f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
+            "which their axes differ"
         )
 
 
@@ -78,8 +78,8 @@ class WeakDirection:
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
-            f"{together} are hard to tell apart: a change of their compliances in the ratio {change} shows "
-            f"{self.attenuation:.2g} times less than what shows best"
+            f"{together} are hard to distinguish: a change of their compliances in the ratio {change} "
+            f"has {self.attenuation:.2g} times less effect on the readings than the most visible change"
         )
 
 

@@ -1,4 +1,4 @@
-"""What the readings can say of each joint, and in words why they cannot (method.md §6)."""
+"""Observability of each joint, and the reasons in words where it is missing (method.md §6)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from jointstiff.solver.observability.combination import (
 from jointstiff.solver.regression import RegressorBlock
 
 NULL_COLUMN = 1e-9
-"""A column this small beside what the joint's levers allow is rounding, not information."""
+"""Norm of a column, relative to what the joint's levers allow, that counts as rounding."""
 NULL_DIRECTION = 1e-7
-"""Singular values of the equilibrated regressor below this, relative to the first, count as zero.
+"""Singular value of the equilibrated regressor, relative to the first, below which it counts as zero.
 
-One threshold for all: rank, pseudo-inverse and fit. No reading is worth a digit in such a direction, and
+One threshold for rank, pseudo-inverse and fit: no reading determines a digit in such a direction, and
 the square of its inverse, which covariances hold, would drown in rounding.
 """
 HARD_TO_TELL = 100.0
-"""Condition number above which results are said to be unreliable (Schröer et al. 1992, as quoted by
+"""Condition number above which results are unreliable (Schröer et al. 1992, as quoted by
 Nahvi & Hollerbach 1996)."""
 
 
@@ -50,7 +50,7 @@ class Observability:
 
 
 class Excitation:
-    """How far the load reaches each joint and the targets see it, over a whole set.
+    """Excitation of each joint by the load, and its visibility at the targets, over a whole set.
 
     For each joint it compares what the load and targets did with what they could have done at the same
     levers, had the force pulled across them. These ratios need no unit and no frame.
@@ -123,7 +123,7 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Of the equilibrated, weighted regressor over the joints that the readings see.
+    """Observability analysis of the equilibrated, weighted regressor over the observable joints.
 
     Attributes:
         parameters: number of joints.
@@ -224,8 +224,8 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} N.m"
     return (
-        f"the noise hides {names[joint]}: its standard uncertainty of {uncertainty:.2g} rad/(N.m) exceeds "
-        f"{observability.reference_compliance[joint]:.2g} rad/(N.m), with which it alone would explain "
-        f"all that moved; the load twists it with at most {torque[joint]:.2g} N.m{beside}: "
-        "add loads that twist it more"
+        f"{names[joint]} is hidden by noise: its standard uncertainty of {uncertainty:.2g} "
+        f"rad/(N.m) exceeds {observability.reference_compliance[joint]:.2g} rad/(N.m), the "
+        "compliance with which it alone would explain all deflections; the load twists it with at "
+        f"most {torque[joint]:.2g} N.m{beside}: add loads that twist it more"
     )

@@ -12,7 +12,7 @@ from jointstiff.solver.observability.identifiability import Observability, Spect
 
 @dataclass(frozen=True)
 class ObservabilityIndices:
-    """How well a set of postures and loads shows the parameters; larger is better.
+    """Observability indices of a set of postures and loads; larger is better.
 
     Of the singular values ``s_1 ≥ … ≥ s_p`` of the regressor, each of its p columns divided by the norm
     that it would have had if, in every observation, the force had pulled across the joint's lever

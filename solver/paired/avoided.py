@@ -15,7 +15,7 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression import regressor_blocks
 
 _NO_EFFECT = 1e-9
-"""Of a joint's column beside the largest: rounding."""
+"""Norm of a joint's column, relative to the largest, that counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Share:
 
 @dataclass(frozen=True)
 class MeasuredShare:
-    """What the readings of matching observations say.
+    """Share of the deflection avoided, measured in matching observations.
 
     Attributes:
         each: one share a matching observation, of the mean deflection of its shared targets.
@@ -74,7 +74,7 @@ class PredictedDeflection:
     second: FloatArray
 
     def share(self, rows: IndexArray | None = None) -> Share:
-        """Of some of the observations, or of all, together: those that are known."""
+        """Return the share of some or all observations together, as far as it is known."""
         one, two = (self.first, self.second) if rows is None else (self.first[rows], self.second[rows])
         known = np.isfinite(one)
         return _share(float(one[known].sum()), float(two[known].sum()))

@@ -48,8 +48,8 @@ from jointstiff.solver.robot import WRIST_JOINTS
 
 _Both = tuple[Estimate, Estimate]
 
-_UNKNOWN = "its uncertainty is unknown in one of the sets: state noise, or measure more"
-_CONTRADICTION = "the readings make its compliance negative in one of the sets"
+_UNKNOWN = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+_CONTRADICTION = "the readings give a negative compliance in one of the sets"
 
 
 @dataclass(frozen=True)
@@ -166,9 +166,9 @@ def compare_pair(first: PairSide, second: PairSide, *, confidence: float, ordere
 def _refuse_prior(side: PairSide) -> None:
     if side.settings.prior is not None:
         raise RequestError(
-            "a prior speaks in both sets, so what they say of a joint is not independent",
+            "the same prior enters both sets, so their estimates are not independent",
             where="priors",
-            remedy="leave priors out",
+            remedy="omit `priors`",
         )
 
 
@@ -193,19 +193,19 @@ def _refuse_unordered(side: PairSide, estimate: Estimate) -> None:
     faults = {
         "loss `huber`": side.settings.loss == "huber",
         "complementary_stiffness `included`": side.settings.complementary_stiffness,
-        "a stiffness_order between arm and wrist, whose stages are solved apart": _order_across(side),
+        "an order between arm and wrist, which are fitted separately": _order_across(side),
     }
     for fault in (name for name, found in faults.items() if found):
         raise RequestError(
-            f"the problem of both sets does not take {fault}",
+            f"the joint problem of both sets does not support {fault}",
             where="ordered",
-            remedy="leave that out, or compare without the order",
+            remedy="omit it, or set `ordered` to false",
         )
     if not estimate.sigma:
         raise RequestError(
-            "sigma is neither given nor shown by the residuals, so the sets cannot be weighed",
+            "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
             where="noise",
-            remedy="state noise.sigma, or measure more",
+            remedy="state `noise.sigma`, or add observations",
         )
 
 

@@ -156,9 +156,9 @@ def fit_ordered(first: WhitenedCampaign, second: WhitenedCampaign) -> OrderedFit
     """
     if first.settings.method != second.settings.method:
         raise UnsupportedMethodError(
-            f"one problem takes one method, not {first.settings.method} and {second.settings.method}",
+            f"both sets must use one method, not {first.settings.method} and {second.settings.method}",
             where="ordered",
-            remedy="identify both by the same method, or compare them without the order",
+            remedy="identify both by the same method, or set `ordered` to false",
         )
     n = first.blocks.parameters
     c = np.zeros((2, n))
@@ -235,7 +235,7 @@ def _solve_together(one: _Rows, two: _Rows) -> tuple[FloatArray, Certificate]:
 
 
 def _bounds(one: _Rows, two: _Rows, kept: IndexArray) -> Bounds:
-    """Of v: the second's own, then zero for the differences, or the first's own where only it sees."""
+    """Return the bounds of v: the second's, then zero for the differences, or the first's."""
     lower = np.concatenate([two.bounds.lower, np.where(two.visible, 0.0, one.bounds.lower)])
     upper = np.concatenate([two.bounds.upper, np.where(two.visible, np.inf, one.bounds.upper)])
     return Bounds(lower[kept], upper[kept])

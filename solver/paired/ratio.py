@@ -41,9 +41,9 @@ class GaussianEstimate:
         known = 0.0 < self.standard_uncertainty < inf and isfinite(self.value)
         if not known or not self.degrees_of_freedom > 0:
             raise RequestError(
-                "a compliance without an uncertainty compares with nothing",
+                "a compliance without an uncertainty cannot be compared",
                 where="noise",
-                remedy="state noise.sigma, or measure more",
+                remedy="state `noise.sigma`, or add observations",
             )
 
 

@@ -14,11 +14,11 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
 POSTURE_TOLERANCE: Final = 1e-3
-"""Of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
+"""Tolerance of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
 LOAD_TOLERANCE: Final = 5e-3
-"""Of the load, relative to its size."""
+"""Tolerance of the load, relative to its magnitude."""
 LOAD_POINT_TOLERANCE: Final = 1e-3
-"""Of the place where the load acts [m]."""
+"""Tolerance of the load point [m]."""
 _MODEL_TOLERANCE: Final = 1e-9
 
 
@@ -70,9 +70,10 @@ def refuse_other_joints(first: Robot, second: Robot) -> None:
     """
     if first.joint_names != second.joint_names:
         raise RequestError(
-            f"the robots' joints differ: {', '.join(first.joint_names)}, and {', '.join(second.joint_names)}",
+            f"the robots have different joints: {', '.join(first.joint_names)}, and "
+            f"{', '.join(second.joint_names)}",
             where="second",
-            remedy="compare sets of one robot, or of two of the same model with the same names of joints",
+            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )
 
 

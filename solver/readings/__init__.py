@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.force_uncertainty import ForceUncertainty
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.readings.tracker_noise import (
     DifferenceNoise,
@@ -15,6 +16,7 @@ __all__ = [
     "ISOTROPIC_DIFFERENCE",
     "DifferenceNoise",
     "EncoderReadings",
+    "ForceUncertainty",
     "Instrument",
     "Measurements",
     "at_read_places",

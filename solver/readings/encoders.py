@@ -12,7 +12,7 @@ from jointstiff.solver.errors import MeasurementError
 
 @dataclass(frozen=True, eq=False)
 class EncoderReadings:
-    """What secondary encoders read in N observations of a robot with n joints.
+    """Readings of secondary encoders in N observations of a robot with n joints.
 
     While the motors' encoders close the position loop, the angle behind the gearbox changes under load by
     the deflection of the joint itself: ``δθ_j = c_j τ_j``, free of what else bends.
@@ -33,13 +33,13 @@ class EncoderReadings:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
-                f"the encoders' sigma is {self.sigma}",
+                f"the encoders' sigma must be positive, but is {self.sigma}",
                 where="noise.encoder_sigma",
                 remedy="give a positive angle",
             )
         if self.deflection.shape != self.present.shape or not np.isfinite(self.deflection).all():
             raise MeasurementError(
-                "the encoder readings are not one finite number for each observation and joint",
+                "the encoder readings must be one finite number for each observation and joint",
                 where="encoder_readings",
                 remedy="remove or repeat the reading",
             )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.force_uncertainty import ForceUncertainty
 
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
@@ -36,6 +37,7 @@ class Measurements:
             it already, and rows that are not weighted by covariance are weighted by it. None for ones.
         encoders: what secondary encoders read of the joints; None if there are none. It takes a sigma
             to weigh them against the targets.
+        force_uncertainty: of the wrenches, common to all observations; None for exact ones.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
@@ -55,6 +57,7 @@ class Measurements:
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
     encoders: EncoderReadings | None = None
     weight: FloatArray | None = None
+    force_uncertainty: ForceUncertainty | None = None
 
     def __post_init__(self) -> None:
         count, targets = self.present.shape
@@ -62,7 +65,7 @@ class Measurements:
             raise MeasurementError("no observation", remedy="give at least one observation")
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
-                f"sigma is {self.sigma} m, and no reading is exact",
+                f"sigma must be positive, but is {self.sigma} m",
                 where="noise.sigma",
                 remedy="give a positive length; omit `noise` to estimate it from the residuals",
             )
@@ -90,10 +93,10 @@ class Measurements:
             _check("encoder_readings", encoders.deflection, self.joints.shape)
         if self.sigma is None:
             raise MeasurementError(
-                "encoders were read and the tracker's sigma is not given, so angles and lengths cannot be "
-                "weighed against each other",
+                "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
+                "weighted",
                 where="noise",
-                remedy="state noise.sigma and noise.encoder_sigma, or leave the encoder readings out",
+                remedy="state `noise.sigma` and `noise.encoder_sigma`, or omit the encoder readings",
             )
 
     @property
@@ -122,13 +125,14 @@ class Measurements:
             covariance=covariance,
             encoders=None if self.encoders is None else self.encoders[rows],
             weight=None if self.weight is None else self.weight[rows],
+            force_uncertainty=self.force_uncertainty,
         )
 
 
 def _check(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
     if array.shape != shape:
         raise MeasurementError(
-            f"shape {array.shape} where {shape} is needed",
+            f"the shape is {array.shape} instead of {shape}",
             where=name,
             remedy="give one entry for each observation and target",
         )

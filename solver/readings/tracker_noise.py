@@ -1,4 +1,4 @@
-"""What tracker readings are worth (method.md §3): covariances of positions, and of their differences.
+"""Uncertainty of tracker readings (method.md §3): covariances of positions, and of their differences.
 
 A laser tracker measures a distance and two angles: in the line of sight ``σ_r = a + b d``, across it
 ``σ_t = c + e d``, d the distance from the station. So the covariance of a position is anisotropic, turns
@@ -18,11 +18,12 @@ from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measur
 from jointstiff.solver.robot import Configurations, Robot
 
 SHORTEST_SIGHT: Final = 0.01
-"""Distance from station to target [m] below which there is no line of sight to speak of."""
+"""Distance from station to target [m] below which the line of sight is undefined."""
 LEAST_SIGMA: Final = 1e-12
-"""Of an instrument [m]: a picometre."""
+"""Least standard uncertainty of an instrument [m]: a picometre."""
 LARGEST_CONDITION: Final = 1e12
-"""Of a covariance: standard uncertainties a million times each other, beyond any instrument's."""
+"""Largest condition number of a covariance: standard uncertainties in a ratio of a million, beyond any
+instrument's."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,9 @@ class Instrument:
         distance = np.linalg.norm(sight, axis=-1)
         if (distance < SHORTEST_SIGHT).any():
             raise MeasurementError(
-                f"a target is {1e3 * distance.min():.3g} mm from the tracker",
+                f"a target is only {1e3 * distance.min():.3g} mm away from the tracker",
                 where="noise.instrument.station",
-                remedy="give the tracker's station in R0, in units.length",
+                remedy="give the tracker's station in R0, in `units.length`",
             )
         along = self.range_constant + self.range_per_distance * distance
         across = self.transverse_constant + self.transverse_per_distance * distance
@@ -155,9 +156,9 @@ def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str)
         i, t = bad[0].tolist()
         position = int(present[i, :t].sum())
         raise MeasurementError(
-            "the matrix is not symmetric and positive definite",
+            "the covariance matrix is not symmetric and positive definite",
             where=f"observations[{i}].readings[{position}].{field}",
-            remedy="give the covariance of the three coordinates, axes of R0, in units.length squared",
+            remedy="give the covariance of the three coordinates, axes of R0, in `units.length` squared",
         )
 
 
@@ -166,8 +167,8 @@ def _refuse_implausible(along: FloatArray, across: FloatArray) -> None:
     ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
     if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
         raise MeasurementError(
-            f"standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across the line "
-            "of sight are no tracker's",
+            f"the standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across "
+            "the line of sight are implausible for a tracker",
             where="noise.instrument",
-            remedy="check the constants, which are in units.length, and the terms per distance",
+            remedy="check the constants, which are in `units.length`, and the terms per distance",
         )

@@ -7,6 +7,7 @@ from jointstiff.solver.regression.complementary_stiffness import (
     ComplementaryStiffness,
     LargestStiffness,
     neglected_readings,
+    wrench_stiffness,
 )
 from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.regression.pose import fit_displacement, refuse_unless_posed, skew
@@ -47,5 +48,6 @@ __all__ = [
     "skew",
     "target_readings",
     "whitener",
+    "wrench_stiffness",
     "wrist_centre_readings",
 ]

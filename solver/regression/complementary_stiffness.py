@@ -16,11 +16,12 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import RegressorBlock
+from jointstiff.solver.robot import Configurations
 
 
 @dataclass(frozen=True)
 class ComplementaryStiffness:
-    """How much K_c matters in a fit. Dimensionless.
+    """Effect of K_c on a fit. Dimensionless.
 
     Attributes:
         included: whether it is part of the model.
@@ -48,12 +49,30 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     Returns:
         (B, n, n) [N·m/rad].
     """
-    axes, part = block.configurations.angular_jacobian, block.measurements
-    by_force = (skew(part.force) @ axes).transpose(0, 2, 1) @ block.load_jacobian
+    part = block.measurements
+    return wrench_stiffness(block.configurations, block.load_jacobian, part.force, part.moment)
+
+
+def wrench_stiffness(
+    configurations: Configurations, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """Return ``∂τ_j/∂θ_k`` of wrenches; see `complementary_stiffness`.
+
+    Args:
+        configurations: B configurations.
+        load_jacobian: (B, 3, n) J_v at the load points [m/rad].
+        force: (B, 3) on the robot, axes of R0 [N].
+        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
+
+    Returns:
+        (B, n, n) [N·m/rad].
+    """
+    axes = configurations.angular_jacobian
+    by_force = (skew(force) @ axes).transpose(0, 2, 1) @ load_jacobian
     below = np.tri(axes.shape[2], k=-1, dtype=np.bool_)
     stiffness: FloatArray = np.where(below, by_force.transpose(0, 2, 1), by_force)
-    if part.moment.any():
-        stiffness += below * (axes.transpose(0, 2, 1) @ (skew(part.moment) @ axes))
+    if moment.any():
+        stiffness += below * (axes.transpose(0, 2, 1) @ (skew(moment) @ axes))
     return stiffness
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 
 _LEAF = 256
-"""Rows of the smallest QR, small enough that BLAS starts no threads for up to 32 joints."""
+"""Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
 
 
 class Compression:

@@ -13,7 +13,7 @@ from jointstiff.solver.regression.regressor import RegressorBlock, whitener
 
 MIN_TARGETS = 3
 _COLLINEAR = 1e-3
-"""Least ratio of the triangle's height to its length: below it, rotation about the line is noise."""
+"""Least ratio of the targets' triangle, height to length: below it, rotation about the line is noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def refuse_unless_posed(measurements: Measurements) -> None:
     if len(poor):
         first = int(poor[0])
         raise UnsupportedMethodError(
-            f"the pose of the flange needs {MIN_TARGETS} targets, and this observation has "
+            f"the pose of the flange needs {MIN_TARGETS} targets, but this observation has "
             f"{counts[first]} ({len(poor)} of {len(counts)} observations have too few)",
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
@@ -86,10 +86,10 @@ def _refuse_collinear(arm: FloatArray) -> None:
     flat = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])
     if len(flat):
         raise UnsupportedMethodError(
-            f"the targets lie on a line, so they do not show the flange's rotation about it "
+            "the targets lie on a line, so the flange's rotation about it is not observable "
             f"({len(flat)} observations)",
             where="readings",
-            remedy="use method partial_pose, or place the three targets as a triangle",
+            remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
 
 

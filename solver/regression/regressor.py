@@ -17,14 +17,14 @@ from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, Robot
 
 BLOCK_LENGTH = 2048
-"""Configurations in a block: its arrays stay in the cache, and numpy's overhead is spread well."""
+"""Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _BALANCE_ROUNDS = 40
-"""Each shrinks the error by the ratio of K_c to the joint stiffness, mostly a thousandth."""
+"""Maximum number of iterations: each shrinks the error by the ratio of K_c to the joint stiffness."""
 _BALANCED = 1e-15
-"""Change of a joint's deflection [rad] that is rounding: 3e-15 m at the end of the largest arm."""
+"""Change of a joint's deflection [rad] that counts as rounding: 3e-15 m at the end of the largest arm."""
 _LARGEST_DEFLECTION = 1.0
-"""A balance further away [rad] may be on another branch."""
+"""Largest deflection of a joint [rad]: a balance further away may be on another branch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _balance(
         if change <= _BALANCED:
             return deflection, torque
     raise SolverError(
-        "the load finds no balance near the unloaded posture with joints as soft as these",
+        "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
         where="complementary_stiffness",
         remedy="neglect the complementary stiffness, or check the units of force and length",
     )

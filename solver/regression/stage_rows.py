@@ -1,4 +1,4 @@
-"""What each method makes of the readings: linear functions of them, with their covariance (method.md §4)."""
+"""Rows of each method: linear functions of the readings, with their covariance (method.md §4)."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Stage:
 
     @property
     def by_covariance(self) -> bool:
-        """Whether the rows are weighted by their covariance, so that they are those of the likelihood."""
+        """Return True if the rows are weighted by their covariance, as in the likelihood."""
         return self._root_weight is None
 
     def add(self, readings: DerivedReadings) -> None:

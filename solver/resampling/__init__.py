@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks, gram_blocks, refuse_nonlinear
-from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling.blocks import (
+    GramBlocks,
+    StageBlocks,
+    blocks_of_identified,
+    gram_blocks,
+    refuse_nonlinear,
+)
+from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, fit_subsets, resample
 from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
 
 __all__ = [
@@ -12,6 +18,8 @@ __all__ = [
     "ResamplingPlan",
     "ResamplingSummary",
     "StageBlocks",
+    "blocks_of_identified",
+    "fit_subsets",
     "gram_blocks",
     "refuse_nonlinear",
     "resample",

@@ -1,4 +1,4 @@
-"""What a resample needs of each configuration, computed once: weighted rows and their Gram matrices.
+"""Weighted rows and Gram matrices of each configuration, computed once for all resamples.
 
 A method's least-squares problem on some of the configurations is a sum over them (method.md §5, §6):
 with the weighted rows M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn),
@@ -36,7 +36,7 @@ from jointstiff.solver.robot import WRIST_JOINTS, Robot
 JointIndices = IndexArray
 
 _TILE_RESIDUALS = 2**17
-"""Most residuals at a time, 1 MB: they stay in the cache."""
+"""Maximum number of residuals per block, 1 MB: they stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,22 @@ def gram_blocks(robot: Robot, measurements: Measurements, settings: Settings) ->
     """
     refuse_nonlinear(settings)
     unbounded = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    length = identify(robot, measurements, unbounded).characteristic_length
+    return blocks_of_identified(
+        robot, measurements, settings, identify(robot, measurements, unbounded).characteristic_length
+    )
+
+
+def blocks_of_identified(
+    robot: Robot, measurements: Measurements, settings: Settings, length: float | None
+) -> GramBlocks:
+    """Compute the blocks of a method on a set that was identified by it.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: method and weighting; all else plays no part.
+        length: characteristic length [m] of the full set, if the weighting uses one.
+    """
     excitation = Excitation(robot.joint_names)
     weighted: list[tuple[FloatArray, ...]] = []
     regressors, deflections = [], []
@@ -167,21 +182,21 @@ def refuse_nonlinear(settings: Settings) -> None:
     """
     if settings.loss != "squared":
         raise UnsupportedMethodError(
-            f"resampling goes with the squared loss, and loss {settings.loss} was asked for",
+            f"resampling supports only the squared loss, not loss {settings.loss}",
             where="resampling",
-            remedy="leave resampling out, or use loss squared without the suspicious readings",
+            remedy="omit `resampling`, or use loss squared and omit the suspicious readings",
         )
     if settings.complementary_stiffness:
         raise UnsupportedMethodError(
-            "resampling neglects the complementary stiffness, and it was to be included",
+            "resampling does not support the complementary stiffness",
             where="resampling",
-            remedy="leave resampling out, or neglect the complementary stiffness",
+            remedy="omit `resampling`, or neglect the complementary stiffness",
         )
     if settings.prior is not None or settings.order:
         raise UnsupportedMethodError(
-            "resampling goes with neither priors nor an order of the joints",
+            "resampling supports neither `priors` nor `stiffness_order`",
             where="resampling",
-            remedy="leave resampling out, or priors and order",
+            remedy="omit `resampling`, or `priors` and `stiffness_order`",
         )
 
 

@@ -24,17 +24,17 @@ MAX_REPETITIONS = 100_000
 MAX_SEED = 2**63 - 1
 
 _TILE = 1024
-"""Repetitions fitted at a time."""
+"""Number of repetitions per block."""
 _TILE_WEIGHTS = 2**22
-"""Most weights at a time, 32 MB, however many configurations there are."""
+"""Maximum number of weights per block, 32 MB, however many configurations there are."""
 _CACHED_NUMBERS = 2**16
-"""Random numbers at a time, 512 kB: they stay in a processor's own cache, so that workers do not wait for
+"""Random numbers per block, 512 kB: they stay in a processor's own cache, so that workers do not wait for
 each other's memory."""
 
 
 @dataclass(frozen=True)
 class ResamplingPlan:
-    """What is drawn, how often, from which seed.
+    """Size, number and seed of the draws.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
     configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
@@ -76,7 +76,7 @@ class ResamplingPlan:
         _refuse_outside("size", self.size, 1, configurations)
         if not 0 <= start <= stop <= self.repetitions:
             raise RequestError(
-                f"repetitions {start} to {stop} of {self.repetitions}",
+                f"the repetitions {start} to {stop} are outside the plan of {self.repetitions}",
                 where="resampling.repetitions",
                 remedy="ask for a range within the plan",
             )
@@ -150,11 +150,15 @@ def resample(
     step = max(1, min(_TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
     draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
-    return Resamples.concatenate([_fit(blocks, drawn, bounds) for drawn in draws])
+    return Resamples.concatenate([fit_subsets(blocks, drawn, bounds) for drawn in draws])
 
 
-def _fit(blocks: GramBlocks, drawn: IndexArray, bounds: Bounds) -> Resamples:
-    """Estimates from the drawn configurations (K, m), stage by stage."""
+def fit_subsets(blocks: GramBlocks, drawn: IndexArray, bounds: Bounds) -> Resamples:
+    """Fit the given subsets of the configurations (K, m), stage by stage.
+
+    Raises:
+        SolverError: if optimality of an estimate could not be certified.
+    """
     weights = _counts(drawn, len(blocks))
     compliance = np.full((len(drawn), blocks.parameters), np.nan)
     active = np.zeros(compliance.shape, dtype=np.int8)

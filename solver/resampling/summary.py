@@ -1,4 +1,4 @@
-"""What many resamples say together: means, spreads and shares (method.md §6; paper, Table II)."""
+"""Summary of many resamples: means, standard deviations and shares (method.md §6; paper, Table II)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class ResamplingSummary:
 
 @dataclass(frozen=True)
 class _Statistics:
-    """Of some numbers; NaN where there are too few."""
+    """Statistics of some numbers; NaN where there are too few."""
 
     mean: float
     deviation: float
@@ -116,11 +116,15 @@ def summarise(resamples: Resamples, *, confidence: float = 0.95) -> ResamplingSu
 def _refuse(resamples: Resamples, confidence: float) -> None:
     if not len(resamples.compliance):
         raise RequestError(
-            "no repetition to summarise", where="resampling.repetitions", remedy="ask for at least one"
+            "there is no repetition to summarise",
+            where="resampling.repetitions",
+            remedy="request at least one",
         )
     if not 0 < confidence < 1:
         raise RequestError(
-            f"confidence is {confidence:g}", where="confidence", remedy="give a number between 0 and 1"
+            f"the confidence level is {confidence:g}",
+            where="confidence",
+            remedy="give a number between 0 and 1",
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.dh import Convention, DhRow, dh_chain
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
@@ -16,12 +17,14 @@ __all__ = [
     "Configurations",
     "Convention",
     "DhRow",
+    "InverseKinematics",
     "JointMap",
     "KinematicChain",
     "Robot",
     "Wrist",
     "dh_chain",
     "find_wrist",
+    "flange_poses",
     "joint_frames",
     "read_urdf",
     "write_urdf",

@@ -20,13 +20,13 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
 
 MAX_MOVING_JOINTS = 32
-"""Most revolute joints of a chain: work and memory behind it grow with the cube of this number."""
+"""Maximum number of revolute joints of a chain: work and memory grow with its cube."""
 
 MAX_CHAIN_JOINTS = 64
-"""Most joints of a chain, fixed ones included."""
+"""Maximum number of joints of a chain, fixed ones included."""
 
 MAX_NAME_LENGTH = 200
-"""Most characters in the name of a robot, a link or a joint."""
+"""Maximum length of the name of a robot, a link or a joint."""
 
 UNLIMITED_ANGLE = 1e6
 """Smallest limit [rad] that means no limit, in documents written and read."""
@@ -74,7 +74,9 @@ class ChainJoint:
         if abs(np.linalg.norm(self.axis) - 1.0) > _UNIT_TOLERANCE:
             raise RobotError("the axis is not a unit vector", remedy="normalise it", where=place)
         if self.is_moving and self.name == _WORLD:
-            raise RobotError("Pinocchio gives this name to the world", remedy="rename the joint", where=place)
+            raise RobotError(
+                "this name is reserved for the world frame", remedy="rename the joint", where=place
+            )
         if self.limits is not None:
             _check_limits(*self.limits, f"{place} limits")
 
@@ -120,10 +122,10 @@ class KinematicChain:
     def _check_size(self) -> None:
         moving = sum(joint.is_moving for joint in self.joints)
         if not self.joints:
-            raise RobotError("the chain has no joint", remedy="give it joints", where="chain")
+            raise RobotError("the chain has no joint", remedy="add joints to the chain", where="chain")
         if moving == 0:
             raise RobotError(
-                f"a fixed-only chain: nothing moves between '{self.base}' and '{self.flange}'",
+                f"a fixed-only chain: there is no revolute joint between '{self.base}' and '{self.flange}'",
                 remedy="choose a base and a flange with revolute joints between them",
                 where="chain",
             )
@@ -134,7 +136,7 @@ class KinematicChain:
             if count > most:
                 raise RobotError(
                     f"the chain from '{self.base}' to '{self.flange}' has {count} {what}",
-                    remedy=f"at most {most} are supported: choose links closer to each other",
+                    remedy=f"use at most {most}: choose a base and a flange closer to each other",
                     where="chain",
                 )
 
@@ -160,13 +162,13 @@ def check_name(name: str, where: str) -> None:
         raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
     if len(name) > MAX_NAME_LENGTH:
         raise RobotError(
-            f"a name of {len(name)} characters, which begins {name[:40]!r}",
+            f"the name has {len(name)} characters; it begins {name[:40]!r}",
             remedy=f"use at most {MAX_NAME_LENGTH} characters",
             where=where,
         )
     if not name.isprintable() or name != name.strip():
         raise RobotError(
-            f"the name {name[:60]!a} has invisible characters or spaces at an end",
+            f"the name {name[:60]!a} has invisible characters, or spaces at an end",
             remedy="use printable characters and no space at either end",
             where=where,
         )
@@ -176,7 +178,7 @@ def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> F
     array = np.array(value, dtype=np.float64)
     if array.shape != shape or not np.isfinite(array).all():
         raise RobotError(
-            f"needs finite numbers of shape {shape}, has shape {array.shape}",
+            f"needs finite numbers of shape {shape}, but has shape {array.shape}",
             remedy="give exactly these numbers",
             where=where,
         )
@@ -187,15 +189,19 @@ def _frozen_array(value: npt.ArrayLike, shape: tuple[int, ...], where: str) -> F
 def _check_rotation(rotation: FloatArray, where: str) -> None:
     skewness = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if skewness > _UNIT_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        raise RobotError("the matrix is not a rotation", remedy="make it orthonormal", where=where)
+        raise RobotError(
+            "the matrix is not a rotation",
+            remedy="give an orthonormal matrix with determinant 1",
+            where=where,
+        )
 
 
 def _check_limits(lower: float, upper: float, where: str) -> None:
     finite = math.isfinite(lower) and math.isfinite(upper)
     if not finite or lower > upper or lower >= UNLIMITED_ANGLE or upper <= -UNLIMITED_ANGLE:
         raise RobotError(
-            f"the limits {lower:g} and {upper:g} rad leave no range",
-            remedy="give a finite lower limit not above the upper one, or no limits",
+            f"the joint limits {lower:g} and {upper:g} rad leave no range",
+            remedy="give a finite lower limit that does not exceed the upper one, or no limits",
             where=where,
         )
 
@@ -205,6 +211,6 @@ def _check_unique(names: Iterable[str], what: str) -> None:
     if count > 1:
         raise RobotError(
             f"{count} {what}s are named '{name}'",
-            remedy=f"give each {what} a name of its own",
+            remedy=f"give each {what} a unique name",
             where=f"{what} '{name}'",
         )

@@ -40,7 +40,7 @@ class Configurations:
         q = np.ascontiguousarray(q, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != robot.n or not np.isfinite(q).all():
             raise MeasurementError(
-                f"joint angles of shape {q.shape} where (N, {robot.n}) finite numbers are needed",
+                f"the joint angles have shape {q.shape} instead of (N, {robot.n}), or are not finite",
                 remedy=f"give {robot.n} angles for each configuration",
             )
         jacobian, rotation, translation = _forward(robot, q)

@@ -81,7 +81,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     if not 1 <= len(rows) <= MAX_MOVING_JOINTS:
         raise RobotError(
             f"{len(rows)} rows",
-            remedy=f"give 1 to {MAX_MOVING_JOINTS} rows, one for each joint",
+            remedy=f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint",
             where="model.rows",
         )
     for index, row in enumerate(rows):
@@ -163,6 +163,6 @@ def _check_row(row: DhRow, where: str) -> None:
     if row.lower is not None and row.upper is not None and row.lower > row.upper:
         raise RobotError(
             f"the lower limit {row.lower:g} rad is above the upper limit {row.upper:g} rad",
-            remedy="exchange them, or correct a sign",
+            remedy="exchange the limits, or correct a sign",
             where=f"{where}.lower",
         )

@@ -42,9 +42,9 @@ class JointMap:
         n = len(offset)
         if not 1 <= n <= MAX_MOVING_JOINTS or matrix.shape != (n, n):
             raise RobotError(
-                f"a matrix of shape {matrix.shape} with an offset of {n} numbers",
-                remedy=f"give an n × n matrix and n offsets, n the number of moving joints, "
-                f"at most {MAX_MOVING_JOINTS}",
+                f"the matrix has shape {matrix.shape}, the offset {n} numbers",
+                remedy="give an n × n matrix and n offsets; n is the number of moving joints, at most "
+                f"{MAX_MOVING_JOINTS}",
                 where="joint_map.matrix",
             )
         _check_invertible(matrix)
@@ -66,8 +66,9 @@ class JointMap:
         lengths = {len(row) for row in matrix}
         if lengths != {len(matrix)}:
             raise RobotError(
-                f"{len(matrix)} rows of {' or '.join(map(str, sorted(lengths))) or 'no'} numbers",
-                remedy="give as many rows as each row has numbers",
+                f"the matrix has {len(matrix)} rows of {' or '.join(map(str, sorted(lengths))) or 'no'} "
+                "numbers",
+                remedy="give a square matrix",
                 where="joint_map.matrix",
             )
         return cls(np.array(matrix, dtype=np.float64), np.array(offset, dtype=np.float64))
@@ -82,12 +83,17 @@ class JointMap:
         angles: FloatArray = controller @ self.matrix.T + self.offset
         return angles
 
+    def controller_angles(self, model: FloatArray) -> FloatArray:
+        """Return the angles (..., n) that the controller shows [rad] of angles of the model [rad]."""
+        angles = np.linalg.solve(self.matrix, (model - self.offset)[..., None])[..., 0]
+        return np.asarray(angles, dtype=np.float64)
+
 
 def _frozen(values: FloatArray, dimensions: int, where: str) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     if array.ndim != dimensions or not (np.abs(array) <= LARGEST_MAP_ENTRY).all():
         raise RobotError(
-            f"{array.ndim} dimensions, or a number that is not finite",
+            f"it has {array.ndim} dimensions, or a number that is not finite",
             remedy=f"give numbers within ±{LARGEST_MAP_ENTRY:g} in {dimensions} dimensions",
             where=where,
         )

@@ -46,7 +46,7 @@ class Robot:
         self.joint_map = JointMap.identity(n) if joint_map is None else joint_map
         if self.joint_map.n != n:
             raise RobotError(
-                f"the joint map is for {self.joint_map.n} joints, the robot has {n}",
+                f"the joint map has {self.joint_map.n} joints, but the robot has {n}",
                 remedy=f"give a {n} × {n} matrix and {n} offsets",
                 where="joint_map.matrix",
             )

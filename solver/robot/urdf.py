@@ -22,7 +22,7 @@ from jointstiff.solver.robot.urdf_tree import Edge, path_down
 from jointstiff.solver.robot.xml import XmlElement, parse_xml, quoted, read_numbers
 
 MAX_DOCUMENT_JOINTS = 1_000
-"""Most joints in a document, before the chain is cut out; a tree of them has one link more."""
+"""Maximum number of joints in a document, before the chain is extracted; a tree has one link more."""
 
 AXIS_TOLERANCE = 1e-3
 """Largest deviation from 1 of the norm of an <axis>; within it, the axis is normalised."""
@@ -73,7 +73,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
     _check_robot(robot)
     links = _named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
     if not links:
-        raise RobotError("the robot has no link", remedy="give it links and joints", where="<robot>")
+        raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
     elements = _named(robot, "joint", MAX_DOCUMENT_JOINTS)
     joints = {name: _read_joint(element, name) for name, element in elements.items()}
     path = path_down(links, [joint.edge for joint in joints.values()], base, flange)
@@ -122,8 +122,8 @@ def _check_robot(robot: XmlElement) -> None:
         )
     if nested := robot.named("robot"):
         raise RobotError(
-            "a second <robot> within the first",
-            remedy="send one robot in each document",
+            "there is a second <robot> within the first",
+            remedy="send one robot per document",
             where=f"line {nested[0].line}",
         )
     check_name(robot.attributes.get("name", ""), "<robot>")
@@ -145,7 +145,7 @@ def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
     """Return all links or joints by name, unless they are many or a name is empty, unfit or taken."""
     elements = robot.named(tag)
     if len(elements) > most:
-        remedy = f"at most {most} are read: send only the arm"
+        remedy = f"at most {most} are supported: send only the arm"
         raise RobotError(f"the robot has {len(elements)} {tag}s", remedy=remedy, where="<robot>")
     named: dict[str, XmlElement] = {}
     for element in elements:
@@ -153,8 +153,8 @@ def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
         check_name(name, f"<{tag}> on line {element.line}")
         if name in named:
             raise RobotError(
-                f"a second {tag} of this name, on line {element.line}",
-                remedy=f"give each {tag} a name of its own",
+                f"there is a second {tag} of this name, on line {element.line}",
+                remedy=f"give each {tag} a unique name",
                 where=f"{tag} '{name}'",
             )
         named[name] = element
@@ -171,7 +171,9 @@ def _read_joint(element: XmlElement, name: str) -> _Joint:
     origin = _triples(element, "origin", _ORIGIN, place)
     axis = _triples(element, "axis", _AXIS, place)
     if not axis and element.named("axis"):
-        raise RobotError("the axis has no xyz", remedy="give it xyz", where=f"{place} <axis>")
+        raise RobotError(
+            "the <axis> has no attribute xyz", remedy="add the attribute xyz", where=f"{place} <axis>"
+        )
     limit = element.only("limit", place)
     limits: dict[str, float] = {
         key: read_numbers(limit.attributes[key], 1, _LARGEST_LIMIT, f"{place} <limit> {key}")[0]
@@ -216,15 +218,15 @@ def _chain_joint(joint: _Joint) -> ChainJoint:
     """Turn a joint between base and flange into one that the solver can move."""
     if joint.mimics:
         raise RobotError(
-            "a mimic joint between base and flange",
-            remedy="remove <mimic>, and state the coupling in joint_map",
+            "there is a mimic joint between base and flange",
+            remedy="remove <mimic>, and describe the coupling in `joint_map`",
             where=f"{joint.place} <mimic>",
         )
     if joint.kind not in ("revolute", "continuous", "fixed"):
         raise RobotError(
-            f"a {joint.kind} joint between base and flange",
-            remedy="only revolute, continuous and fixed joints are supported there: "
-            "make it fixed at its place, or choose another base or flange",
+            f"there is a {joint.kind} joint between base and flange",
+            remedy="only revolute, continuous and fixed joints are supported there: fix it at its position, "
+            "or choose another base or flange",
             where=joint.place,
         )
     moves = joint.kind != "fixed"
@@ -263,7 +265,7 @@ def _limits(joint: _Joint) -> tuple[float, float] | None:
     if lower > upper:
         raise RobotError(
             f"the lower limit {lower:g} is above the upper limit {upper:g}",
-            remedy="exchange them, or correct a sign; an absent limit counts as 0",
+            remedy="exchange the limits, or correct a sign; an absent limit counts as 0",
             where=f"{joint.place} <limit>",
         )
     unlimited = lower <= -UNLIMITED_ANGLE and upper >= UNLIMITED_ANGLE

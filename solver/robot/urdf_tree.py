@@ -37,8 +37,8 @@ def path_down(links: Collection[str], edges: Iterable[Edge], base: str, flange: 
     for link, role in ((base, "base"), (flange, "flange")):
         if link not in links:
             raise RobotError(
-                f"there is no link {link[:60]!a} to be the {role} frame",
-                remedy=f"choose one of the links {_listed(links)}",
+                f"there is no link {link[:60]!a} for the {role} frame",
+                remedy=f"use one of the links {_listed(links)}",
                 where=role,
             )
     if base == flange:
@@ -58,12 +58,12 @@ def _edge_above(links: Collection[str], edges: Iterable[Edge]) -> dict[str, Edge
             if link not in links:
                 raise RobotError(
                     f"there is no link '{link[:60]}'",
-                    remedy=f"name one of the links {_listed(links)}",
+                    remedy=f"use one of the links {_listed(links)}",
                     where=f"joint '{edge.joint}' <{role}>",
                 )
         if edge.child in above:
             raise RobotError(
-                f"two parents, by joints '{above[edge.child].joint}' and '{edge.joint}'",
+                f"the link has two parents, by joints '{above[edge.child].joint}' and '{edge.joint}'",
                 remedy="a URDF is a tree: keep one of them",
                 where=f"link '{edge.child}'",
             )

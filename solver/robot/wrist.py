@@ -12,7 +12,7 @@ from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
 WRIST_JOINTS = 3
-"""Joints of a wrist: the last ones of the robot."""
+"""Number of joints of a wrist: the last ones of the robot."""
 
 
 @dataclass(frozen=True, eq=False)

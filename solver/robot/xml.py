@@ -18,16 +18,16 @@ MAX_BYTES = 2 * 1024 * 1024
 """Largest document, in bytes of UTF-8; text and comments have no other limit."""
 
 MAX_DEPTH = 16
-"""Deepest nesting of elements; the root is at depth 1."""
+"""Maximum depth of elements; the root is at depth 1."""
 
 MAX_ELEMENTS = 20_000
-"""Most elements in a document."""
+"""Maximum number of elements in a document."""
 
 MAX_ATTRIBUTES = 64
-"""Most attributes of one element."""
+"""Maximum number of attributes of one element."""
 
 MAX_ATTRIBUTE_LENGTH = 4_096
-"""Most characters in one attribute's value, or in the name of an element or attribute."""
+"""Maximum length of an attribute's value, or of the name of an element or attribute."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -83,8 +83,8 @@ def parse_xml(text: str) -> XmlElement:
     beginning = text[: MAX_BYTES + 1].lstrip("\ufeff \t\r\n")
     if beginning and not beginning.startswith("<"):
         raise RobotError(
-            f"no XML: it begins with {text[:40]!r}",
-            remedy="give the document itself, not the name of its file",
+            f"this is not XML: it begins with {text[:40]!r}",
+            remedy="send the document itself, not its file name",
             where="document",
         )
     data = _encode(text)
@@ -161,16 +161,16 @@ class _Builder:
 
     def _doctype(self, *_declaration: object) -> None:
         self._refuse(
-            "a document type declaration (DTD), which can define entities",
+            "it has a document type declaration (DTD), which can define entities",
             "remove <!DOCTYPE …> and write the entities out",
         )
 
     def _instruction(self, target: str, _data: str) -> None:
-        self._refuse(f"a processing instruction <?{target[:40]} …?>", "remove it")
+        self._refuse(f"it has a processing instruction <?{target[:40]} …?>", "remove it")
 
     def _limit(self, count: int, most: int, what: str) -> None:
         if count > most:
-            self._refuse(f"more than {most} {what}", "send only links and joints")
+            self._refuse(f"it has more than {most} {what}", "send only links and joints")
 
     def _refuse(self, reason: str, remedy: str) -> None:
         raise RobotError(reason, remedy=remedy, where=f"line {self._parser.CurrentLineNumber}")
@@ -180,14 +180,17 @@ def _encode(text: str) -> bytes:
     """Encode a document, unless it is too large or not text."""
     if len(text) <= MAX_BYTES and (control := _CONTROL.search(text)):
         reason, remedy = (
-            f"a control character, {control.group()!a}",
+            f"it has a control character, {control.group()!a}",
             "remove it: the document must be plain text",
         )
         raise RobotError(reason, remedy=remedy, where=_line(text, control.start()))
     try:
         data = text.encode("utf-8") if len(text) <= MAX_BYTES else b""
     except UnicodeEncodeError as error:
-        reason, remedy = "half of a surrogate pair, which is no character", "send the document as UTF-8"
+        reason, remedy = (
+            "it has half of a surrogate pair, which is no character",
+            "send the document as UTF-8",
+        )
         raise RobotError(reason, remedy=remedy, where=_line(text, error.start)) from None
     if (size := max(len(text), len(data))) > MAX_BYTES:
         raise RobotError(
@@ -206,8 +209,8 @@ def _malformed(error: expat.ExpatError) -> RobotError:
     reason = f"not well-formed XML: {expat.ErrorString(error.code)}"
     remedy = "check the document with an XML tool"
     if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
-        reason = "something follows the end of the document, such as a second robot"
-        remedy = "send one robot in each document"
+        reason = "there is content after the end of the document, such as a second robot"
+        remedy = "send one robot per document"
     return RobotError(reason, remedy=remedy, where=f"line {error.lineno}")
 
 
@@ -218,5 +221,5 @@ def _number(word: str, largest: float, where: str) -> float:
     value = float(word)
     if not abs(value) <= largest:
         remedy = "check the number and its unit: lengths in m, angles in rad"
-        raise RobotError(f"{quoted(word)} is beyond ±{largest:g}", remedy=remedy, where=where)
+        raise RobotError(f"{quoted(word)} is outside ±{largest:g}", remedy=remedy, where=where)
     return value

@@ -23,6 +23,7 @@ from support.browsing import (
     post,
     run_npm,
 )
+from support.processes import Service
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.document import robot_document
@@ -50,12 +51,9 @@ def bundle(node_modules: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def site(
-    bundle: Path, tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config
-) -> Iterator[Any]:
+def site(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service of our own, with the page and an empty database."""
-    shared = pytestconfig.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
-    running = shared.Service(f"sqlite:///{tmp_path_factory.mktemp('page') / 'jointstiff.db'}")
+    running = Service(f"sqlite:///{tmp_path_factory.mktemp('page') / 'jointstiff.db'}")
     try:
         yield running
         assert running.process.poll() is None, running.log()

@@ -22,7 +22,7 @@ def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
 
     visited.page.on("response", weigh)
     visited.go(f"#/runs/{stored.run}")
-    visited.page.get_by_role("img", name="Joint stiffness").wait_for()
+    visited.page.get_by_role("table", name="Joint stiffness").wait_for()
     plain = sum(sizes.values())
     visited.page.get_by_role("link", name="3D view").click()
     visited.page.locator("canvas[data-ready=true]").wait_for()

@@ -54,6 +54,6 @@ def test_a_device_without_3d_graphics_gets_drawings(visit, stored):
     visited = visit("phone")
     visited.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     visited.go(f"#/runs/{stored.run}/robot")
-    expect(visited.page.get_by_text("This device shows no 3D graphics")).to_be_visible()
+    expect(visited.page.get_by_text("This device does not support 3D graphics")).to_be_visible()
     assert visited.page.locator("svg.sketch").count() == 2
     visited.faults.clear()  # three says so on the console

@@ -18,10 +18,13 @@ GUIDES = (
     "docs/first-campaign.md",
     "docs/two-encoders.md",
     "docs/import.md",
+    "docs/predict.md",
     "docs/elastic-links.md",
     "docs/geometry.md",
+    "docs/plan.md",
 )
 BEFORE = {
+    "README.md": "rm secondary.json",
     "docs/elastic-links.md": "jointstiff simulate campaign.json",
     "docs/geometry.md": "rm robot.json",
 }
@@ -31,7 +34,7 @@ PLACEHOLDER = '"measurement_set_id": "…"'
 """What a guide writes for the id of a stored set."""
 
 NOT_RUN = {
-    "scripts/run ": "sets an environment up; test_cli.py runs its program, jointstiff demo",
+    "scripts/run ": "sets an environment up; test_demo.py runs its program, jointstiff demo",
     "scripts/test ": "would run this test again",
     "jointstiff serve": "does not end; the service of this test is one",
 }

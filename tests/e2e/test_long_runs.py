@@ -8,12 +8,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ import httpx
 import psycopg
 import pytest
 from sqlalchemy import func, select
+from support.processes import free_port, ready, serving, until, workers_of, working
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
@@ -30,9 +29,10 @@ from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.simulator import default_arm, simulate_campaign
 
-pytestmark = pytest.mark.skipif(
-    not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc"
-)
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc"),
+]
 
 OPEN = {"queued", "running"}
 RESAMPLING = {"size": 100, "repetitions": 40_000, "seed": 5}
@@ -308,69 +308,6 @@ def test_a_worker_adopts_what_another_one_left(
         assert numbers(client.get(address).json()) == undisturbed
 
 
-# Processes
-
-
-@contextmanager
-def serving(database: str, workers: int, port: int) -> Iterator[subprocess.Popen[str]]:
-    """A service on a port that it keeps when it is started again, and with it the names of its workers."""
-    arguments = ["serve", "--port", str(port), "--database", database, "--workers", str(workers)]
-    with started(*arguments) as process:
-        process.url = f"http://127.0.0.1:{port}"
-        yield process
-
-
-@contextmanager
-def working(database: str, name: str) -> Iterator[subprocess.Popen[str]]:
-    with started("worker", "--database", database, "--name", name) as process:
-        yield process
-
-
-@contextmanager
-def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A process of ours, which may not be ready yet."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "jointstiff", *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(20)
-        process.stdout.close()
-
-
-def ready(process: subprocess.Popen[str]) -> subprocess.Popen[str]:
-    """The process, after its first words."""
-    assert process.stdout.readline()
-    return process
-
-
-def workers_of(database: str) -> list[int]:
-    """Process ids of the living workers that a service started on this database."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            command = (folder / "cmdline").read_bytes().split(b"\0")
-            environment = (folder / "environ").read_bytes().split(b"\0")
-        except OSError:  # it has ended meanwhile, or is another user's
-            continue
-        if (
-            b"jointstiff.service.workers" in command
-            and f"JOINTSTIFF_DATABASE={database}".encode() in environment
-        ):
-            found.append(int(folder.name))
-    return found
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return listener.getsockname()[1]
-
-
 # Requests
 
 
@@ -410,13 +347,6 @@ def further(client: httpx.Client, address: str, done: int) -> int:
     run = client.get(address).json()
     assert run["state"] == "running"
     return run["progress"]["done"]
-
-
-def until(met: Callable[[], bool], seconds: float = 90.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not met():
-        assert time.monotonic() < deadline, f"not within {seconds:.0f} s"
-        time.sleep(0.03)
 
 
 def numbers(run: dict[str, Any]) -> dict[str, Any]:

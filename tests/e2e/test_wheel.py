@@ -37,6 +37,9 @@ print(json.dumps([run.state, len(run.result.joints)]))
 )
 
 
+pytestmark = pytest.mark.process
+
+
 def uv() -> str:
     found = shutil.which("uv", path=os.pathsep.join([os.environ["PATH"], str(ROOT / ".tools" / "bin")]))
     return found or pytest.skip("uv is not there; scripts/setup fetches it")

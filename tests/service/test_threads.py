@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from jointstiff.service.threads import ONE_THREAD
 
 PROGRAM = """
@@ -22,6 +24,7 @@ finally:
 """
 
 
+@pytest.mark.process
 def test_the_command_computes_with_one_thread():
     environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
     done = subprocess.run(

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare, shared
+from support.campaigns import METHODS, estimate, prepare
+from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
@@ -283,7 +284,7 @@ class TestObservability:
         lean = np.array([[1, 0, 1e-5], [0, 1, 0], [-1e-5, 0, 1]])
         found = estimate(robot, replace(measurements, force=measurements.force @ lean.T))
         assert found.joints[0].status == "not_observable"
-        assert "noise hides joint_1" in found.joints[0].reason
+        assert "joint_1 is hidden by noise" in found.joints[0].reason
         expected = estimate(robot, measurements)
         np.testing.assert_allclose(found.compliance[1:], expected.compliance[1:], rtol=1e-2)
 
@@ -401,8 +402,8 @@ class TestConstraints:
         assert found.joints[1].status == found.joints[4].status == "at_bound"
         assert found.joints[1].compliance == 1 / 2e6
         assert found.joints[4].compliance == 1 / 5e5
-        assert "greatest stiffness" in found.joints[1].reason
-        assert "least stiffness" in found.joints[4].reason
+        assert "maximum stiffness" in found.joints[1].reason
+        assert "minimum stiffness" in found.joints[4].reason
 
 
 class TestRefusals:
@@ -427,7 +428,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("method", ["partial_pose", "decoupled_partial_pose"])
     def test_characteristic_length_without_rotations(self, pulls, method):
-        with pytest.raises(UnsupportedMethodError, match="no rotations"):
+        with pytest.raises(UnsupportedMethodError, match="needs rotations"):
             estimate(*pulls, method=method, weighting="characteristic_length")
 
 

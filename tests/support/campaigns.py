@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
+from support.shared_data import shared as shared
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
@@ -28,22 +26,7 @@ from jointstiff.solver.inference import Estimate
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot, read_urdf
 
-SHARED = Path(__file__).parents[3] / "shared" / "data"
-
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
-
-
-@lru_cache
-def _shared_text(name: str) -> str:
-    return (SHARED / f"{name}.json").read_text()
-
-
-def shared(name: str) -> dict[str, Any]:
-    """A shared document by name; skips the test where the shared data are absent."""
-    if not SHARED.is_dir():
-        pytest.skip("the shared data are not beside this checkout (../shared/data)")
-    document: dict[str, Any] = json.loads(_shared_text(name))
-    return document
 
 
 def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
@@ -62,6 +45,12 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
 def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estimate:
     """Identify with the options of a run."""
     return identify(robot, measurements, to_settings(RunOptions(**options), robot))
+
+
+def only_deflections(measurements: Measurements) -> Measurements:
+    """The same readings without positions: the targets' nominal places on the flange are given."""
+    places = np.broadcast_to(np.array(list(TARGETS.values())), measurements.position.shape)
+    return replace(measurements, position=places, in_flange=measurements.present)
 
 
 def straight_wrist(angle: float):

@@ -6,13 +6,15 @@ The readings are those of `jointstiff.simulator.sweeps`, which shares no code wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from support.campaigns import shared
+from support.shared_data import shared
 
 from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.solver.geometry import Axis, RigidTransform, Sweep, SweepSet
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
 from jointstiff.solver.robot import JointMap, KinematicChain, read_urdf
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "SIGMA",
     "TARGETS",
     "Cell",
+    "axes_of_noisy_sweeps",
     "chi_square",
     "imperfect_arm",
     "rodrigues",
@@ -95,3 +98,9 @@ def shared_chain() -> KinematicChain:
     """The nominal model of the arm in simulated/sweeps.json."""
     model = shared("simulated/dead_weight_motor")["robot"]["model"]
     return read_urdf(model["urdf"], model["base"], model["flange"])
+
+
+@lru_cache
+def axes_of_noisy_sweeps(seed: int) -> SweptAxes:
+    """Identify the axes of the default cell from sweeps with noise, once for all tests of a process."""
+    return identify_axes(Cell().sweeps(np.random.default_rng(seed)))

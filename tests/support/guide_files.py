@@ -14,6 +14,7 @@ from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import SWEEPS, TrackedArm
 
 ROOT = Path(__file__).parents[2]
+POSTURES = "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\ndrill,10,-20,30,0,45,0,0,0,-800\n"
 UNITS = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.mm"}
 _FENCE = re.compile(r"^```(sh|python)[ \t]*\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
 
@@ -30,6 +31,7 @@ def write_files(folder: Path) -> None:
     (folder / "points.txt").write_text(_points(motor))
     for name in ("readings.csv", "day1.csv"):
         (folder / name).write_text(_table(motor, points=True))
+    (folder / "postures.csv").write_text(POSTURES)
     (folder / "robot.urdf").write_text(motor["robot"]["model"]["urdf"])
     documents = {
         "motor": motor,

@@ -16,9 +16,9 @@ HOSTILE = {
     # the document
     "empty": ("", "line 1", "no element found"),
     "blank": (" \n ", "line 2", "no element found"),
-    "prose": ("hello", "document", "no XML"),
+    "prose": ("hello", "document", "not XML"),
     "file name": ("robot.urdf", "document", "begins with 'robot.urdf'"),
-    "json": ('{"robot": 1}', "document", "no XML"),
+    "json": ('{"robot": 1}', "document", "not XML"),
     "too large": ("<!--" + " " * MAX_BYTES + "-->" + SMALL, "document", BYTES),
     "too large in bytes": ("<!--" + "é" * (MAX_BYTES // 2) + "-->" + SMALL, "document", BYTES),
     "unclosed": ('<robot name="r">', "line 1", "no element found"),
@@ -81,15 +81,15 @@ HOSTILE = {
         )
         for number in ("nan", "inf", "-Infinity", "0x1p3", "1_0", "1,5", "1e", "--1", "１", "1f", ".")
     },
-    "overflow": (changed("0 0 1", "0 1e400 1"), "joint 'j1' <origin> xyz", "beyond ±100"),
-    "absurd length": (changed("0 0 1", "0 -675 1"), "joint 'j1' <origin> xyz", "beyond ±100"),
-    "absurd angle": (changed("0 0 0", "0 0 1e4"), "joint 'j1' <origin> rpy", "beyond ±1000"),
+    "overflow": (changed("0 0 1", "0 1e400 1"), "joint 'j1' <origin> xyz", "outside ±100"),
+    "absurd length": (changed("0 0 1", "0 -675 1"), "joint 'j1' <origin> xyz", "outside ±100"),
+    "absurd angle": (changed("0 0 0", "0 0 1e4"), "joint 'j1' <origin> rpy", "outside ±1000"),
     "two numbers": (changed("0 0 1", "0 0"), "joint 'j1' <origin> xyz", "exactly 3 numbers, has 2"),
     "four numbers": (changed("0 0 0", "0 0 0 0"), "joint 'j1' <origin> rpy", "has 4"),
     "no number": (changed("0 0 0", " "), "joint 'j1' <origin> rpy", "has 0"),
     "no-break space": (changed("0 0 0", "0\u00a00 0 0"), "joint 'j1' <origin> rpy", "decimal"),
     "limit NaN": (changed('"-1"', '"nan"'), "joint 'j1' <limit> lower", "decimal"),
-    "limit overflow": (changed('"-1"', '"-1e999"'), "joint 'j1' <limit> lower", "beyond"),
+    "limit overflow": (changed('"-1"', '"-1e999"'), "joint 'j1' <limit> lower", "outside"),
     "NaN off the chain": (
         robot_of(
             LINKS, JOINT, '<link name="c"/>', joint("j2", "b", "c", "prismatic", "<origin xyz='0 0 nan'/>")
@@ -124,7 +124,7 @@ HOSTILE = {
     "long axis": (changed('axis xyz="0 0 1"', 'axis xyz="0 1 1"'), "joint 'j1' <axis>", "1.41421"),
     "tiny axis": (changed('axis xyz="0 0 1"', 'axis xyz="0 0 1e-300"'), "joint 'j1' <axis>", "norm"),
     "axis NaN": (changed('axis xyz="0 0 1"', 'axis xyz="0 0 nan"'), "joint 'j1' <axis> xyz", "dec"),
-    "axis without xyz": (changed('axis xyz="0 0 1"', "axis"), "joint 'j1' <axis>", "no xyz"),
+    "axis without xyz": (changed('axis xyz="0 0 1"', "axis"), "joint 'j1' <axis>", "no attribute xyz"),
     "two axes": (changed("<axis", '<axis xyz="0 1 0"/><axis'), "joint 'j1' <axis>", "2 times"),
     "no limit": (changed('<limit lower="-1" upper="1"/>', ""), "joint 'j1' <limit>", "needs <limit>"),
     "empty limit": (changed(' lower="-1" upper="1"', ""), "joint 'j1' <limit>", "needs <limit>"),

@@ -1,4 +1,4 @@
-"""Runs on a store, and an engine that is a ledger."""
+"""Runs on a store, and an engine that is a queue."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def request(set_id, **changes):
     return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)
 
 
-class LedgerEngine:
-    """An engine that is a ledger: what is pending, with whom, and what became of jobs."""
+class QueueEngine:
+    """An engine that is a queue: what is pending, with whom, and what became of jobs."""
 
     def __init__(self):
-        self.ledger = self
+        self.queue = self
         self.active = []
         self.taken = {}
         self.ended = {}

@@ -1,5 +1,5 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
-import { text } from "../text";
+import { text } from "../i18n";
 import type {
   Comparison,
   ComparisonSummary,
@@ -142,9 +142,14 @@ export const api = {
     call<Comparison>("POST", "/v1/comparisons?wait=1", { body: request, key }),
   cancelComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/cancel`),
 
+  deleteComparison: (comparison: string) => call<undefined>("DELETE", `/v1/comparisons/${id(comparison)}`),
+  restoreComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/restore`),
+
   pairs: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<PairSummary>>("GET", `/v1/pairs${query(filters)}`, options(signal)),
   pair: (pair: string, signal?: AbortSignal) => call<Pair>("GET", `/v1/pairs/${id(pair)}`, options(signal)),
+  deletePair: (pair: string) => call<undefined>("DELETE", `/v1/pairs/${id(pair)}`),
+  restorePair: (pair: string) => call<Pair>("POST", `/v1/pairs/${id(pair)}/restore`),
   addPair: (request: unknown, key: string) => call<Pair>("POST", "/v1/pairs", { body: request, key }),
 };
 

@@ -168,6 +168,31 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/deflections": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Compute Deflections
+         * @description Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
+         *
+         *     Each case says in which posture, under which load, and which place is asked for. Intervals are
+         *     of two kinds: `readings_only` holds the errors of the readings, and of the force where it is stated;
+         *     `with_model_error` holds what the model leaves out, too, calibrated on postures left out of the fit. A
+         *     run never changes, so the same request has the same answer.
+         */
+        post: operations["computeDeflections"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/health": {
         parameters: {
             query?: never;
@@ -177,9 +202,49 @@ export interface paths {
         };
         /**
          * Get Health
-         * @description Ask the database; return the version of the service and the number of its workers.
+         * @description Return the version of the service, its database and the number of its workers, as last looked at.
          */
         get: operations["getHealth"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/ready": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Ready
+         * @description Return the same as /health: 503 while the database does not answer, so that no work should be sent.
+         */
+        get: operations["getReady"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/live": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Live
+         * @description Return nothing: the process answers, whatever its database does.
+         */
+        get: operations["getLive"];
         put?: never;
         post?: never;
         delete?: never;
@@ -225,14 +290,14 @@ export interface paths {
         };
         /**
          * Get Run
-         * @description Get a run: request, state, result and provenance. Once ended it never changes.
+         * @description Get a run: request, state, result and provenance. Once finished, it never changes.
          */
         get: operations["getRun"];
         put?: never;
         post?: never;
         /**
          * Delete Run
-         * @description Delete a run; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         * @description Delete a run. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
          */
         delete: operations["deleteRun"];
         options?: never;
@@ -251,7 +316,7 @@ export interface paths {
         put?: never;
         /**
          * Restore Run
-         * @description Bring a deleted run back; one that is not deleted stays as it is.
+         * @description Restore a deleted run. One that is not deleted stays as it is.
          */
         post: operations["restoreRun"];
         delete?: never;
@@ -291,7 +356,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel Run
-         * @description End a run where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         * @description Cancel a run. Its workers stop at their next step; a finished one stays as it is.
          */
         post: operations["cancelRun"];
         delete?: never;
@@ -337,14 +402,14 @@ export interface paths {
         };
         /**
          * Get Comparison
-         * @description Get a comparison: request, state, result and provenance. Once ended it never changes.
+         * @description Get a comparison: request, state, result and provenance. Once finished, it never changes.
          */
         get: operations["getComparison"];
         put?: never;
         post?: never;
         /**
          * Delete Comparison
-         * @description Delete a comparison; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         * @description Delete a comparison. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
          */
         delete: operations["deleteComparison"];
         options?: never;
@@ -363,7 +428,7 @@ export interface paths {
         put?: never;
         /**
          * Restore Comparison
-         * @description Bring a deleted comparison back; one that is not deleted stays as it is.
+         * @description Restore a deleted comparison. One that is not deleted stays as it is.
          */
         post: operations["restoreComparison"];
         delete?: never;
@@ -403,7 +468,7 @@ export interface paths {
         put?: never;
         /**
          * Cancel Comparison
-         * @description End a comparison where it stands. Its workers stop at their next step; one that has ended stays as it is.
+         * @description Cancel a comparison. Its workers stop at their next step; a finished one stays as it is.
          */
         post: operations["cancelComparison"];
         delete?: never;
@@ -450,14 +515,14 @@ export interface paths {
         };
         /**
          * Get Pair
-         * @description Get a pair: request, state, result and provenance. Once ended it never changes.
+         * @description Get a pair: request, state, result and provenance. Once finished, it never changes.
          */
         get: operations["getPair"];
         put?: never;
         post?: never;
         /**
          * Delete Pair
-         * @description Delete a pair; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         * @description Delete a pair. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
          */
         delete: operations["deletePair"];
         options?: never;
@@ -476,7 +541,7 @@ export interface paths {
         put?: never;
         /**
          * Restore Pair
-         * @description Bring a deleted pair back; one that is not deleted stays as it is.
+         * @description Restore a deleted pair. One that is not deleted stays as it is.
          */
         post: operations["restorePair"];
         delete?: never;
@@ -500,12 +565,12 @@ export interface paths {
         put?: never;
         /**
          * Create Geometry
-         * @description Find a robot's geometry, from each joint turned alone or from unloaded poses.
+         * @description Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
          *
-         *     Axes, base frame, wrist centre and targets come with their uncertainties, links beside the nominal ones,
-         *     and the identified model as a robot that can be posted as `"model": {"format": "geometry", …}`. Suspicious
-         *     readings (a bumped tracker, a short arc, a joint map that does not fit, …) are findings with their
-         *     figures; readings that cannot be used are refused, and nothing is stored.
+         *     Axes, base frame, wrist centre and targets have uncertainties; links are listed with their nominal values,
+         *     and the identified model is a robot document that can be posted as `"model": {"format": "geometry", …}`.
+         *     Suspicious readings (a bumped tracker, a short arc, a joint map that does not fit, …) are reported as findings
+         *     with their figures; readings that do not determine the geometry are refused.
          */
         post: operations["createGeometry"];
         delete?: never;
@@ -523,14 +588,14 @@ export interface paths {
         };
         /**
          * Get Geometry
-         * @description Get a geometry: request, state, result and provenance. Once ended it never changes.
+         * @description Get a geometry: request, state, result and provenance. Once finished, it never changes.
          */
         get: operations["getGeometry"];
         put?: never;
         post?: never;
         /**
          * Delete Geometry
-         * @description Delete a geometry; what was made of it stays. For 30 days it can be restored. One that has not ended must be cancelled first.
+         * @description Delete a geometry. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
          */
         delete: operations["deleteGeometry"];
         options?: never;
@@ -549,9 +614,82 @@ export interface paths {
         put?: never;
         /**
          * Restore Geometry
-         * @description Bring a deleted geometry back; one that is not deleted stays as it is.
+         * @description Restore a deleted geometry. One that is not deleted stays as it is.
          */
         post: operations["restoreGeometry"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/plans": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Plans
+         * @description List plans without their results, newest first.
+         */
+        get: operations["listPlans"];
+        put?: never;
+        /**
+         * Create Plan
+         * @description Plan which postures and loads to measure, to begin a campaign or to go on with one.
+         *
+         *     The list comes with a certificate: the least share of the best list's information that it has, proved by a
+         *     sweep over all candidates. It says how sure each joint will be, what random and one-at-a-time plans would
+         *     give, and how many readings were struck out for which reason. What cannot be planned is refused, saying
+         *     what to change, and nothing is stored.
+         */
+        post: operations["createPlan"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/plans/{plan_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Plan
+         * @description Get a plan: request, state, result and provenance. Once finished, it never changes.
+         */
+        get: operations["getPlan"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Plan
+         * @description Delete a plan. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
+         */
+        delete: operations["deletePlan"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/plans/{plan_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Plan
+         * @description Restore a deleted plan. One that is not deleted stays as it is.
+         */
+        post: operations["restorePlan"];
         delete?: never;
         options?: never;
         head?: never;
@@ -563,6 +701,42 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * Action
+         * @description Action that a program can offer at a click; it changes only what is named here.
+         */
+        Action: {
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "leave_out_readings" | "use_huber" | "include_complementary_stiffness" | "omit_noise" | "exchange_columns" | "apply_joint_map" | "exchange_load_and_target" | "show_posture";
+            /**
+             * Observations
+             * @description Labels of the observations to leave out, or to show.
+             */
+            observations: string[];
+            /**
+             * Joints
+             * @description Joints whose columns are exchanged, or whose map is corrected.
+             */
+            joints: string[];
+            /**
+             * Joint Map
+             * @description Rows of the matrix of the corrected joint map; empty for other actions.
+             */
+            joint_map: number[][];
+            /**
+             * Offset
+             * @description Offset of the corrected joint map; empty for other actions.
+             */
+            offset: number[];
+            /**
+             * Target
+             * @description Target whose place and the load point are exchanged; null for other actions.
+             */
+            target: string | null;
+        };
+        /**
          * Advice
          * @description A measurement that would tell more of a joint.
          */
@@ -571,22 +745,22 @@ export interface components {
             joint: string;
             /**
              * Message
-             * @description In words: which posture, which load, and what it would bring.
+             * @description Advice in words: posture, load, and the expected gain.
              */
             message: string;
             /**
              * Joints
-             * @description Angles as the controller shows them.
+             * @description Joint angles as displayed by the controller.
              */
             joints: number[];
             /**
              * Observation
-             * @description The observation that has this posture, if one has.
+             * @description Observation with this posture, if there is one.
              */
             observation: string | null;
             /**
              * Force
-             * @description On the robot, axes of R0, as strong as the strongest of the set; at the load point of that observation, for a new posture at that of the strongest force.
+             * @description Force on the robot, axes of R0, as large as the largest of the set; at the load point of that observation, or for a new posture that of the largest force.
              */
             force: [
                 number,
@@ -595,30 +769,63 @@ export interface components {
             ];
             /**
              * Uncertainty Ratio
-             * @description Standard uncertainty of the compliance after one such reading of all targets over that before, as the partial pose has them, without constraints and priors; null where the readings so far do not determine the compliance. Dimensionless.
+             * @description Ratio of the standard uncertainties of the compliance, after one such reading of all targets to before, with partial pose, without constraints and priors; null if the readings so far do not determine the compliance. Dimensionless.
              */
             uncertainty_ratio: number | null;
             /**
              * Standard Uncertainty
-             * @description Of the compliance after that reading; null where sigma is unknown.
+             * @description Standard uncertainty of the compliance after that reading; null if sigma is unknown.
              */
             standard_uncertainty: number | null;
         };
         /**
+         * AnyDirection
+         * @description A force in any direction, up to a size.
+         */
+        AnyDirection: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "any_direction";
+            /**
+             * Force
+             * @description Less in postures where torque limits would be exceeded in some direction.
+             */
+            force: number;
+        };
+        /**
+         * Assessment
+         * @description Assessment of a result: may the numbers be used?
+         */
+        Assessment: {
+            /**
+             * Verdict
+             * @description The least that the reasons allow; `use` where there are none.
+             * @enum {string}
+             */
+            verdict: "use" | "use_with_care" | "do_not_use";
+            /**
+             * Reasons
+             * @description Most severe first.
+             */
+            reasons: components["schemas"]["Reason"][];
+        };
+        /**
          * AvoidedDeflection
-         * @description How much of the deflection the second side avoids.
+         * @description Share of the deflection that the second side avoids.
          */
         AvoidedDeflection: {
             /**
              * Matching
-             * @description Observations of the same label, posture (1 mrad) and load (0.5 %, 1 mm) on both sides.
+             * @description Number of observations with the same label, posture (1 mrad) and load (0.5 %, 1 mm) on both sides.
              */
             matching: number;
-            /** @description Of the mean deflection of the matching observations; null if there are none. */
+            /** @description Measured share of the mean deflection of the matching observations; null if there are none. */
             measured: components["schemas"]["DeflectionShare"] | null;
             /**
              * Predicted
-             * @description Of the mean predicted deflection of all observations, matching ones counted once. Dimensionless.
+             * @description Predicted share of the mean deflection of all observations, matching ones counted once.
              */
             predicted: number | null;
             /** Configurations */
@@ -631,7 +838,7 @@ export interface components {
         AxisPlace: {
             /**
              * Point
-             * @description A point on it.
+             * @description Point on the axis.
              */
             point: [
                 number,
@@ -640,7 +847,7 @@ export interface components {
             ];
             /**
              * Direction
-             * @description Unit vector, positive rotation by the right hand.
+             * @description Unit vector along the axis; positive rotation by the right-hand rule.
              */
             direction: [
                 number,
@@ -649,7 +856,7 @@ export interface components {
             ];
             /**
              * Point Covariance
-             * @description Of where the axis passes at `point`, singular along it; null if it is not determined.
+             * @description Covariance of the axis's position at `point`, singular along the axis; null if not determined.
              */
             point_covariance: [
                 [
@@ -670,7 +877,7 @@ export interface components {
             ] | null;
             /**
              * Direction Covariance
-             * @description Of the unit vector; null if it is not determined.
+             * @description Covariance of the unit vector; null if not determined.
              */
             direction_covariance: [
                 [
@@ -703,13 +910,13 @@ export interface components {
             transform_tracker_to_base: components["schemas"]["Rigid"];
             /**
              * Covariance
-             * @description Of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: translation, then rotation; null if the readings do not determine it.
+             * @description Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: translation, then rotation; null if not determined.
              */
             covariance: number[][] | null;
         };
         /**
          * BaseRule
-         * @description How R0 stands to axes 1 and 2, which determine all but a convention.
+         * @description Definition of R0 relative to axes 1 and 2, which determine it up to a convention.
          */
         "BaseRule-Input": {
             /**
@@ -726,8 +933,8 @@ export interface components {
             height?: number;
         };
         /**
-         * BaseRule
-         * @description How R0 stands to axes 1 and 2, which determine all but a convention.
+         * BaseRuleOutput
+         * @description Definition of R0 relative to axes 1 and 2, which determine it up to a convention.
          */
         "BaseRule-Output": {
             /**
@@ -750,7 +957,7 @@ export interface components {
         "BaseTargetReadings-Input": {
             /**
              * Before
-             * @description Before the readings, tracker's frame, in units.length.
+             * @description Positions before the readings, tracker's frame, in units.length.
              */
             before: {
                 [key: string]: [
@@ -761,7 +968,7 @@ export interface components {
             };
             /**
              * After
-             * @description After them. If absent, what is read later, such as by a measurement set in this geometry's frame, is compared with `before`.
+             * @description Positions after the readings. If absent, later readings, such as those of a measurement set in this geometry's frame, are compared with `before`.
              */
             after?: {
                 [key: string]: [
@@ -772,13 +979,13 @@ export interface components {
             } | null;
         };
         /**
-         * BaseTargetReadings
+         * BaseTargetReadingsOutput
          * @description Targets fixed to the robot's base, read twice: they show whether tracker and robot moved.
          */
         "BaseTargetReadings-Output": {
             /**
              * Before
-             * @description Before the readings, tracker's frame, in units.length.
+             * @description Positions before the readings, tracker's frame, in units.length.
              */
             before: {
                 [key: string]: [
@@ -789,7 +996,7 @@ export interface components {
             };
             /**
              * After
-             * @description After them. If absent, what is read later, such as by a measurement set in this geometry's frame, is compared with `before`.
+             * @description Positions after the readings. If absent, later readings, such as those of a measurement set in this geometry's frame, are compared with `before`.
              */
             after: {
                 [key: string]: [
@@ -811,15 +1018,154 @@ export interface components {
             files: string[];
             /**
              * Options
-             * @default {
-             *       "ignore": [],
-             *       "state_words": {},
-             *       "allow_missing": false,
-             *       "flange_targets": {}
-             *     }
+             * @default {}
              * @example {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}
              */
             options?: string;
+        };
+        /**
+         * Cable
+         * @description A cable from the load point to one of some anchors.
+         */
+        Cable: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "cable";
+            /** Force */
+            force: number;
+            /**
+             * Anchors
+             * @description In R0.
+             */
+            anchors: [
+                number,
+                number,
+                number
+            ][];
+        };
+        /**
+         * CartesianCompliance
+         * @description Answer of the place to a further small wrench at the place, in the loaded posture, axes of R0.
+         */
+        CartesianCompliance: {
+            /** Translation By Force */
+            translation_by_force: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /** Translation By Moment */
+            translation_by_moment: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /** Rotation By Force */
+            rotation_by_force: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /** Rotation By Moment */
+            rotation_by_moment: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Symmetric
+             * @description Whether the load has a potential: a dead moment has none.
+             */
+            symmetric: boolean;
+            /** @description Null without a force and a direction. */
+            along: components["schemas"]["DirectionalStiffness"] | null;
+            worst: components["schemas"]["WorstDirection"];
+        };
+        /**
+         * CaseResult
+         * @description One case. Where a reason is given, there are no numbers.
+         */
+        CaseResult: {
+            /** Label */
+            label: string;
+            /**
+             * Displacement
+             * @description Of the place, loaded minus unloaded, axes of R0.
+             */
+            displacement: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Rotation
+             * @description Rotation vector of the flange, axes of R0.
+             */
+            rotation: [
+                number,
+                number,
+                number
+            ] | null;
+            /** @description Null where no uncertainty is known. */
+            readings_only: components["schemas"]["ReadingsInterval"] | null;
+            /** @description Null where there is no bound: see `remarks`. */
+            with_model_error: components["schemas"]["ModelErrorInterval"] | null;
+            compliance: components["schemas"]["CartesianCompliance"] | null;
+            /**
+             * Remarks
+             * @description Extrapolation, by name; or why there is no number or no bound.
+             */
+            remarks: string[];
         };
         /**
          * Certificate
@@ -828,22 +1174,22 @@ export interface components {
         Certificate: {
             /**
              * Primal
-             * @description Greatest violation of a bound.
+             * @description Largest violation of a bound.
              */
             primal: number;
             /**
              * Dual
-             * @description Greatest gradient of the wrong sign.
+             * @description Largest gradient of the wrong sign.
              */
             dual: number;
             /**
              * Complementarity
-             * @description Greatest min(slack, multiplier).
+             * @description Largest min(slack, multiplier).
              */
             complementarity: number;
             /**
              * Solved By
-             * @description What found the joints at their bounds, for the robust loss if there is one, then for each stage of the method: least squares (none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the joints, the least-distance problem.
+             * @description Algorithms that found the active bounds, for the robust loss if there is one, then for each stage of the method: least squares (none), principal pivoting, Clarabel, the exact active-set method, or, with an order of the joints, the least-distance problem.
              */
             solved_by: ("least_squares" | "pivoting" | "clarabel" | "active_set" | "least_distance")[];
         };
@@ -854,12 +1200,12 @@ export interface components {
         ColumnMeaning: {
             /**
              * Column
-             * @description Counted from 1.
+             * @description Number of the column, from 1.
              */
             column: number;
             /**
              * Header
-             * @description As it stands in the file; empty if there is no header.
+             * @description Header as it is in the file; empty without a header.
              */
             header: string;
             /**
@@ -872,7 +1218,7 @@ export interface components {
             meaning: string;
             /**
              * Unit
-             * @description Unit of its numbers; null where there are none.
+             * @description Unit of the numbers; null if there are none.
              */
             unit: string | null;
         };
@@ -893,24 +1239,26 @@ export interface components {
             weighting: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description The length that was used, if the weighting needs one.
+             * @description Length that was used, if the weighting needs one.
              */
             characteristic_length: number | null;
             /**
              * Positive
-             * @description Whether every compliance was constrained to be zero or positive.
+             * @description True if every compliance was constrained to be zero or positive.
              */
             positive: boolean;
-            /** @description Why there are no numbers. */
+            /** @description Reason why there are no numbers. */
             error: components["schemas"]["Problem"] | null;
             /**
              * Joints
-             * @description From all configurations; none where there is an error.
+             * @description Joints, fitted to all configurations; empty if there is an error.
              */
             joints: components["schemas"]["JointResult"][];
+            /** @description Assessment; null if there is an error. */
+            assessment: components["schemas"]["Assessment"] | null;
             /**
              * Compensation
-             * @description Share of the mean deflection that the model predicts; null as in a run. Dimensionless.
+             * @description Compensation: share of the mean deflection that the model predicts; null as in a run. Dimensionless.
              */
             compensation: number | null;
             /**
@@ -920,10 +1268,10 @@ export interface components {
             rms_residual: number | null;
             /**
              * Condition Number
-             * @description Of the weighted regressor, columns of unit norm, the greatest of the stages'; null where a rank is not full. Dimensionless.
+             * @description Condition number of the weighted regressor with columns of unit norm, the largest of all stages; null if rank-deficient. Dimensionless.
              */
             condition_number: number | null;
-            /** @description If it was asked for. */
+            /** @description Results of the resampling, if it was requested. */
             resampling: components["schemas"]["ResamplingResult"] | null;
         };
         /**
@@ -938,19 +1286,19 @@ export interface components {
             method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description As of a run.
+             * @description Methods of identification, as for a run.
              * @default covariance
              * @enum {string}
              */
             weighting?: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length?: number | null;
         };
         /**
-         * ComparedMethod
+         * ComparedMethodOutput
          * @description One of the methods to compare.
          */
         "ComparedMethod-Output": {
@@ -961,14 +1309,14 @@ export interface components {
             method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description As of a run.
+             * @description Methods of identification, as for a run.
              * @default covariance
              * @enum {string}
              */
             weighting: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length: number | null;
         };
@@ -981,16 +1329,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Null for a job that is carried out at once. */
+            /** @description Progress; null for a job that is computed immediately. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["ComparisonRequest-Output"];
-            /** @description Present if the comparison succeeded. */
+            /** @description Result; present if the comparison has succeeded. */
             result: components["schemas"]["ComparisonResult"] | null;
-            /** @description Present if the job failed. */
+            /** @description Present if the job has failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
@@ -1024,18 +1372,18 @@ export interface components {
             methods?: components["schemas"]["ComparedMethod-Input"][];
             /**
              * Constraints
-             * @description Each method is carried out with each of these: compliances free, or zero or positive.
+             * @description Constraints to combine with each method: compliances free, or zero or positive.
              * @default [
              *       "unconstrained",
              *       "positive"
              *     ]
              */
             constraints?: ("unconstrained" | "positive")[];
-            /** @description Repeat each fit on configurations drawn at random, the same draws for all; a comparison may then take long. */
+            /** @description Resampling: repeat each fit on configurations drawn at random, the same draws for all. The comparison may then take long. */
             resampling?: components["schemas"]["Resampling-Input"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence?: number;
@@ -1043,7 +1391,7 @@ export interface components {
             measurement_set_id: string;
         };
         /**
-         * ComparisonRequest
+         * ComparisonRequestOutput
          * @description A comparison as it is posted.
          */
         "ComparisonRequest-Output": {
@@ -1072,18 +1420,18 @@ export interface components {
             methods: components["schemas"]["ComparedMethod-Output"][];
             /**
              * Constraints
-             * @description Each method is carried out with each of these: compliances free, or zero or positive.
+             * @description Constraints to combine with each method: compliances free, or zero or positive.
              * @default [
              *       "unconstrained",
              *       "positive"
              *     ]
              */
             constraints: ("unconstrained" | "positive")[];
-            /** @description Repeat each fit on configurations drawn at random, the same draws for all; a comparison may then take long. */
+            /** @description Resampling: repeat each fit on configurations drawn at random, the same draws for all. The comparison may then take long. */
             resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence: number;
@@ -1095,6 +1443,8 @@ export interface components {
          * @description The methods side by side.
          */
         ComparisonResult: {
+            /** @description The worst verdict of the fits, and their reasons: of the same kind and place, the first */
+            assessment: components["schemas"]["Assessment"];
             /**
              * Entries
              * @description Each method with each constraint, in their order.
@@ -1102,7 +1452,7 @@ export interface components {
             entries: components["schemas"]["ComparedFit"][];
             /**
              * Warnings
-             * @description What was noticed when the set was stored, then what the fits raise: of the same kind and place, the first.
+             * @description Warnings of the measurement set, then of the fits; duplicates are omitted.
              */
             warnings: components["schemas"]["QualityWarning"][];
         };
@@ -1111,6 +1461,31 @@ export interface components {
          * @description A comparison in a listing.
          */
         ComparisonSummary: {
+            /**
+             * Verdict
+             * @description Of the result's assessment; the worst where it has several fits.
+             */
+            verdict: ("use" | "use_with_care" | "do_not_use") | null;
+            /**
+             * Compensation
+             * @description Share of the mean deflection that the model predicts: of a comparison the greatest, of a pair that of the side with less.
+             */
+            compensation: number | null;
+            /**
+             * Joints Identified
+             * @description Joints of status `identified`: of a comparison in the fit with most, of a pair those on both sides; null for geometries.
+             */
+            joints_identified: number | null;
+            /**
+             * Joint Count
+             * @description All joints; null for geometries.
+             */
+            joint_count: number | null;
+            /**
+             * Warning Count
+             * @description Warnings of the result; for geometries findings that are no notes.
+             */
+            warning_count: number | null;
             /** Id */
             id: string;
             /** Measurement Set Id */
@@ -1131,14 +1506,14 @@ export interface components {
         };
         /**
          * ComplementaryStiffness
-         * @description How much the change of the load's torques with the deflection matters.
+         * @description Effect of the change of the load's joint torques with the deflection.
          */
         ComplementaryStiffness: {
             /** Included */
             included: boolean;
             /**
              * Iterations
-             * @description Fits until the deflected configurations stood still; 0 if neglected.
+             * @description Number of fits until the iteration converged; 0 if neglected.
              */
             iterations: number;
             /**
@@ -1161,15 +1536,15 @@ export interface components {
             observation: string;
             /**
              * Side
-             * @description Which sides have this observation.
+             * @description Sides that have this observation.
              * @enum {string}
              */
             side: "first" | "second" | "both";
-            /** @description If both sides have it. */
+            /** @description Measured share; only if both sides have the observation. */
             measured: components["schemas"]["DeflectionShare"] | null;
             /**
              * Predicted
-             * @description From both sides' compliances; null where a joint that bends here is not observable on one side. Dimensionless.
+             * @description Predicted share from both sides' compliances; null if a joint that deflects here is not observable on one side. Dimensionless.
              */
             predicted: number | null;
         };
@@ -1182,34 +1557,34 @@ export interface components {
             joint: string;
             /**
              * Share
-             * @description Share in the mean length of the predicted deflections; those of all joints add up to 1. Zero for a joint without a number.
+             * @description Contribution to the mean length of the predicted deflections; those of all joints sum to 1. Zero for a joint without a number.
              */
             share: number;
             /**
              * Mean
-             * @description Mean over all readings of the targets.
+             * @description Contribution of the joint, mean over all readings of the targets.
              */
             mean: number;
             /**
              * By Observation
-             * @description Mean over the targets of each observation, in the order of the set.
+             * @description Contributions in each observation, means over its targets, in the order of the set.
              */
             by_observation: number[];
         };
         /**
          * CrossValidation
-         * @description How held-out configurations choose the penalty of the links, and compare the models.
+         * @description Settings of the cross-validation, which chooses the penalty of the links and compares the models.
          */
         "CrossValidation-Input": {
             /**
              * Folds
-             * @description Parts, each held out once; fewer where there are fewer postures.
+             * @description Number of folds, each held out once; fewer if there are fewer postures.
              * @default 5
              */
             folds?: number;
             /**
              * Seed
-             * @description Of the draw that shares out the configurations.
+             * @description Random seed of the assignment of configurations to folds.
              * @default 0
              */
             seed?: number;
@@ -1222,19 +1597,19 @@ export interface components {
             rule?: "best" | "one_standard_error";
         };
         /**
-         * CrossValidation
-         * @description How held-out configurations choose the penalty of the links, and compare the models.
+         * CrossValidationOutput
+         * @description Settings of the cross-validation, which chooses the penalty of the links and compares the models.
          */
         "CrossValidation-Output": {
             /**
              * Folds
-             * @description Parts, each held out once; fewer where there are fewer postures.
+             * @description Number of folds, each held out once; fewer if there are fewer postures.
              * @default 5
              */
             folds: number;
             /**
              * Seed
-             * @description Of the draw that shares out the configurations.
+             * @description Random seed of the assignment of configurations to folds.
              * @default 0
              */
             seed: number;
@@ -1247,18 +1622,112 @@ export interface components {
             rule: "best" | "one_standard_error";
         };
         /**
+         * DeadWeight
+         * @description A weight: it pulls along −z of R0.
+         */
+        "DeadWeight-Input": {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "dead_weight";
+            /** Force */
+            force: number;
+        };
+        /**
+         * DeadWeightOutput
+         * @description A weight: it pulls along −z of R0.
+         */
+        "DeadWeight-Output": {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            kind: "dead_weight";
+            /** Force */
+            force: number;
+        };
+        /**
+         * DeflectionRequest
+         * @description Deflections as they are asked for.
+         */
+        DeflectionRequest: {
+            units: components["schemas"]["Units-Input"];
+            /**
+             * Load Point
+             * @description Where forces act, flange frame, in units.length; a case may give its own.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Place
+             * @description Whose deflection is asked for; the load point if absent. Likewise.
+             */
+            place?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Masses
+             * @description Own weight of the links, acting along -z of R0; left out where no masses are given.
+             */
+            masses?: components["schemas"]["LinkMass"][];
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+            /** Cases */
+            cases: components["schemas"]["LoadCase"][];
+            /**
+             * Run Id
+             * @description The run whose model predicts.
+             */
+            run_id: string;
+        };
+        /**
+         * DeflectionResult
+         * @description Deflections of all cases, in SI units.
+         */
+        DeflectionResult: {
+            /** Confidence */
+            confidence: number;
+            /**
+             * Model Error Postures
+             * @description Postures that the bound of the model error rests on.
+             */
+            model_error_postures: number;
+            /**
+             * Postures Needed
+             * @description As many it takes at this confidence.
+             */
+            postures_needed: number;
+            /**
+             * Remarks
+             * @description What holds for all cases: own weight, K_c in the fit.
+             */
+            remarks: string[];
+            /** Cases */
+            cases: components["schemas"]["CaseResult"][];
+        };
+        /**
          * DeflectionShare
          * @description 1 - mean deflection on the second side / mean deflection on the first. Dimensionless.
          */
         DeflectionShare: {
             /**
              * Value
-             * @description Null where it is not known. Dimensionless.
+             * @description Value; null if unknown.
              */
             value: number | null;
             /**
              * Standard Uncertainty
-             * @description From sigma; null where that is not known. Dimensionless.
+             * @description Standard uncertainty from sigma; null if sigma is unknown.
              */
             standard_uncertainty: number | null;
         };
@@ -1280,12 +1749,12 @@ export interface components {
             convention: "standard" | "modified";
             /**
              * Rows
-             * @description One row a joint, from base to flange. All joints are revolute. The flange frame is the last frame of the table.
+             * @description Rows from base to flange, one per joint. All joints are revolute. The flange frame is the last frame of the table.
              */
             rows: components["schemas"]["DhRow-Input"][];
         };
         /**
-         * DhModel
+         * DhModelOutput
          * @description Kinematics as a Denavit-Hartenberg table; joints are named joint_1, joint_2, ...
          */
         "DhModel-Output": {
@@ -1302,7 +1771,7 @@ export interface components {
             convention: "standard" | "modified";
             /**
              * Rows
-             * @description One row a joint, from base to flange. All joints are revolute. The flange frame is the last frame of the table.
+             * @description Rows from base to flange, one per joint. All joints are revolute. The flange frame is the last frame of the table.
              */
             rows: components["schemas"]["DhRow-Output"][];
         };
@@ -1343,7 +1812,7 @@ export interface components {
             upper?: number | null;
         };
         /**
-         * DhRow
+         * DhRowOutput
          * @description One row of a Denavit-Hartenberg table.
          */
         "DhRow-Output": {
@@ -1379,15 +1848,55 @@ export interface components {
             upper: number | null;
         };
         /**
+         * DirectionalStiffness
+         * @description Stiffness of the place along a direction, in the three meanings that are in use.
+         */
+        DirectionalStiffness: {
+            /**
+             * Direction
+             * @description Unit vector, axes of R0.
+             */
+            direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Lateral Free
+             * @description 1 / (u' C_tt u): motion across the direction left free. Null if it is infinite.
+             */
+            lateral_free: number | null;
+            /**
+             * Lateral Blocked
+             * @description u' inv(C_tt) u: motion across it blocked. Null if it is infinite.
+             */
+            lateral_blocked: number | null;
+            /**
+             * Rotation Blocked
+             * @description u' K_tt u, K = inv(C): all but motion along it blocked. Null if it is infinite.
+             */
+            rotation_blocked: number | null;
+            /**
+             * Compliance
+             * @description u' C_tt u.
+             */
+            compliance: number;
+            /**
+             * Standard Uncertainty
+             * @description Of that compliance, from the readings alone.
+             */
+            standard_uncertainty: number | null;
+        };
+        /**
          * Drift
          * @description Motion of tracker and robot against each other between two readings of the base targets.
          */
         Drift: {
-            /** @description Removes the drift from later readings. */
+            /** @description Transform that corrects the drift in later readings. */
             transform_after_to_before: components["schemas"]["Rigid"];
             /**
              * Displacement
-             * @description Of the middle of the targets on the flange, tracker's frame.
+             * @description Translation of the middle of the flange targets, tracker's frame.
              */
             displacement: [
                 number,
@@ -1423,25 +1932,25 @@ export interface components {
             ];
             /**
              * Probability
-             * @description That noise alone does this.
+             * @description p-value of the drift.
              */
             probability: number;
             /**
              * Deformation Probability
-             * @description That noise alone leaves these residuals.
+             * @description p-value of the residuals.
              */
             deformation_probability: number;
             /** Significant */
             significant: boolean;
             /**
              * Moved Targets
-             * @description Base targets that moved against the others.
+             * @description Base targets that moved relative to the others.
              */
             moved_targets: string[];
         };
         /**
          * ElementShare
-         * @description How much of the measured deflection an element explains.
+         * @description Share of the measured deflection that an element explains.
          */
         ElementShare: {
             /**
@@ -1451,17 +1960,17 @@ export interface components {
             kind: "joint" | "coupling" | "link";
             /**
              * Joint
-             * @description The joint, or the one that carries the link; null of coupling.
+             * @description Joint, or joint that carries the link; null for coupling.
              */
             joint: string | null;
             /**
              * Share
-             * @description Over the set: projection of its predicted deflections on the measured ones, over those; all elements and what is left unexplained sum to 1.
+             * @description Share over the set: projection of its predicted deflections on the measured ones, over those; all shares and the unexplained rest sum to 1.
              */
             share: number;
             /**
              * By Observation
-             * @description The same of each observation, in the order of the set.
+             * @description Shares in each observation, in the order of the set.
              */
             by_observation: number[];
         };
@@ -1480,12 +1989,12 @@ export interface components {
             joint: string;
             /**
              * Unloaded
-             * @description Angle before the load, in units.angle, counted as the robot's model counts the joint: with the sign of its axis, after the joint map. A constant offset does not matter.
+             * @description Unloaded angle of the model's joint, in units.angle: with the sign of its axis, after the joint map. A constant offset does not matter.
              */
             unloaded: number;
             /**
              * Loaded
-             * @description The same under load, in units.angle.
+             * @description Angle under load, in units.angle.
              */
             loaded: number;
         };
@@ -1518,7 +2027,7 @@ export interface components {
         FilePreview: {
             /**
              * File
-             * @description Its name, as it was sent.
+             * @description Name of the file, as sent.
              */
             file: string;
             /**
@@ -1533,44 +2042,44 @@ export interface components {
             sheet: string | null;
             /**
              * Encoding
-             * @description Of a text file.
+             * @description Text file only.
              * @example utf-8
              */
             encoding: string | null;
             /**
              * Delimiter
-             * @description Between the cells of a text file.
+             * @description Delimiter of a text file.
              */
             delimiter: ("comma" | "semicolon" | "tab" | "whitespace") | null;
             /**
              * Decimal Mark
-             * @description Of a text file.
+             * @description Text file only.
              */
             decimal_mark: ("point" | "comma") | null;
             /**
              * Columns
-             * @description From left to right.
+             * @description Columns from left to right.
              */
             columns: components["schemas"]["ColumnMeaning"][];
             /**
              * Row Count
-             * @description Rows of data.
+             * @description Number of data rows.
              */
             row_count: number;
             /**
              * First Rows
-             * @description At most 5, as they stand in the file.
+             * @description First rows, at most 5, as they are in the file.
              */
             first_rows: string[][];
             /**
              * Assumptions
-             * @description All that was assumed in reading it, in words.
+             * @description Assumptions made in reading the file.
              */
             assumptions: string[];
         };
         /**
          * FlangeRule
-         * @description Where the flange frame is on the last link, which no axis shows.
+         * @description Definition of the flange frame on the last link, which no axis determines.
          */
         "FlangeRule-Input": {
             /**
@@ -1581,7 +2090,7 @@ export interface components {
             by: "nominal" | "axes" | "targets";
             /**
              * Targets
-             * @description For `targets`, the three.
+             * @description The three targets, for `by` = `targets`.
              */
             targets?: [
                 string,
@@ -1590,8 +2099,8 @@ export interface components {
             ] | null;
         };
         /**
-         * FlangeRule
-         * @description Where the flange frame is on the last link, which no axis shows.
+         * FlangeRuleOutput
+         * @description Definition of the flange frame on the last link, which no axis determines.
          */
         "FlangeRule-Output": {
             /**
@@ -1602,7 +2111,7 @@ export interface components {
             by: "nominal" | "axes" | "targets";
             /**
              * Targets
-             * @description For `targets`, the three.
+             * @description The three targets, for `by` = `targets`.
              */
             targets: [
                 string,
@@ -1625,7 +2134,7 @@ export interface components {
             ];
             /**
              * Covariance
-             * @description Null if the readings do not determine it.
+             * @description Standard uncertainty; null if not determined.
              */
             covariance: [
                 [
@@ -1646,18 +2155,64 @@ export interface components {
             ] | null;
         };
         /**
+         * ForceUncertainty
+         * @description Standard uncertainties of the load, each common to all observations of the set.
+         *
+         *     They belong to the one scale or load cell that every observation used, so no number of readings averages
+         *     them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+         */
+        "ForceUncertainty-Input": {
+            /**
+             * Scale
+             * @description Of the size of forces and moments: 0.01 is one per cent. It goes one to one into every stiffness.
+             * @default 0
+             * @example 0.005
+             */
+            scale?: number;
+            /**
+             * Direction
+             * @description Of a rotation of all forces and moments about each axis of R0, in rad whatever the set's unit of angle.
+             * @default 0
+             * @example 0.002
+             */
+            direction?: number;
+        };
+        /**
+         * ForceUncertaintyOutput
+         * @description Standard uncertainties of the load, each common to all observations of the set.
+         *
+         *     They belong to the one scale or load cell that every observation used, so no number of readings averages
+         *     them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+         */
+        "ForceUncertainty-Output": {
+            /**
+             * Scale
+             * @description Of the size of forces and moments: 0.01 is one per cent. It goes one to one into every stiffness.
+             * @default 0
+             * @example 0.005
+             */
+            scale: number;
+            /**
+             * Direction
+             * @description Of a rotation of all forces and moments about each axis of R0, in rad whatever the set's unit of angle.
+             * @default 0
+             * @example 0.002
+             */
+            direction: number;
+        };
+        /**
          * Frame
          * @description Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0.
          */
         "Frame-Input": {
             /**
              * Geometry Id
-             * @description A geometry by the same tracker at the same station, of the same robot.
+             * @description Geometry of the same robot, measured by the same tracker from the same station.
              */
             geometry_id?: string | null;
             /**
              * Rotation
-             * @description Row by row, tracker to R0. Dimensionless.
+             * @description Rotation matrix row by row, tracker to R0.
              */
             rotation?: [
                 [
@@ -1687,7 +2242,7 @@ export interface components {
             ] | null;
             /**
              * Base Targets
-             * @description With `geometry_id`: its base targets, read again with this set, in units.length. What tracker and robot moved against each other since then is removed, and warned of.
+             * @description Base targets of the geometry (needs `geometry_id`), read again with this set, in units.length. The motion between tracker and robot since then is corrected, with a warning.
              */
             base_targets?: {
                 [key: string]: [
@@ -1698,25 +2253,25 @@ export interface components {
             } | null;
             /**
              * Forces
-             * @description Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight pulls along the vertical of a levelled tracker.
+             * @description Frame of forces and moments: R0, or the tracker's frame, for instance if a weight pulls along the vertical of a levelled tracker.
              * @default base
              * @enum {string}
              */
             forces?: "base" | "tracker";
         };
         /**
-         * Frame
+         * FrameOutput
          * @description Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0.
          */
         "Frame-Output": {
             /**
              * Geometry Id
-             * @description A geometry by the same tracker at the same station, of the same robot.
+             * @description Geometry of the same robot, measured by the same tracker from the same station.
              */
             geometry_id: string | null;
             /**
              * Rotation
-             * @description Row by row, tracker to R0. Dimensionless.
+             * @description Rotation matrix row by row, tracker to R0.
              */
             rotation: [
                 [
@@ -1746,7 +2301,7 @@ export interface components {
             ] | null;
             /**
              * Base Targets
-             * @description With `geometry_id`: its base targets, read again with this set, in units.length. What tracker and robot moved against each other since then is removed, and warned of.
+             * @description Base targets of the geometry (needs `geometry_id`), read again with this set, in units.length. The motion between tracker and robot since then is corrected, with a warning.
              */
             base_targets: {
                 [key: string]: [
@@ -1757,7 +2312,7 @@ export interface components {
             } | null;
             /**
              * Forces
-             * @description Axes of forces and moments: of R0, or of the tracker's frame, such as where a weight pulls along the vertical of a levelled tracker.
+             * @description Frame of forces and moments: R0, or the tracker's frame, for instance if a weight pulls along the vertical of a levelled tracker.
              * @default base
              * @enum {string}
              */
@@ -1772,16 +2327,16 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Null for a job that is carried out at once. */
+            /** @description Progress; null for a job that is computed immediately. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["GeometryRequest-Output"];
-            /** @description Present if it succeeded. */
+            /** @description Result; present if the job has succeeded. */
             result: components["schemas"]["GeometryResult"] | null;
-            /** @description Present if the job failed. */
+            /** @description Present if the job has failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
             /** Name */
@@ -1806,12 +2361,12 @@ export interface components {
             where: string;
             /**
              * Figure
-             * @description The number that raised it, in `unit`.
+             * @description Value that caused the finding, in `unit`.
              */
             figure: number;
             /**
              * Unit
-             * @description Of the figure; empty where it has none.
+             * @description Unit of the value; empty if it has none.
              */
             unit: string;
             /** Message */
@@ -1821,12 +2376,12 @@ export interface components {
         };
         /**
          * GeometryGoodness
-         * @description How well one robot fits all readings.
+         * @description Goodness of fit of one robot model to all readings.
          */
         GeometryGoodness: {
             /**
              * Sigma
-             * @description Standard uncertainty of a coordinate, by which all others are stated; of an instrument the root mean square over the readings.
+             * @description Standard uncertainty of a coordinate, from which all others follow; for an instrument, the root mean square over the readings.
              */
             sigma: number;
             /**
@@ -1843,12 +2398,12 @@ export interface components {
             variance_factor: number;
             /**
              * Agreement Probability
-             * @description That noise alone makes one robot fit all sweeps so badly. Small: fit them one by one.
+             * @description p-value of one robot model for all sweeps. Small: fit them one by one.
              */
             agreement_probability: number | null;
             /**
              * Controller Probability
-             * @description That noise alone makes the controller's angles fit so badly. Not small: `angles` of `controller` is the better estimate.
+             * @description p-value of the controller's angles. Not small: `angles` = `controller` gives the better estimate.
              */
             controller_probability: number | null;
         };
@@ -1867,7 +2422,7 @@ export interface components {
         };
         /**
          * GeometryNoise
-         * @description What one reading is worth. Without it sigma comes from the residuals.
+         * @description Noise of one reading. Without it sigma is estimated from the residuals.
          */
         "GeometryNoise-Input": {
             /**
@@ -1875,12 +2430,12 @@ export interface components {
              * @description Standard uncertainty of one coordinate of one reading, in units.length.
              */
             sigma?: number | null;
-            /** @description In place of `sigma`. */
+            /** @description Uncertainty of the instrument, instead of `sigma`. */
             instrument?: components["schemas"]["TrackerSheet-Input"] | null;
         };
         /**
-         * GeometryNoise
-         * @description What one reading is worth. Without it sigma comes from the residuals.
+         * GeometryNoiseOutput
+         * @description Noise of one reading. Without it sigma is estimated from the residuals.
          */
         "GeometryNoise-Output": {
             /**
@@ -1888,7 +2443,7 @@ export interface components {
              * @description Standard uncertainty of one coordinate of one reading, in units.length.
              */
             sigma: number | null;
-            /** @description In place of `sigma`. */
+            /** @description Uncertainty of the instrument, instead of `sigma`. */
             instrument: components["schemas"]["TrackerSheet-Output"] | null;
         };
         /**
@@ -1905,47 +2460,47 @@ export interface components {
             units: components["schemas"]["GeometryUnits"];
             /**
              * Robot Id
-             * @description The robot, whose stored model counts as nominal; or give `robot`.
+             * @description Robot whose stored model is the nominal one; or give `robot`.
              */
             robot_id?: string | null;
-            /** @description The nominal model, not stored. */
+            /** @description Nominal model; it is not stored. */
             robot?: components["schemas"]["RobotDocument-Input"] | null;
-            /** @description If no robot is given, which has its own; the identity if absent. */
+            /** @description Joint map, if no robot is given; default: identity. */
             joint_map?: components["schemas"]["JointMap"] | null;
-            /** @description If absent, sigma is estimated from the residuals. */
+            /** @description Noise of the readings; if absent, sigma is estimated from the residuals. */
             noise?: components["schemas"]["GeometryNoise-Input"] | null;
             /**
              * Sweeps
-             * @description One of each joint, of 600 positions in all.
+             * @description Sweeps, one per joint, of at most 600 positions in all.
              */
             sweeps?: components["schemas"]["JointSweep"][] | null;
             /**
              * Poses
-             * @description In place of sweeps: unloaded poses, by which a nominal model is calibrated.
+             * @description Unloaded poses to calibrate a nominal model, instead of `sweeps`.
              */
             poses?: components["schemas"]["TrackedPosition"][] | null;
             /**
              * Fit
-             * @description Of sweeps: each by itself, which trusts the controller least, or all in one fit, which trusts that joints at rest are where the controller says.
+             * @description Fit of the sweeps: one by one, which trusts the controller least, or all together, which assumes that resting joints are where the controller says.
              * @default together
              * @enum {string}
              */
             fit?: "one_by_one" | "together";
             /**
              * Angles
-             * @description Of the joint that is turned: from the readings, or the controller's. The result says whether the controller's are good enough.
+             * @description Angles of the joint that turns: from the readings, or from the controller. The result says whether the controller's are good enough.
              * @default free
              * @enum {string}
              */
             angles?: "free" | "controller";
-            /** @description By the nominal model if absent; by the axes if there is none. */
+            /** @description Definition of the frame; default: the nominal model, or the axes without one. */
             base?: components["schemas"]["BaseRule-Input"] | null;
             /** @description Likewise. */
             flange?: components["schemas"]["FlangeRule-Input"] | null;
             base_targets?: components["schemas"]["BaseTargetReadings-Input"] | null;
         };
         /**
-         * GeometryRequest
+         * GeometryRequestOutput
          * @description Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere.
          */
         "GeometryRequest-Output": {
@@ -1958,40 +2513,40 @@ export interface components {
             units: components["schemas"]["GeometryUnits"];
             /**
              * Robot Id
-             * @description The robot, whose stored model counts as nominal; or give `robot`.
+             * @description Robot whose stored model is the nominal one; or give `robot`.
              */
             robot_id: string | null;
-            /** @description The nominal model, not stored. */
+            /** @description Nominal model; it is not stored. */
             robot: components["schemas"]["RobotDocument-Output"] | null;
-            /** @description If no robot is given, which has its own; the identity if absent. */
+            /** @description Joint map, if no robot is given; default: identity. */
             joint_map: components["schemas"]["JointMap"] | null;
-            /** @description If absent, sigma is estimated from the residuals. */
+            /** @description Noise of the readings; if absent, sigma is estimated from the residuals. */
             noise: components["schemas"]["GeometryNoise-Output"] | null;
             /**
              * Sweeps
-             * @description One of each joint, of 600 positions in all.
+             * @description Sweeps, one per joint, of at most 600 positions in all.
              */
             sweeps: components["schemas"]["JointSweep"][] | null;
             /**
              * Poses
-             * @description In place of sweeps: unloaded poses, by which a nominal model is calibrated.
+             * @description Unloaded poses to calibrate a nominal model, instead of `sweeps`.
              */
             poses: components["schemas"]["TrackedPosition"][] | null;
             /**
              * Fit
-             * @description Of sweeps: each by itself, which trusts the controller least, or all in one fit, which trusts that joints at rest are where the controller says.
+             * @description Fit of the sweeps: one by one, which trusts the controller least, or all together, which assumes that resting joints are where the controller says.
              * @default together
              * @enum {string}
              */
             fit: "one_by_one" | "together";
             /**
              * Angles
-             * @description Of the joint that is turned: from the readings, or the controller's. The result says whether the controller's are good enough.
+             * @description Angles of the joint that turns: from the readings, or from the controller. The result says whether the controller's are good enough.
              * @default free
              * @enum {string}
              */
             angles: "free" | "controller";
-            /** @description By the nominal model if absent; by the axes if there is none. */
+            /** @description Definition of the frame; default: the nominal model, or the axes without one. */
             base: components["schemas"]["BaseRule-Output"] | null;
             /** @description Likewise. */
             flange: components["schemas"]["FlangeRule-Output"] | null;
@@ -2002,42 +2557,49 @@ export interface components {
          * @description The robot as it was found.
          */
         GeometryResult: {
+            /** @description By the findings; notes are no reasons. */
+            assessment: components["schemas"]["Assessment"];
             /** Axes */
             axes: components["schemas"]["IdentifiedAxis"][];
             /**
              * Sweeps
-             * @description Empty for poses.
+             * @description Sweeps; empty for poses.
              */
             sweeps: components["schemas"]["SweepEvidence"][];
-            /** @description Null for sweeps. */
+            /**
+             * Fit
+             * @description Fit that gave the axes from sweeps: one_by_one also if `together` was requested and the sweeps disagree (finding `sweeps_disagree`). Null for poses.
+             */
+            fit: ("one_by_one" | "together") | null;
+            /** @description Calibration from poses; null for sweeps. */
             poses: components["schemas"]["PoseEvidence"] | null;
             goodness: components["schemas"]["GeometryGoodness"];
             base_frame: components["schemas"]["BaseFrameResult"];
-            /** @description Null where there is none: see `no_wrist`. */
+            /** @description Wrist centre; null if there is none, see `no_wrist`. */
             wrist: components["schemas"]["WristResult"] | null;
             /**
              * No Wrist
-             * @description Why there is no wrist centre.
+             * @description Reason why there is no wrist centre.
              */
             no_wrist: string | null;
             /** Targets */
             targets: components["schemas"]["FlangeTarget"][];
             /**
              * Flange
-             * @description What places the flange frame.
+             * @description Definition of the flange frame.
              * @enum {string}
              */
             flange: "nominal" | "axes" | "targets";
             /**
              * Links
-             * @description Empty without a nominal model.
+             * @description Link parameters; empty without a nominal model.
              */
             links: components["schemas"]["LinkComparison"][];
-            /** @description The identified model as a robot, ready to be posted. */
+            /** @description Identified model as a robot document, ready to be posted. */
             robot: components["schemas"]["RobotDocument-Output"];
             /** Dh */
             dh: components["schemas"]["IdentifiedDh"][];
-            /** @description Null unless base targets were read before and after. */
+            /** @description Drift of the base targets; null unless they were read before and after. */
             drift: components["schemas"]["Drift"] | null;
             /** Findings */
             findings: components["schemas"]["GeometryFinding"][];
@@ -2047,13 +2609,38 @@ export interface components {
          * @description A geometry in a listing.
          */
         GeometrySummary: {
+            /**
+             * Verdict
+             * @description Of the result's assessment; the worst where it has several fits.
+             */
+            verdict: ("use" | "use_with_care" | "do_not_use") | null;
+            /**
+             * Compensation
+             * @description Share of the mean deflection that the model predicts: of a comparison the greatest, of a pair that of the side with less.
+             */
+            compensation: number | null;
+            /**
+             * Joints Identified
+             * @description Joints of status `identified`: of a comparison in the fit with most, of a pair those on both sides; null for geometries.
+             */
+            joints_identified: number | null;
+            /**
+             * Joint Count
+             * @description All joints; null for geometries.
+             */
+            joint_count: number | null;
+            /**
+             * Warning Count
+             * @description Warnings of the result; for geometries findings that are no notes.
+             */
+            warning_count: number | null;
             /** Id */
             id: string;
             /** Name */
             name: string;
             /**
              * Robot Id
-             * @description Of the nominal model, if that is stored.
+             * @description Robot of the nominal model, if it is stored.
              */
             robot_id: string | null;
             /**
@@ -2075,13 +2662,13 @@ export interface components {
         GeometryUnits: {
             /**
              * Length
-             * @description Of positions, sigma and heights.
+             * @description Unit of positions, sigma and heights.
              * @enum {string}
              */
             length: "m" | "mm";
             /**
              * Angle
-             * @description Of joint angles.
+             * @description Unit of joint angles.
              * @enum {string}
              */
             angle: "rad" | "deg";
@@ -2100,11 +2687,11 @@ export interface components {
             degrees_of_freedom: number;
             /**
              * Sigma Source
-             * @description Whether sigma was stated with the set or estimated from these residuals.
+             * @description Source of sigma: stated with the set, or estimated from these residuals.
              * @enum {string}
              */
             sigma_source: "given" | "residuals";
-            /** @description Of a sigma that was stated; null without residual degrees of freedom. */
+            /** @description Test of the stated sigma; null without residual degrees of freedom. */
             test: components["schemas"]["SigmaTest"] | null;
         };
         /**
@@ -2124,18 +2711,29 @@ export interface components {
             version: string;
             /**
              * Workers
-             * @description Workers heard of within 30 s; without one, long jobs wait.
+             * @description Number of workers with a sign of life within 30 s; without workers, long jobs wait.
              */
             workers: number;
+            /**
+             * Failing Workers
+             * @description Workers of this service that end soon after each start; its log says why.
+             */
+            failing_workers: number;
             /**
              * Database
              * @enum {string}
              */
             database: "sqlite" | "postgresql";
+            /**
+             * Access
+             * @description Who is answered. `loopback`: programs of the service's own machine. `none`: whoever reaches its address (`--no-access-control`); a proxy before it must authenticate.
+             * @enum {string}
+             */
+            access: "loopback" | "none";
         };
         /**
          * Identifiability
-         * @description What the readings can determine, by a model of joints alone.
+         * @description Observability of the parameters of the joint model.
          */
         Identifiability: {
             /**
@@ -2145,34 +2743,34 @@ export interface components {
             parameters: number;
             /**
              * Rank
-             * @description How many compliances, or combinations, are determined.
+             * @description Rank: number of compliances, or combinations, that the readings determine.
              */
             rank: number;
             /**
              * Condition Number
-             * @description The greatest of the stages'; null where a rank is not full. Dimensionless.
+             * @description Condition number, the largest of all stages; null if rank-deficient. Dimensionless.
              */
             condition_number: number | null;
             /**
              * Combinations
-             * @description Groups of joints whose compliances show in the readings only together.
+             * @description Groups of joints of which only combinations are observable.
              */
             combinations: string[][];
-            /** @description Over the joints that the readings see; null where the rank is not full. */
+            /** @description Observability indices of the observable joints; null if rank-deficient. */
             observability: components["schemas"]["ObservabilityIndices"] | null;
             /**
              * Advice
-             * @description What to measure next, for at most three joints: those without a number, at zero compliance, or with a standard uncertainty above a tenth of it. At most two pieces a joint, the better first: another load in a posture of the set, and a new posture.
+             * @description Advice on the next measurements, for at most three joints: those without a number, at zero compliance, or with a standard uncertainty above 10 %. At most two pieces of advice per joint, the better first: another load in a posture of the set, and a new posture.
              */
             advice: components["schemas"]["Advice"][];
             /**
              * Weakest
-             * @description In words, for each stage with a condition number above 100: which joints the readings hardly tell apart, and in which proportion.
+             * @description Messages for each stage with a condition number above 100: joints that are hard to distinguish, and in which proportion.
              */
             weakest: string[];
             /**
              * Stages
-             * @description One a stage of the method: two for the decoupled one, arm then wrist.
+             * @description Stages of the method: two for the decoupled one, arm then wrist.
              */
             stages: components["schemas"]["StageIdentifiability"][];
         };
@@ -2183,21 +2781,21 @@ export interface components {
         IdentifiedAxis: {
             /**
              * Name
-             * @description Of the model's joint.
+             * @description Name of the model's joint.
              */
             name: string;
-            /** @description In the tracker's frame. */
+            /** @description Axis in the tracker's frame. */
             tracker: components["schemas"]["AxisPlace"];
-            /** @description In R0, the uncertainty of R0 included. */
+            /** @description Axis in R0, including the uncertainty of R0. */
             base: components["schemas"]["AxisPlace"];
             /**
              * Position Uncertainty
-             * @description Greatest standard uncertainty across the axis at `point`, tracker's frame.
+             * @description Largest standard uncertainty across the axis at `point`, tracker's frame.
              */
             position_uncertainty: number | null;
             /**
              * Direction Uncertainty
-             * @description Greatest standard uncertainty of the direction, tracker's frame.
+             * @description Largest standard uncertainty of the direction, tracker's frame.
              */
             direction_uncertainty: number | null;
         };
@@ -2213,40 +2811,106 @@ export interface components {
             convention: "standard" | "modified";
             /** Rows */
             rows: components["schemas"]["DhRow-Output"][];
-            /** @description From frame 0 to R0. */
+            /** @description Transform from frame 0 to R0. */
             base: components["schemas"]["Rigid"];
-            /** @description From the flange frame to frame n. */
+            /** @description Transform from the flange frame to frame n. */
             tool: components["schemas"]["Rigid"];
             /** Parallel */
             parallel: components["schemas"]["NearlyParallel"][];
             /**
              * Deviation
-             * @description Greatest distance of the table's flange from the identified model's, over 200 random postures: what making axes parallel leaves out.
+             * @description Largest distance between the table's flange and the identified model's, over 200 random postures: the effect of treating axes as parallel.
              */
             deviation: number;
         };
         /**
+         * IdentifiedModel
+         * @description Compliances with what is known of their errors, before any constraint, and the constraints.
+         */
+        IdentifiedModel: {
+            /**
+             * Joints
+             * @description All joints, in the order of the robot.
+             */
+            joints: string[];
+            /**
+             * Compliance
+             * @description Of each joint, as predictions use it; zero where nothing is known.
+             */
+            compliance: number[];
+            /**
+             * Seen
+             * @description Joints to which the following rows and columns belong.
+             */
+            seen: string[];
+            /**
+             * Estimate
+             * @description Without constraints.
+             */
+            estimate: number[];
+            /**
+             * Covariance
+             * @description Of that estimate, the uncertainty of the force included; empty where sigma is unknown.
+             */
+            covariance: number[][];
+            /**
+             * Information Root
+             * @description R with R'R the inverse of the covariance on what is determined, in N.m/rad; null where the covariance says it all.
+             */
+            information_root: number[][] | null;
+            /**
+             * Lower
+             * @description Lower bound of each joint; null for none.
+             */
+            lower: (number | null)[];
+            /**
+             * Upper
+             * @description Upper bound of each joint; null for none.
+             */
+            upper: (number | null)[];
+            /**
+             * Order
+             * @description Pairs of joints: the first is no softer than the second.
+             */
+            order: [
+                number,
+                number
+            ][];
+            /**
+             * Degrees Of Freedom
+             * @description Of sigma; null where it was given.
+             */
+            degrees_of_freedom: number | null;
+            /** @description Null where no posture could be left out: see `no_error`. */
+            error: components["schemas"]["ModelError"] | null;
+            /**
+             * No Error
+             * @description Reason why no posture could be left out.
+             */
+            no_error: string | null;
+        };
+        /**
          * ImportAnswer
-         * @description What was understood, and the measurement set that it makes.
+         * @description Preview of the files, and the measurement set made from them.
          */
         ImportAnswer: {
             preview: components["schemas"]["ImportPreview"];
             /**
              * Missing
-             * @description What a measurement set needs beyond files and options, in words; empty if nothing.
+             * @description Missing items of a measurement set; empty if complete.
              */
             missing: string[];
-            /** @description With `robot_id` added it can be posted as it is; null while something is missing. */
+            /** @description Measurement set, ready to be posted with `robot_id` added; null if something is missing. */
             measurement_set: components["schemas"]["MeasurementSetDocument"] | null;
         };
         /**
          * ImportPreview
-         * @description What was understood of all files together, before anything is stored.
+         * @description Preview of all files together, before anything is stored.
          */
         ImportPreview: {
             /**
              * Files
-             * @description In the order in which they were sent.
+             * @description Files in the order in which they were sent.
              */
             files: components["schemas"]["FilePreview"][];
             /**
@@ -2256,12 +2920,12 @@ export interface components {
             observation_count: number;
             /**
              * First Labels
-             * @description At most 5 labels.
+             * @description First labels, at most 5.
              */
             first_labels: string[];
             /**
              * Joint Count
-             * @description Joint angles of an observation; null if there are none.
+             * @description Number of joint angles per observation; null if there are none.
              */
             joint_count: number | null;
             /**
@@ -2271,50 +2935,50 @@ export interface components {
             targets: string[];
             /**
              * States
-             * @description Which states were read.
+             * @description States that were read.
              */
             states: ("unloaded" | "loaded" | "deflection")[];
             /**
              * Reading Count
-             * @description Complete readings, of all targets and observations.
+             * @description Number of complete readings, of all targets and observations.
              */
             reading_count: number;
             /**
              * Assumptions
-             * @description All that was assumed in putting them together, in words.
+             * @description Assumptions made in combining the files.
              */
             assumptions: string[];
             /**
              * Missing
-             * @description What else a measurement set needs, in words; empty if nothing.
+             * @description Missing items of a measurement set; empty if complete.
              */
             missing: string[];
         };
         /**
          * ImportRequest
-         * @description How the files are written, and what no file tells of a measurement set.
+         * @description Format of the files, and the parts of a measurement set that no file contains.
          */
         ImportRequest: {
-            /** @description Units of columns whose header names none; they are never guessed. */
+            /** @description Units of columns whose header has none; they are never guessed. */
             units?: components["schemas"]["Units-Input"] | null;
             /**
              * Delimiter
-             * @description Between cells; found out if absent.
+             * @description Delimiter between cells; detected if absent.
              */
             delimiter?: ("comma" | "semicolon" | "tab" | "whitespace") | null;
             /**
              * Decimal Mark
-             * @description Decimal mark of text files; found out if absent and the file decides it.
+             * @description Decimal mark of text files; detected if absent and unambiguous.
              */
             decimal_mark?: ("point" | "comma") | null;
             /**
              * Header
-             * @description The header of files that have none, one text a column.
+             * @description Header for files that have none, one text per column.
              */
             header?: string[] | null;
             /**
              * Ignore
-             * @description Headers of columns to leave out, as they stand in the file.
+             * @description Headers of columns to ignore, as they are in the file.
              */
             ignore?: string[];
             /**
@@ -2324,40 +2988,40 @@ export interface components {
             sheet?: string | null;
             /**
              * Point Name
-             * @description How names of points are made up, of `{label}`, `{target}`, `{state}` and `{any}`.
+             * @description Template of point names, of `{label}`, `{target}`, `{state}` and `{any}`.
              * @example {label}_{target}_{state}
              */
             point_name?: string | null;
             /**
              * File Name
-             * @description The same for names of files, without what follows the last full stop.
+             * @description Template of file names, without the extension.
              * @example {target}_{state}
              */
             file_name?: string | null;
             /**
              * State Words
-             * @description Further words for the states, in names, headers and columns.
+             * @description Additional words for the states, in names, headers and columns.
              */
             state_words?: {
                 [key: string]: "unloaded" | "loaded" | "deflection";
             };
             /**
              * Allow Missing
-             * @description Leave out readings that are not complete, and say so, instead of refusing the file.
+             * @description Skip incomplete readings, and list them, instead of refusing the file.
              * @default false
              */
             allow_missing?: boolean;
             /**
              * Name
-             * @description Of the set; that of the first file if absent.
+             * @description Name of the measurement set; default: that of the first file.
              */
             name?: string | null;
             /**
              * Encoders
-             * @description Which encoders close the position loop; never guessed.
+             * @description Encoders that close the position loop; never guessed.
              */
             encoders?: ("motor" | "secondary") | null;
-            /** @description Of the readings, as in a measurement set. */
+            /** @description Noise of the readings, as in a measurement set. */
             noise?: components["schemas"]["Noise-Input"] | null;
             /**
              * Flange Targets
@@ -2372,7 +3036,7 @@ export interface components {
             };
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in the files' unit of length, if no column says it.
+             * @description Load point in the flange frame, in the files' unit of length, unless a column has it.
              */
             load_point?: [
                 number,
@@ -2390,16 +3054,16 @@ export interface components {
         Instrument: {
             /**
              * Station
-             * @description Where the tracker stands, in R0, in units.length.
+             * @description Position of the tracker in R0, in units.length.
              */
             station: [
                 number,
                 number,
                 number
             ];
-            /** @description Along the line of sight. */
+            /** @description Uncertainty along the line of sight. */
             range: components["schemas"]["Uncertainty"];
-            /** @description Across it, in each of two directions. */
+            /** @description Uncertainty across the line of sight, in each of two directions. */
             transverse: components["schemas"]["Uncertainty"];
         };
         /**
@@ -2427,7 +3091,7 @@ export interface components {
         JointMap: {
             /**
              * Matrix
-             * @description n × n, invertible; dimensionless.
+             * @description Invertible n × n matrix; dimensionless.
              */
             matrix: number[][];
             /**
@@ -2438,7 +3102,7 @@ export interface components {
         };
         /**
          * JointResult
-         * @description What the readings say of one joint. A joint that is not observable has no numbers.
+         * @description Result of one joint. A joint that is not observable has no numbers.
          */
         JointResult: {
             /** Name */
@@ -2448,21 +3112,27 @@ export interface components {
              * @enum {string}
              */
             status: "identified" | "uncertain" | "at_bound" | "not_observable";
+            /**
+             * Verdict
+             * @description Verdict on the use of the number: never better than its status and the reasons about it or about the whole result allow.
+             * @enum {string}
+             */
+            verdict: "use" | "use_with_care" | "do_not_use";
             /** Compliance */
             compliance: number | null;
             /**
              * Stiffness
-             * @description 1 / compliance; null where the compliance is zero.
+             * @description Stiffness, 1 / compliance; null if the compliance is zero.
              */
             stiffness: number | null;
             /**
              * Standard Uncertainty
-             * @description Of the compliance, from the covariance of the estimate without constraints.
+             * @description Standard uncertainty of the compliance, from the covariance of the unconstrained estimate.
              */
             standard_uncertainty: number | null;
             /**
              * Compliance Interval
-             * @description Profile-likelihood interval under the constraints, at the run's confidence.
+             * @description Profile-likelihood interval of the compliance under the constraints, at the run's confidence level.
              */
             compliance_interval: [
                 number,
@@ -2470,7 +3140,7 @@ export interface components {
             ] | null;
             /**
              * Stiffness Interval
-             * @description The same in stiffness; an upper end of null means: no upper limit.
+             * @description Interval of the stiffness; an upper end of null means no upper limit.
              */
             stiffness_interval: [
                 number,
@@ -2480,12 +3150,14 @@ export interface components {
             one_sided: components["schemas"]["OneSidedBounds"] | null;
             /**
              * Prior To Data
-             * @description Information of the prior over that of the readings on this compliance, the others unknown; above 1 the prior speaks, not the readings. Null without a prior. Dimensionless.
+             * @description Ratio of information, prior to readings, on this compliance; above 1 the prior dominates. Null without a prior. Dimensionless.
              */
             prior_to_data: number | null;
+            /** @description Budget of the standard uncertainty; null if `noise.force` is not stated. */
+            budget: components["schemas"]["UncertaintyBudget"] | null;
             /**
              * Reason
-             * @description Why there is no number, or why the joint is at a bound.
+             * @description Reason why there is no number, or why the joint is at a bound.
              */
             reason: string | null;
         };
@@ -2496,13 +3168,13 @@ export interface components {
         JointSweep: {
             /**
              * Joint
-             * @description Its name: the robot's name of the joint that it turns, or joint_1, joint_2, … if no robot is given.
+             * @description Name of the joint that turns: the robot's name of it, or joint_1, joint_2, … if no robot is given.
              * @example joint_1
              */
             joint: string;
             /**
              * Observations
-             * @description Four positions at least; 10 to 20 over 90° or more are good practice.
+             * @description Positions; at least four, 10 to 20 over 90° or more are good practice.
              */
             observations: components["schemas"]["TrackedPosition"][];
         };
@@ -2526,14 +3198,14 @@ export interface components {
         KinematicsRequest: {
             /**
              * Robot Id
-             * @description A stored robot; or give `robot`.
+             * @description Id of a stored robot; or give `robot`.
              */
             robot_id?: string | null;
-            /** @description A robot that is not stored: to see it before it is. */
+            /** @description Robot document that is not stored, to preview it. */
             robot?: components["schemas"]["RobotDocument-Input"] | null;
             /**
              * Joints
-             * @description Angles as the controller shows them, a list a configuration; all zeros if empty.
+             * @description Joint angles as displayed by the controller, one list per configuration; default: all zeros.
              */
             joints?: number[][];
         };
@@ -2544,22 +3216,22 @@ export interface components {
         LinkCertificate: {
             /**
              * Least Eigenvalue
-             * @description Of all matrices in SI units, and the least joint compliance; never negative. In the unit of its matrix.
+             * @description Least eigenvalue of all matrices in SI units, and least joint compliance; never negative. In the unit of its matrix.
              */
             least_eigenvalue: number;
             /**
              * Dual
-             * @description How far the slack matrices are from positive semidefinite, over the penalty.
+             * @description Distance of the slack matrices from positive semidefinite, relative to the penalty.
              */
             dual: number;
             /**
              * Gap
-             * @description The fitted readings, all together and weighted, differ from those of the optimum by no more than so many `scale`.
+             * @description Gap: the weighted fitted readings differ from those of the optimum by at most this many `scale`.
              */
             gap: number;
             /**
              * Scale
-             * @description Sigma where it is given, otherwise the residual scale of joints alone.
+             * @description Scale: sigma if given, otherwise the residual scale of the joint model.
              */
             scale: number;
         };
@@ -2570,18 +3242,18 @@ export interface components {
         LinkComparison: {
             /**
              * Quantity
-             * @description As Denavit and Hartenberg name them; beta is the other angle of axes meant to be parallel.
+             * @description Denavit-Hartenberg parameter; beta is the second angle of axes meant to be parallel.
              * @enum {string}
              */
             quantity: "a" | "alpha" | "beta" | "d" | "theta";
             /**
              * Joint
-             * @description Of the axis, or of the first of two neighbours.
+             * @description Joint of the axis, or of the first of two neighbours.
              */
             joint: string;
             /**
              * Unit
-             * @description Of the numbers.
+             * @description Unit of the numbers.
              * @enum {string}
              */
             unit: "m" | "rad";
@@ -2591,12 +3263,12 @@ export interface components {
             identified: number;
             /**
              * Difference
-             * @description Identified less nominal.
+             * @description Identified minus nominal value.
              */
             difference: number;
             /**
              * Standard Uncertainty
-             * @description Of the identified one; null if the readings do not determine it.
+             * @description Standard uncertainty of the identified value; null if not determined.
              */
             standard_uncertainty: number | null;
         };
@@ -2607,7 +3279,7 @@ export interface components {
         LinkCompliance: {
             /**
              * Joint
-             * @description Whose frame moves with the near end of the link.
+             * @description Joint whose frame moves with the near end of the link.
              */
             joint: string;
             /**
@@ -2617,28 +3289,50 @@ export interface components {
             matrix: number[][];
             /**
              * Translation
-             * @description Of the block of force and displacement, largest first.
+             * @description Principal translational compliances, largest first.
              */
             translation: components["schemas"]["PrincipalCompliance"][];
             /**
              * Rotation
-             * @description Of the block of moment and rotation, largest first.
+             * @description Principal rotational compliances, largest first.
              */
             rotation: components["schemas"]["PrincipalCompliance"][];
             /**
              * Effective Freedom
-             * @description How many of its numbers the readings determine; the penalty settles the others.
+             * @description Effective number of parameters that the readings determine; the penalty determines the others.
              */
             effective_freedom: number;
             /**
              * Parameters
-             * @description How many numbers it has.
+             * @description Number of parameters.
              */
             parameters: number;
         };
         /**
+         * LinkMass
+         * @description The mass that a joint carries; tool and payload belong to the last.
+         */
+        LinkMass: {
+            /** Joint */
+            joint: string;
+            /**
+             * Mass
+             * @description In kg.
+             */
+            mass: number;
+            /**
+             * Centre
+             * @description Centre of mass in the frame that moves with the joint, in units.length.
+             */
+            centre: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * LinksResult
-         * @description What bends beside the joints.
+         * @description Compliances of the elements that deflect besides the joints.
          */
         LinksResult: {
             /**
@@ -2663,12 +3357,12 @@ export interface components {
             coupled_joints: number[][] | null;
             /**
              * Links
-             * @description Of the links that may bend.
+             * @description Compliances of the elastic links.
              */
             links: components["schemas"]["LinkCompliance"][];
             /**
              * Elements
-             * @description What each joint and link explains.
+             * @description Contribution of each joint and link.
              */
             elements: components["schemas"]["ElementShare"][];
             /**
@@ -2678,15 +3372,76 @@ export interface components {
             unexplained: number;
             /**
              * Effective Freedom
-             * @description How many numbers of the whole model the readings determine.
+             * @description Effective number of parameters of the whole model that the readings determine.
              */
             effective_freedom: number;
             /**
              * Parameters
-             * @description How many numbers the whole model has.
+             * @description Number of parameters of the whole model.
              */
             parameters: number;
             certificate: components["schemas"]["LinkCertificate"];
+        };
+        /**
+         * LoadCase
+         * @description One posture under one load.
+         */
+        LoadCase: {
+            /**
+             * Label
+             * @description Of the case; its number if absent.
+             */
+            label?: string | null;
+            /**
+             * Joints
+             * @description Angles without the load, as the controller shows them, in units.angle.
+             */
+            joints: number[];
+            /**
+             * Force
+             * @description Force on the robot, axes of R0, in units.force.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the robot about the load point, axes of R0, in units.moment.
+             */
+            moment?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; that of all if absent.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Place
+             * @description Whose deflection is asked for, flange frame, in units.length; the load point if absent.
+             */
+            place?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Direction
+             * @description Along which stiffness is asked for, axes of R0; along the force if absent.
+             */
+            direction?: [
+                number,
+                number,
+                number
+            ] | null;
         };
         /**
          * MeasurementSet
@@ -2701,13 +3456,13 @@ export interface components {
             units: components["schemas"]["Units-Output"];
             /**
              * Encoders
-             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
+             * @description Encoders that close the position loop: those of the motors, or secondary encoders behind the gearboxes.
              * @enum {string}
              */
             encoders: "motor" | "secondary";
-            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
+            /** @description Noise of the readings; if absent, and no reading states its own, sigma is estimated from the residuals. */
             noise: components["schemas"]["Noise-Output"] | null;
-            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            /** @description Frame of positions, deflections, covariances and the tracker's station, if it is a tracker's; default: R0. */
             frame: components["schemas"]["Frame-Output"] | null;
             /**
              * Flange Targets
@@ -2722,7 +3477,7 @@ export interface components {
             };
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
+             * @description Load point in the flange frame, in units.length; an observation may have its own.
              */
             load_point: [
                 number,
@@ -2736,12 +3491,12 @@ export interface components {
             observations: components["schemas"]["Observation-Output"][];
             /**
              * Robot Id
-             * @description The robot that was measured.
+             * @description Id of the robot that was measured.
              */
             robot_id: string;
             /** Id */
             id: string;
-            /** @description What `frame` stands for. */
+            /** @description Meaning of `frame`. */
             resolved_frame: components["schemas"]["ResolvedFrame"] | null;
             /** Warnings */
             warnings: components["schemas"]["QualityWarning"][];
@@ -2770,13 +3525,13 @@ export interface components {
             units: components["schemas"]["Units-Output"];
             /**
              * Encoders
-             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
+             * @description Encoders that close the position loop: those of the motors, or secondary encoders behind the gearboxes.
              * @enum {string}
              */
             encoders: "motor" | "secondary";
-            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
+            /** @description Noise of the readings; if absent, and no reading states its own, sigma is estimated from the residuals. */
             noise: components["schemas"]["Noise-Output"] | null;
-            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            /** @description Frame of positions, deflections, covariances and the tracker's station, if it is a tracker's; default: R0. */
             frame: components["schemas"]["Frame-Output"] | null;
             /**
              * Flange Targets
@@ -2791,7 +3546,7 @@ export interface components {
             };
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
+             * @description Load point in the flange frame, in units.length; an observation may have its own.
              */
             load_point: [
                 number,
@@ -2817,13 +3572,13 @@ export interface components {
             units: components["schemas"]["Units-Input"];
             /**
              * Encoders
-             * @description Which encoders close the position loop: those of the motors, or secondary encoders behind the gearboxes.
+             * @description Encoders that close the position loop: those of the motors, or secondary encoders behind the gearboxes.
              * @enum {string}
              */
             encoders: "motor" | "secondary";
-            /** @description If absent, and no reading states its own, sigma is estimated from the residuals. */
+            /** @description Noise of the readings; if absent, and no reading states its own, sigma is estimated from the residuals. */
             noise?: components["schemas"]["Noise-Input"] | null;
-            /** @description Where positions and deflections, and covariances and the tracker's station, are in a tracker's frame; R0 if absent. */
+            /** @description Frame of positions, deflections, covariances and the tracker's station, if it is a tracker's; default: R0. */
             frame?: components["schemas"]["Frame-Input"] | null;
             /**
              * Flange Targets
@@ -2838,7 +3593,7 @@ export interface components {
             };
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in units.length; an observation may give its own.
+             * @description Load point in the flange frame, in units.length; an observation may have its own.
              */
             load_point?: [
                 number,
@@ -2852,7 +3607,7 @@ export interface components {
             observations: components["schemas"]["Observation-Input"][];
             /**
              * Robot Id
-             * @description The robot that was measured.
+             * @description Id of the robot that was measured.
              */
             robot_id: string;
         };
@@ -2884,6 +3639,78 @@ export interface components {
             created_at: string;
         };
         /**
+         * ModelError
+         * @description Residuals in postures left out in turn, which calibrate the bound of the model error.
+         */
+        ModelError: {
+            /**
+             * Postures
+             * @description Number of postures that were left out in turn.
+             */
+            postures: number;
+            /**
+             * Steps
+             * @description By ascending score, neighbours merged beyond about 500.
+             */
+            steps: components["schemas"]["ScoreStep"][];
+            /**
+             * Force
+             * @description Unit of a load's size, the greatest load's being 1; zero if none.
+             */
+            force: number;
+            /**
+             * Moment
+             * @description Likewise; zero where no moment was measured.
+             */
+            moment: number;
+            /**
+             * Least Load
+             * @description Least size of a load. Dimensionless.
+             */
+            least_load: number;
+            /**
+             * Leverage
+             * @description Greatest standard uncertainty of a target's prediction over the size of its load.
+             */
+            leverage: number;
+        };
+        /**
+         * ModelErrorInterval
+         * @description Intervals that are to hold the model error too, calibrated on postures left out of the fit.
+         */
+        ModelErrorInterval: {
+            /** Displacement */
+            displacement: [
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Radius
+             * @description Of the ball about the displacement that is to hold the truth at the confidence: empirical, from postures left out in turn, without a guarantee.
+             */
+            radius: number;
+            /**
+             * Load Ratio
+             * @description Size of the load over the campaign's greatest; above 1 it is extrapolated.
+             */
+            load_ratio: number;
+            /**
+             * Leverage Ratio
+             * @description Standard uncertainty per load over that of the campaign's worst target; above 1 the posture or place is extrapolated.
+             */
+            leverage_ratio: number;
+        };
+        /**
          * ModelSelection
          * @description The models side by side, from simple to rich.
          */
@@ -2892,13 +3719,13 @@ export interface components {
             models: components["schemas"]["ScoredModel"][];
             /**
              * Best
-             * @description Of the greatest held-out compensation.
+             * @description Model with the largest held-out compensation.
              * @enum {string}
              */
             best: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Simplest
-             * @description The simplest within one standard error of the best: what the readings call for.
+             * @description Simplest model within one standard error of the best: the recommended one.
              * @enum {string}
              */
             simplest: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
@@ -2910,27 +3737,27 @@ export interface components {
         NearlyParallel: {
             /**
              * Joint
-             * @description Of the first.
+             * @description Joint of the first axis.
              */
             joint: string;
             /** Angle */
             angle: number;
             /**
              * Made Parallel
-             * @description Whether the table takes them as parallel.
+             * @description True if the table treats the axes as parallel.
              */
             made_parallel: boolean;
         };
         /**
          * Noise
-         * @description What one reading of the tracker, and of a secondary encoder, is worth.
+         * @description Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
          *
          *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
         "Noise-Input": {
             /**
              * Sigma
-             * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. A deflection, being a difference of two, has √2 times that.
+             * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. That of a deflection, a difference of two, is √2 times larger.
              * @example 0.00002
              */
             sigma?: number | null;
@@ -2940,19 +3767,21 @@ export interface components {
              * @example 0.000005
              */
             encoder_sigma?: number | null;
-            /** @description What the tracker's sheet says, in place of `sigma`. */
+            /** @description Uncertainty from the tracker's data sheet, instead of `sigma`. */
             instrument?: components["schemas"]["Instrument"] | null;
+            /** @description Uncertainty of the load; if absent, forces and moments count as exact. */
+            force?: components["schemas"]["ForceUncertainty-Input"] | null;
         };
         /**
-         * Noise
-         * @description What one reading of the tracker, and of a secondary encoder, is worth.
+         * NoiseOutput
+         * @description Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
          *
          *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
         "Noise-Output": {
             /**
              * Sigma
-             * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. A deflection, being a difference of two, has √2 times that.
+             * @description Standard uncertainty of one coordinate of one position reading, in the set's unit of length. That of a deflection, a difference of two, is √2 times larger.
              * @example 0.00002
              */
             sigma: number | null;
@@ -2962,8 +3791,10 @@ export interface components {
              * @example 0.000005
              */
             encoder_sigma: number | null;
-            /** @description What the tracker's sheet says, in place of `sigma`. */
+            /** @description Uncertainty from the tracker's data sheet, instead of `sigma`. */
             instrument: components["schemas"]["Instrument"] | null;
+            /** @description Uncertainty of the load; if absent, forces and moments count as exact. */
+            force: components["schemas"]["ForceUncertainty-Output"] | null;
         };
         /**
          * ObservabilityIndices
@@ -3008,13 +3839,13 @@ export interface components {
         "Observation-Input": {
             /**
              * Label
-             * @description Unique in the set.
+             * @description Label, unique in the set.
              * @example c01
              */
             label: string;
             /**
              * Joints
-             * @description Angles as the controller shows them, in units.angle.
+             * @description Joint angles as displayed by the controller, in units.angle.
              */
             joints: number[];
             /**
@@ -3037,7 +3868,7 @@ export interface components {
             ] | null;
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in units.length; the set's if absent.
+             * @description Load point in the flange frame, in units.length; default: that of the set.
              */
             load_point?: [
                 number,
@@ -3046,29 +3877,29 @@ export interface components {
             ] | null;
             /**
              * Readings
-             * @description What was read of each target, at most once a target.
+             * @description Readings of the targets, at most one per target.
              */
             readings: components["schemas"]["Reading-Input"][];
             /**
              * Encoder Readings
-             * @description What secondary encoders read, at most once a joint. Not where they close the loop, as they show no deflection then.
+             * @description Readings of secondary encoders, at most one per joint. Not if they close the loop: then they show no deflection.
              */
             encoder_readings?: components["schemas"]["EncoderReading"][] | null;
         };
         /**
-         * Observation
+         * ObservationOutput
          * @description One configuration under one load.
          */
         "Observation-Output": {
             /**
              * Label
-             * @description Unique in the set.
+             * @description Label, unique in the set.
              * @example c01
              */
             label: string;
             /**
              * Joints
-             * @description Angles as the controller shows them, in units.angle.
+             * @description Joint angles as displayed by the controller, in units.angle.
              */
             joints: number[];
             /**
@@ -3091,7 +3922,7 @@ export interface components {
             ] | null;
             /**
              * Load Point
-             * @description Where the force acts, flange frame, in units.length; the set's if absent.
+             * @description Load point in the flange frame, in units.length; default: that of the set.
              */
             load_point: [
                 number,
@@ -3100,12 +3931,12 @@ export interface components {
             ] | null;
             /**
              * Readings
-             * @description What was read of each target, at most once a target.
+             * @description Readings of the targets, at most one per target.
              */
             readings: components["schemas"]["Reading-Output"][];
             /**
              * Encoder Readings
-             * @description What secondary encoders read, at most once a joint. Not where they close the loop, as they show no deflection then.
+             * @description Readings of secondary encoders, at most one per joint. Not if they close the loop: then they show no deflection.
              */
             encoder_readings: components["schemas"]["EncoderReading"][] | null;
         };
@@ -3120,12 +3951,12 @@ export interface components {
             compliance_at_most: number;
             /**
              * Stiffness At Least
-             * @description Stiffer than this; null where the compliance may be negative.
+             * @description Lower end; null if the compliance may be negative.
              */
             stiffness_at_least: number | null;
             /**
              * Stiffness At Most
-             * @description Null: no upper limit, the readings cannot tell the joint from rigid.
+             * @description Upper end; null: no upper limit, the readings cannot distinguish the joint from rigid.
              */
             stiffness_at_most: number | null;
         };
@@ -3140,7 +3971,7 @@ export interface components {
             compliance_first: number | null;
             /**
              * Compliance Second
-             * @description Never above `compliance_first`.
+             * @description Compliance on the second side, never larger than `compliance_first`.
              */
             compliance_second: number | null;
             /**
@@ -3165,7 +3996,7 @@ export interface components {
             ] | null;
             /**
              * Equal
-             * @description Whether the order holds both together: alone they would cross.
+             * @description True if the order makes both equal: separate fits would violate it.
              */
             equal: boolean;
         };
@@ -3178,10 +4009,10 @@ export interface components {
             joints: components["schemas"]["OrderedJoint"][];
             /**
              * Chi Square Increase
-             * @description Of both sides' residuals over their least without the order. Far above the number of joints held equal, the readings contradict the order. Dimensionless.
+             * @description Increase of both sides' χ² due to the order. If far larger than the number of joints held equal, the readings contradict the order. Dimensionless.
              */
             chi_square_increase: number;
-            /** @description The greatest violations of the stages. */
+            /** @description Largest violations over the stages. */
             certificate: components["schemas"]["Certificate"];
         };
         /** Page[ComparisonSummary] */
@@ -3236,6 +4067,19 @@ export interface components {
              */
             next: string | null;
         };
+        /** Page[PlanSummary] */
+        Page_PlanSummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["PlanSummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
         /** Page[RobotSummary] */
         Page_RobotSummary_: {
             /**
@@ -3271,26 +4115,26 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Null for a job that is carried out at once. */
+            /** @description Progress; null for a job that is computed immediately. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["PairRequest-Output"];
-            /** @description Present if the comparison succeeded. */
+            /** @description Result; present if the comparison has succeeded. */
             result: components["schemas"]["PairResult"] | null;
-            /** @description Present if the job failed. */
+            /** @description Present if the job has failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
             /**
              * First Set Id
-             * @description The set of the first side.
+             * @description Measurement set of the first side.
              */
             first_set_id: string;
             /**
              * Second Set Id
-             * @description The set of the second side.
+             * @description Measurement set of the second side.
              */
             second_set_id: string;
         };
@@ -3299,45 +4143,45 @@ export interface components {
          * @description A pair as it is posted.
          */
         "PairRequest-Input": {
-            /** @description How to identify the sides that are sets. Without priors, which would speak on both sides, and without resampling. */
+            /** @description Options of the identification of sides given as sets, without priors (they would enter both sides) and resampling. */
             options?: components["schemas"]["RunOptions-Input"];
             /**
              * Ordered
-             * @description Also identify both in one problem in which no joint is softer on the second side, as where secondary encoders are switched on.
+             * @description Also identify both sides in one problem in which no joint is softer on the second side, as with secondary encoders switched on.
              * @default false
              */
             ordered?: boolean;
             /**
              * Confidence
-             * @description Level of the intervals; that of the options if absent.
+             * @description Confidence level of the intervals; default: that of the options.
              */
             confidence?: number | null;
-            /** @description Such as with the motors' encoders in the loop, or before. */
+            /** @description First side, such as the position loop on the motors' encoders, or before a change. */
             first: components["schemas"]["PairSide-Input"];
-            /** @description Such as with secondary encoders in the loop, or after. */
+            /** @description Second side, such as the position loop on secondary encoders, or after a change. */
             second: components["schemas"]["PairSide-Input"];
         };
         /**
-         * PairRequest
+         * PairRequestOutput
          * @description A pair as it is posted.
          */
         "PairRequest-Output": {
-            /** @description How to identify the sides that are sets. Without priors, which would speak on both sides, and without resampling. */
+            /** @description Options of the identification of sides given as sets, without priors (they would enter both sides) and resampling. */
             options: components["schemas"]["RunOptions-Output"];
             /**
              * Ordered
-             * @description Also identify both in one problem in which no joint is softer on the second side, as where secondary encoders are switched on.
+             * @description Also identify both sides in one problem in which no joint is softer on the second side, as with secondary encoders switched on.
              * @default false
              */
             ordered: boolean;
             /**
              * Confidence
-             * @description Level of the intervals; that of the options if absent.
+             * @description Confidence level of the intervals; default: that of the options.
              */
             confidence: number | null;
-            /** @description Such as with the motors' encoders in the loop, or before. */
+            /** @description First side, such as the position loop on the motors' encoders, or before a change. */
             first: components["schemas"]["PairSide-Output"];
-            /** @description Such as with secondary encoders in the loop, or after. */
+            /** @description Second side, such as the position loop on secondary encoders, or after a change. */
             second: components["schemas"]["PairSide-Output"];
         };
         /**
@@ -3345,14 +4189,26 @@ export interface components {
          * @description The numbers.
          */
         PairResult: {
+            /** @description The worse verdict of the two sides, with the reasons of both. */
+            assessment: components["schemas"]["Assessment"];
+            /**
+             * Compensation First
+             * @description Share of the mean deflection of the first side that its model predicts; null where nothing moved.
+             */
+            compensation_first: number | null;
+            /**
+             * Compensation Second
+             * @description The same of the second side.
+             */
+            compensation_second: number | null;
             /** Joints */
             joints: components["schemas"]["PairedJoint"][];
             avoided: components["schemas"]["AvoidedDeflection"];
-            /** @description If it was asked for. */
+            /** @description Both sides in one problem, if requested. */
             ordered: components["schemas"]["OrderedResult"] | null;
             /**
              * Warnings
-             * @description Of both sides, then of the pair; `where` begins with the side.
+             * @description Warnings of both sides, then of the pair; `where` begins with the side.
              */
             warnings: components["schemas"]["QualityWarning"][];
         };
@@ -3363,28 +4219,28 @@ export interface components {
         "PairSide-Input": {
             /**
              * Measurement Set Id
-             * @description A set, identified as the pair's `options` say.
+             * @description Id of a measurement set, identified with the pair's `options`.
              */
             measurement_set_id?: string | null;
             /**
              * Run Id
-             * @description A run: its set, identified as that run says but for its resampling.
+             * @description Id of a run: its set, identified with that run's options, but without resampling.
              */
             run_id?: string | null;
         };
         /**
-         * PairSide
+         * PairSideOutput
          * @description One side of a pair: a measurement set, or a run.
          */
         "PairSide-Output": {
             /**
              * Measurement Set Id
-             * @description A set, identified as the pair's `options` say.
+             * @description Id of a measurement set, identified with the pair's `options`.
              */
             measurement_set_id: string | null;
             /**
              * Run Id
-             * @description A run: its set, identified as that run says but for its resampling.
+             * @description Id of a run: its set, identified with that run's options, but without resampling.
              */
             run_id: string | null;
         };
@@ -3393,6 +4249,31 @@ export interface components {
          * @description A pair in a listing.
          */
         PairSummary: {
+            /**
+             * Verdict
+             * @description Of the result's assessment; the worst where it has several fits.
+             */
+            verdict: ("use" | "use_with_care" | "do_not_use") | null;
+            /**
+             * Compensation
+             * @description Share of the mean deflection that the model predicts: of a comparison the greatest, of a pair that of the side with less.
+             */
+            compensation: number | null;
+            /**
+             * Joints Identified
+             * @description Joints of status `identified`: of a comparison in the fit with most, of a pair those on both sides; null for geometries.
+             */
+            joints_identified: number | null;
+            /**
+             * Joint Count
+             * @description All joints; null for geometries.
+             */
+            joint_count: number | null;
+            /**
+             * Warning Count
+             * @description Warnings of the result; for geometries findings that are no notes.
+             */
+            warning_count: number | null;
             /** Id */
             id: string;
             /** First Set Id */
@@ -3401,7 +4282,7 @@ export interface components {
             second_set_id: string;
             /**
              * Robot Id
-             * @description The first side's.
+             * @description Robot of the first side.
              */
             robot_id: string;
             /**
@@ -3423,18 +4304,18 @@ export interface components {
         PairedJoint: {
             /** Name */
             name: string;
-            /** @description From the first side alone. */
+            /** @description Compliance identified from the first side alone. */
             first: components["schemas"]["JointResult"];
-            /** @description From the second side alone. */
+            /** @description Compliance identified from the second side alone. */
             second: components["schemas"]["JointResult"];
             /**
              * Ratio
-             * @description Stiffness on the second side over that on the first, of the estimates without constraints; null where one of them is not positive. Dimensionless.
+             * @description Ratio of the stiffnesses, second side to first, of the estimates without constraints; null if one is not positive. Dimensionless.
              */
             ratio: number | null;
             /**
              * Ratio Interval
-             * @description Fieller's interval of that ratio, cut at zero where compliances are positive. An end of null means: no limit. Null where nothing can be said. Dimensionless.
+             * @description Fieller's interval of the ratio, cut at zero where compliances are positive. Null as an end: no limit. Null: unknown. Dimensionless.
              */
             ratio_interval: [
                 number | null,
@@ -3442,7 +4323,7 @@ export interface components {
             ] | null;
             /**
              * Ratio Excluded
-             * @description Where the readings exclude only ratios between two values, these. Dimensionless.
+             * @description Excluded ratios, where the readings exclude only those between two values. Dimensionless.
              */
             ratio_excluded: [
                 number,
@@ -3450,40 +4331,503 @@ export interface components {
             ] | null;
             /**
              * P Value
-             * @description Of the hypothesis that the compliance has not changed (two-sided). Small: it has.
+             * @description p-value of the hypothesis that the compliance has not changed (two-sided). Small: it has changed.
              */
             p_value: number | null;
             /**
              * Reason
-             * @description Why there is no ratio.
+             * @description Reason why there is no ratio.
              */
             reason: string | null;
         };
         /**
+         * Plan
+         * @description A stored plan. It never changes.
+         */
+        Plan: {
+            /** Id */
+            id: string;
+            /**
+             * State
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description Progress; null for a job that is computed immediately. */
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["PlanRequest-Output"];
+            /** @description Present if the planning succeeded. */
+            result: components["schemas"]["PlanResult"] | null;
+            /** @description Present if the job has failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * PlanRequest
+         * @description A plan as it is posted: for a robot, or for a campaign to go on with.
+         */
+        "PlanRequest-Input": {
+            /**
+             * Readings
+             * @description How many, those for validation included.
+             * @default 20
+             */
+            readings?: number;
+            /**
+             * Criterion
+             * @description `work_area`: least mean variance of predicted deflections there, the default where a work area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; `worst_place`: greatest variance in the work area.
+             */
+            criterion?: ("relative_a" | "work_area" | "d" | "e" | "worst_place") | null;
+            /**
+             * Work Area
+             * @description Box, in R0, in which predictions matter.
+             */
+            work_area?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Load
+             * @description Loads that can be applied; with a campaign, its strongest force if absent.
+             */
+            load?: (components["schemas"]["DeadWeight-Input"] | components["schemas"]["AnyDirection"] | components["schemas"]["Cable"]) | null;
+            /**
+             * Targets
+             * @description In the flange frame; those of the campaign if empty.
+             */
+            targets?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description In the flange frame; that of the campaign, or the origin, if absent.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of one reading; that of the campaign, or 20 µm, if absent.
+             */
+            sigma?: number | null;
+            /** @description In place of `sigma`. */
+            tracker?: components["schemas"]["PlannedTracker"] | null;
+            /**
+             * Torque Limits
+             * @description Greatest torque of the load about a joint [N.m].
+             */
+            torque_limits?: {
+                [key: string]: number;
+            };
+            /**
+             * Stiffness
+             * @description Guess of joints' stiffness, to which relative uncertainties refer; those of the campaign, or such that joints move the targets alike, if absent.
+             */
+            stiffness?: {
+                [key: string]: number;
+            };
+            /**
+             * Joints
+             * @description Joints to be determined; all if empty.
+             */
+            joints?: string[];
+            /**
+             * Candidates
+             * @description Postures drawn within the joints' limits, in whole degrees.
+             * @default 5000
+             */
+            candidates?: number;
+            /**
+             * Postures
+             * @description Postures to choose from instead, controller's angles.
+             */
+            postures?: number[][];
+            surroundings?: components["schemas"]["Surroundings-Input"];
+            /**
+             * Distinct Angle
+             * @description Two postures differ by at least this in the angle of a joint; 0 lets them be repeated.
+             * @default 0.17453292519943295
+             */
+            distinct_angle?: number;
+            /**
+             * Validation
+             * @description Share of the readings that are held out from the fit.
+             * @default 0.2
+             */
+            validation?: number;
+            /**
+             * Elastic Links
+             * @description Whether elastic links are a nuisance; if absent, where the campaign shows lack of fit.
+             */
+            elastic_links?: boolean | null;
+            /**
+             * Seed
+             * @default 0
+             */
+            seed?: number;
+            /**
+             * Robot Id
+             * @description To begin a campaign.
+             */
+            robot_id?: string | null;
+            /**
+             * Measurement Set Id
+             * @description To go on with a campaign.
+             */
+            measurement_set_id?: string | null;
+        };
+        /**
+         * PlanRequestOutput
+         * @description A plan as it is posted: for a robot, or for a campaign to go on with.
+         */
+        "PlanRequest-Output": {
+            /**
+             * Readings
+             * @description How many, those for validation included.
+             * @default 20
+             */
+            readings: number;
+            /**
+             * Criterion
+             * @description `work_area`: least mean variance of predicted deflections there, the default where a work area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; `worst_place`: greatest variance in the work area.
+             */
+            criterion: ("relative_a" | "work_area" | "d" | "e" | "worst_place") | null;
+            /**
+             * Work Area
+             * @description Box, in R0, in which predictions matter.
+             */
+            work_area: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Load
+             * @description Loads that can be applied; with a campaign, its strongest force if absent.
+             */
+            load: (components["schemas"]["DeadWeight-Output"] | components["schemas"]["AnyDirection"] | components["schemas"]["Cable"]) | null;
+            /**
+             * Targets
+             * @description In the flange frame; those of the campaign if empty.
+             */
+            targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description In the flange frame; that of the campaign, or the origin, if absent.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Sigma
+             * @description Standard uncertainty of one coordinate of one reading; that of the campaign, or 20 µm, if absent.
+             */
+            sigma: number | null;
+            /** @description In place of `sigma`. */
+            tracker: components["schemas"]["PlannedTracker"] | null;
+            /**
+             * Torque Limits
+             * @description Greatest torque of the load about a joint [N.m].
+             */
+            torque_limits: {
+                [key: string]: number;
+            };
+            /**
+             * Stiffness
+             * @description Guess of joints' stiffness, to which relative uncertainties refer; those of the campaign, or such that joints move the targets alike, if absent.
+             */
+            stiffness: {
+                [key: string]: number;
+            };
+            /**
+             * Joints
+             * @description Joints to be determined; all if empty.
+             */
+            joints: string[];
+            /**
+             * Candidates
+             * @description Postures drawn within the joints' limits, in whole degrees.
+             * @default 5000
+             */
+            candidates: number;
+            /**
+             * Postures
+             * @description Postures to choose from instead, controller's angles.
+             */
+            postures: number[][];
+            surroundings: components["schemas"]["Surroundings-Output"];
+            /**
+             * Distinct Angle
+             * @description Two postures differ by at least this in the angle of a joint; 0 lets them be repeated.
+             * @default 0.17453292519943295
+             */
+            distinct_angle: number;
+            /**
+             * Validation
+             * @description Share of the readings that are held out from the fit.
+             * @default 0.2
+             */
+            validation: number;
+            /**
+             * Elastic Links
+             * @description Whether elastic links are a nuisance; if absent, where the campaign shows lack of fit.
+             */
+            elastic_links: boolean | null;
+            /**
+             * Seed
+             * @default 0
+             */
+            seed: number;
+            /**
+             * Robot Id
+             * @description To begin a campaign.
+             */
+            robot_id: string | null;
+            /**
+             * Measurement Set Id
+             * @description To go on with a campaign.
+             */
+            measurement_set_id: string | null;
+        };
+        /**
+         * PlanResult
+         * @description The list, and what it promises.
+         */
+        PlanResult: {
+            /**
+             * Readings
+             * @description In the order of little travel and few load changes.
+             */
+            readings: components["schemas"]["PlannedReading"][];
+            /** Joints */
+            joints: components["schemas"]["PlannedJoint"][];
+            /**
+             * Criterion
+             * @enum {string}
+             */
+            criterion: "relative_a" | "work_area" | "d" | "e" | "worst_place";
+            /**
+             * Elastic Links
+             * @description Whether elastic links were a nuisance.
+             */
+            elastic_links: boolean;
+            /**
+             * Efficiency
+             * @description Certified: the list has at least this share of the information of the best list of as many readings from these candidates, in all directions of force where they are free.
+             */
+            efficiency: number;
+            /**
+             * Efficiencies
+             * @description The same by other criteria.
+             */
+            efficiencies: {
+                [key: string]: number;
+            };
+            /**
+             * Weights Gap
+             * @description 1 − certified efficiency of the optimal weights.
+             */
+            weights_gap: number;
+            /**
+             * Random Efficiency
+             * @description Of random plans, relative to this one.
+             */
+            random_efficiency: number;
+            /**
+             * One At A Time Efficiency
+             * @description The same of the best next reading each time.
+             */
+            one_at_a_time_efficiency: number;
+            /**
+             * Deflection Uncertainty
+             * @description Standard uncertainty of a predicted deflection in the work area under this load, over all directions: root mean square.
+             */
+            deflection_uncertainty: number | null;
+            /**
+             * Worst Deflection Uncertainty
+             * @description The same at the worst place.
+             */
+            worst_deflection_uncertainty: number | null;
+            /**
+             * Considered
+             * @description Readings that were considered.
+             */
+            considered: number;
+            /**
+             * Feasible
+             * @description Those that were left to choose from.
+             */
+            feasible: number;
+            /**
+             * Struck Out
+             * @description Readings that cannot be taken, by the reason.
+             */
+            struck_out: {
+                [key: string]: number;
+            };
+        };
+        /**
+         * PlanSummary
+         * @description A plan in a listing.
+         */
+        PlanSummary: {
+            /** Id */
+            id: string;
+            /** Robot Id */
+            robot_id: string;
+            /** Measurement Set Id */
+            measurement_set_id: string | null;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
+        };
+        /**
+         * PlannedJoint
+         * @description Standard uncertainty of one joint's compliance.
+         */
+        PlannedJoint: {
+            /** Name */
+            name: string;
+            /**
+             * Standard Uncertainty
+             * @description After the plan.
+             */
+            standard_uncertainty: number;
+            /**
+             * Relative
+             * @description Relative to the compliance; null where nobody knows that.
+             */
+            relative: number | null;
+            /**
+             * Before
+             * @description Now; null where it is not determined.
+             */
+            before: number | null;
+            /**
+             * Random
+             * @description By random plans of as many readings.
+             */
+            random: number | null;
+            /**
+             * One At A Time
+             * @description By taking the best next reading each time.
+             */
+            one_at_a_time: number | null;
+        };
+        /**
+         * PlannedReading
+         * @description One posture with its load.
+         */
+        PlannedReading: {
+            /**
+             * Label
+             * @description v… of those held out.
+             */
+            label: string;
+            /**
+             * Joints
+             * @description Angles as the controller shows them.
+             */
+            joints: number[];
+            /**
+             * Force
+             * @description On the robot, axes of R0.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Anchor
+             * @description Of the cable, counted from 0.
+             */
+            anchor: number | null;
+            /**
+             * Validation
+             * @description Whether it is held out from the fit, to judge the model.
+             */
+            validation: boolean;
+        };
+        /**
+         * PlannedTracker
+         * @description A laser tracker at its station, with standard uncertainties along and across its line of sight [m].
+         */
+        PlannedTracker: {
+            /**
+             * Station
+             * @description In R0.
+             */
+            station: [
+                number,
+                number,
+                number
+            ];
+            range: components["schemas"]["Uncertainty"];
+            transverse: components["schemas"]["Uncertainty"];
+        };
+        /**
          * PoseEvidence
-         * @description What the poses determine.
+         * @description Unknowns that the poses determine.
          */
         PoseEvidence: {
             /** Positions */
             positions: number;
             /**
              * Unknowns
-             * @description Four of each axis and three of each target.
+             * @description Number of unknowns: four per axis and three per target.
              */
             unknowns: number;
             /**
              * Determined
-             * @description Independent combinations of them that the poses determine.
+             * @description Number of independent combinations that the poses determine.
              */
             determined: number;
             /**
              * Only Together
-             * @description The unknowns of each combination that is not determined; they keep their nominal values.
+             * @description Unknowns of each combination that is not determined; they keep their nominal values.
              */
             only_together: string[][];
             /**
              * Rms Residual
-             * @description Of a coordinate.
+             * @description Root mean square residual of a coordinate.
              */
             rms_residual: number;
         };
@@ -3540,7 +4884,7 @@ export interface components {
         };
         /**
          * PrincipalCompliance
-         * @description Of the compliance to forces or to moments, in the axes of the joint's frame.
+         * @description Principal compliance to forces or to moments, in the axes of the joint's frame.
          */
         PrincipalCompliance: {
             /**
@@ -3560,7 +4904,7 @@ export interface components {
         };
         /**
          * Problem
-         * @description What went wrong, where, and how to mend it.
+         * @description Problem details: the fault, its place and its remedy.
          */
         Problem: {
             /**
@@ -3571,7 +4915,7 @@ export interface components {
             type: string;
             /**
              * Title
-             * @description The kind of problem in words.
+             * @description Title of the kind of problem.
              */
             title: string;
             /**
@@ -3581,7 +4925,7 @@ export interface components {
             status: number;
             /**
              * Detail
-             * @description This problem in a sentence.
+             * @description Description of this problem in one sentence.
              */
             detail: string;
             /**
@@ -3591,12 +4935,12 @@ export interface components {
             where: string | null;
             /**
              * Remedy
-             * @description How to mend it.
+             * @description Recommended correction.
              */
             remedy: string | null;
             /**
              * Errors
-             * @description The faults found, the first twenty.
+             * @description First twenty faults.
              */
             errors: components["schemas"]["ProblemItem"][];
         };
@@ -3613,12 +4957,12 @@ export interface components {
             where: string;
             /**
              * Reason
-             * @description What is wrong with it.
+             * @description Description of the fault.
              */
             reason: string;
             /**
              * Remedy
-             * @description How to mend it.
+             * @description Recommended correction.
              */
             remedy: string | null;
         };
@@ -3639,19 +4983,19 @@ export interface components {
             unit: string;
             /**
              * Activity
-             * @description What the job is doing.
+             * @description Current step of the job.
              * @example resampling
              */
             activity: string;
         };
         /**
          * Provenance
-         * @description What it takes to repeat a job and get the same numbers.
+         * @description Provenance: versions and input needed to reproduce the numbers of a job.
          */
         Provenance: {
             /**
              * Versions
-             * @description Versions of this software and of what it computes with.
+             * @description Versions of this software and of its numerical libraries.
              */
             versions: {
                 [key: string]: string;
@@ -3679,30 +5023,35 @@ export interface components {
         QualityWarning: {
             /**
              * Code
-             * @description Kind of the suspicion.
+             * @description Kind of the finding.
              * @enum {string}
              */
-            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "base_drifted" | "base_target_moved" | "stiffness_implausible" | "complementary_stiffness_matters";
+            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "base_drifted" | "base_target_moved" | "link_penalty_at_end" | "link_penalty_raised" | "stiffness_implausible" | "complementary_stiffness_matters";
             /**
              * Severity
-             * @description `error`: almost certainly a mistake, mend it before trusting any number; `warning`: look into it; `note`: good to know. Nothing is refused or changed for any of them.
+             * @description `error`: almost certainly a mistake, correct it before using any number; `warning`: check it; `note`: for information. The data are never refused or changed because of a finding.
              * @default warning
              * @enum {string}
              */
             severity: "error" | "warning" | "note";
             /**
              * Where
-             * @description Which observation or reading; null for the whole set.
+             * @description Observation or reading; null for the whole set.
              */
             where: string | null;
             /**
+             * Observation
+             * @description Label of the observation; null where it is about no single one.
+             */
+            observation: string | null;
+            /**
              * Message
-             * @description What was seen, with its figure and unit.
+             * @description Observed effect, with value and unit.
              */
             message: string;
             /**
              * Remedy
-             * @description What to check.
+             * @description Recommended checks.
              */
             remedy: string;
         };
@@ -3719,7 +5068,7 @@ export interface components {
             target: string;
             /**
              * Unloaded
-             * @description Position in R0 before the load, in units.length.
+             * @description Position in R0 without load, in units.length.
              */
             unloaded?: [
                 number,
@@ -3751,7 +5100,7 @@ export interface components {
             sigma?: number | null;
             /**
              * Unloaded Covariance
-             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both, too.
+             * @description Covariance of the unloaded position, axes of R0, in units.length squared, instead of `sigma`. A deflection, the difference of two positions, needs both covariances.
              */
             unloaded_covariance?: [
                 [
@@ -3772,7 +5121,7 @@ export interface components {
             ] | null;
             /**
              * Loaded Covariance
-             * @description The same under load.
+             * @description Covariance of the position under load.
              */
             loaded_covariance?: [
                 [
@@ -3793,7 +5142,7 @@ export interface components {
             ] | null;
         };
         /**
-         * Reading
+         * ReadingOutput
          * @description One target in one observation: two positions, or one deflection.
          */
         "Reading-Output": {
@@ -3805,7 +5154,7 @@ export interface components {
             target: string;
             /**
              * Unloaded
-             * @description Position in R0 before the load, in units.length.
+             * @description Position in R0 without load, in units.length.
              */
             unloaded: [
                 number,
@@ -3837,7 +5186,7 @@ export interface components {
             sigma: number | null;
             /**
              * Unloaded Covariance
-             * @description In place of `sigma`: covariance of the position before the load, axes of R0, in units.length squared. A deflection is a difference of two positions, and states both, too.
+             * @description Covariance of the unloaded position, axes of R0, in units.length squared, instead of `sigma`. A deflection, the difference of two positions, needs both covariances.
              */
             unloaded_covariance: [
                 [
@@ -3858,7 +5207,7 @@ export interface components {
             ] | null;
             /**
              * Loaded Covariance
-             * @description The same under load.
+             * @description Covariance of the position under load.
              */
             loaded_covariance: [
                 [
@@ -3877,6 +5226,76 @@ export interface components {
                     number
                 ]
             ] | null;
+        };
+        /**
+         * ReadingsInterval
+         * @description Intervals that hold the errors of the readings, and of the force where it is stated; no model error.
+         */
+        ReadingsInterval: {
+            /** Displacement */
+            displacement: [
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ]
+            ];
+            /** Rotation */
+            rotation: [
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number
+                ]
+            ];
+        };
+        /**
+         * Reason
+         * @description One reason not to use the numbers without further ado.
+         */
+        Reason: {
+            /**
+             * Code
+             * @enum {string}
+             */
+            code: "no_joint_identified" | "no_residual_freedom" | "few_postures" | "gross_error" | "suspicious_readings" | "length_unit_suspect" | "residuals_exceed_sigma" | "residuals_vanish" | "deflection_unexplained" | "alternative_explains_better" | "load_at_target" | "stiffness_implausible" | "prior_dominates" | "complementary_stiffness_matters" | "links_bend_with_joints";
+            /**
+             * Weight
+             * @description The best verdict that a result with this reason can have.
+             * @enum {string}
+             */
+            weight: "use_with_care" | "do_not_use";
+            /**
+             * Where
+             * @description Which observation, reading or joint; null for all of it. In a pair it begins with the side.
+             */
+            where: string | null;
+            /**
+             * Message
+             * @description What is wrong, with its figure and unit.
+             */
+            message: string;
+            /**
+             * Remedy
+             * @description What to do about it.
+             */
+            remedy: string;
+            /** @description What a program can do about it; null where only people can. */
+            action: components["schemas"]["Action"] | null;
         };
         /**
          * ResampledCompensation
@@ -3923,12 +5342,12 @@ export interface components {
             ] | null;
             /**
              * Stiffness Mean
-             * @description Of the finite stiffnesses; to be read beside `share_infinite`.
+             * @description Mean of the finite stiffnesses; see also `share_infinite`.
              */
             stiffness_mean: number | null;
             /**
              * Stiffness Deviation
-             * @description Standard deviation of one draw, of the same.
+             * @description Standard deviation of one draw, of the finite stiffnesses.
              */
             stiffness_deviation: number | null;
             /**
@@ -3943,73 +5362,73 @@ export interface components {
             share_infinite: number;
             /**
              * Share Undetermined
-             * @description Share of the draws that say nothing of the joint.
+             * @description Share of the draws in which the joint is not observable.
              */
             share_undetermined: number;
         };
         /**
          * Resampling
-         * @description What is drawn, how often, from which seed.
+         * @description Size, number and seed of the draws.
          */
         "Resampling-Input": {
             /**
              * Size
-             * @description Configurations in a draw, at most those of the set.
+             * @description Number of configurations per draw, at most those of the set.
              * @example 10
              */
             size: number;
             /**
              * Repetitions
-             * @description How many draws.
+             * @description Number of draws.
              * @default 1000
              */
             repetitions?: number;
             /**
              * Seed
-             * @description Of the draws: the same seed gives the same numbers, on any machines.
+             * @description Random seed: the same seed gives the same numbers on any machine.
              * @default 0
              */
             seed?: number;
             /**
              * Replacement
-             * @description Whether a configuration may come more than once in a draw (bootstrap).
+             * @description True if a configuration may be drawn more than once (bootstrap).
              * @default false
              */
             replacement?: boolean;
         };
         /**
-         * Resampling
-         * @description What is drawn, how often, from which seed.
+         * ResamplingOutput
+         * @description Size, number and seed of the draws.
          */
         "Resampling-Output": {
             /**
              * Size
-             * @description Configurations in a draw, at most those of the set.
+             * @description Number of configurations per draw, at most those of the set.
              * @example 10
              */
             size: number;
             /**
              * Repetitions
-             * @description How many draws.
+             * @description Number of draws.
              * @default 1000
              */
             repetitions: number;
             /**
              * Seed
-             * @description Of the draws: the same seed gives the same numbers, on any machines.
+             * @description Random seed: the same seed gives the same numbers on any machine.
              * @default 0
              */
             seed: number;
             /**
              * Replacement
-             * @description Whether a configuration may come more than once in a draw (bootstrap).
+             * @description True if a configuration may be drawn more than once (bootstrap).
              * @default false
              */
             replacement: boolean;
         };
         /**
          * ResamplingResult
-         * @description How far the choice of configurations decides. Joints without a verdict have no numbers here either.
+         * @description Dispersion due to the choice of configurations. Joints that are not observable have no numbers.
          */
         ResamplingResult: {
             /** Repetitions */
@@ -4056,12 +5475,12 @@ export interface components {
         };
         /**
          * ResolvedFrame
-         * @description What a frame meant when the set was stored; it holds though the geometry may be deleted.
+         * @description Frame as resolved when the set was stored; it remains valid if the geometry is deleted.
          */
         ResolvedFrame: {
             /**
              * Rotation
-             * @description Row by row, tracker to R0. Dimensionless.
+             * @description Rotation matrix row by row, tracker to R0.
              */
             rotation: [
                 [
@@ -4091,7 +5510,7 @@ export interface components {
             ];
             /**
              * Flange Targets
-             * @description The geometry's targets in the flange frame, used for deflections of targets that the set does not place; empty if it is of another flange frame.
+             * @description Targets of the geometry in the flange frame, used for deflections of targets that the set does not place; empty if it has another flange frame.
              */
             flange_targets: {
                 [key: string]: [
@@ -4108,7 +5527,7 @@ export interface components {
         Rigid: {
             /**
              * Rotation
-             * @description Row by row. Dimensionless.
+             * @description Rotation matrix, row by row. Dimensionless.
              */
             rotation: [
                 [
@@ -4141,13 +5560,13 @@ export interface components {
         Robot: {
             /**
              * Name
-             * @description What people call this robot.
+             * @description Name of the robot.
              * @example KR 240 cell 3
              */
             name: string;
             /** Model */
             model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Output"];
-            /** @description For coupled axes and flipped signs; the identity if absent. */
+            /** @description Joint map for coupled axes and flipped signs; default: identity. */
             joint_map: components["schemas"]["JointMap"] | null;
             /** Id */
             id: string;
@@ -4156,12 +5575,12 @@ export interface components {
             wrist: components["schemas"]["Wrist"];
             /**
              * Geometry Id
-             * @description The geometry that the model comes from, if it was posted so.
+             * @description Geometry of the model, if it was posted as one.
              */
             geometry_id: string | null;
             /**
              * Content Hash
-             * @description SHA-256 of the document as it was understood.
+             * @description SHA-256 of the parsed document.
              */
             content_hash: string;
             /**
@@ -4178,29 +5597,29 @@ export interface components {
         "RobotDocument-Input": {
             /**
              * Name
-             * @description What people call this robot.
+             * @description Name of the robot.
              * @example KR 240 cell 3
              */
             name: string;
             /** Model */
             model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"];
-            /** @description For coupled axes and flipped signs; the identity if absent. */
+            /** @description Joint map for coupled axes and flipped signs; default: identity. */
             joint_map?: components["schemas"]["JointMap"] | null;
         };
         /**
-         * RobotDocument
+         * RobotDocumentOutput
          * @description A robot as it is posted, or as it stands in a campaign file.
          */
         "RobotDocument-Output": {
             /**
              * Name
-             * @description What people call this robot.
+             * @description Name of the robot.
              * @example KR 240 cell 3
              */
             name: string;
             /** Model */
             model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Output"];
-            /** @description For coupled axes and flipped signs; the identity if absent. */
+            /** @description Joint map for coupled axes and flipped signs; default: identity. */
             joint_map: components["schemas"]["JointMap"] | null;
         };
         /**
@@ -4210,13 +5629,13 @@ export interface components {
         RobotRequest: {
             /**
              * Name
-             * @description What people call this robot.
+             * @description Name of the robot.
              * @example KR 240 cell 3
              */
             name: string;
             /** Model */
             model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"] | components["schemas"]["GeometryModel"];
-            /** @description For coupled axes and flipped signs; the identity if absent. A geometry has its own. */
+            /** @description Joint map for coupled axes and flipped signs; default: identity. A geometry has its own. */
             joint_map?: components["schemas"]["JointMap"] | null;
         };
         /**
@@ -4239,17 +5658,17 @@ export interface components {
         };
         /**
          * RobustLoss
-         * @description What the Huber loss made of the readings.
+         * @description Weights and suspicious readings of the Huber loss.
          */
         RobustLoss: {
             /**
              * Threshold
-             * @description In units of sigma. Dimensionless.
+             * @description Threshold in units of sigma. Dimensionless.
              */
             threshold: number;
             /**
              * Suspicious
-             * @description Worst first, at most 100.
+             * @description Suspicious readings, worst first, at most 100.
              */
             suspicious: components["schemas"]["SuspiciousReading"][];
             /** Suspicious Count */
@@ -4264,41 +5683,41 @@ export interface components {
             id: string;
             /**
              * State
-             * @description `queued` and `running` jobs have not ended: look again, or follow the address of the job, /events.
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
              * @enum {string}
              */
             state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-            /** @description Null for a job that is carried out at once. */
+            /** @description Progress; null for a job that is computed immediately. */
             progress: components["schemas"]["Progress"] | null;
             request: components["schemas"]["RunRequest-Output"];
-            /** @description Present if the run succeeded. */
+            /** @description Result; present if the run has succeeded. */
             result: components["schemas"]["RunResult"] | null;
-            /** @description Present if the job failed. */
+            /** @description Present if the job has failed. */
             error: components["schemas"]["Problem"] | null;
             provenance: components["schemas"]["Provenance"];
         };
         /**
          * RunOptions
-         * @description How to identify. Every field has a default that suits three targets and a tracker.
+         * @description Options of an identification. All defaults suit three targets and a tracker.
          */
         "RunOptions-Input": {
             /**
              * Method
-             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @description Method. `complete_pose`: six rows per configuration, from at least three targets. `partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
             method?: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @description Weighting. `covariance`: rows weighted by the uncertainty of the readings. `characteristic_length`: translations divided by a length (complete pose only). `uniform`: all rows equal in SI units.
              * @default covariance
              * @enum {string}
              */
             weighting?: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length?: number | null;
             /**
@@ -4309,7 +5728,7 @@ export interface components {
             positive?: boolean;
             /**
              * Stiffness Bounds
-             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @description Minimum and maximum stiffness by joint name, null for none. A bounded joint is always positive.
              * @example {
              *       "joint_2": [
              *         1000000,
@@ -4325,26 +5744,26 @@ export interface components {
             };
             /**
              * Loss
-             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
              * @default squared
              * @enum {string}
              */
             loss?: "squared" | "huber";
             /**
              * Huber Threshold
-             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
              */
             huber_threshold?: number | null;
             /**
              * Complementary Stiffness
-             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @description Include or neglect the change of the load's joint torques with the deflection (Chen & Kao's conservative congruence transformation, K_c); the paper neglects it.
              * @default neglected
              * @enum {string}
              */
             complementary_stiffness?: "neglected" | "included";
             /**
              * Priors
-             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @description Priors by joint name: stiffness and standard uncertainty known beforehand, for example from a data sheet.
              * @example {
              *       "joint_5": {
              *         "standard_uncertainty": 40000,
@@ -4357,7 +5776,7 @@ export interface components {
             };
             /**
              * Stiffness Order
-             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @description Order constraints: chains of joints, each at least as stiff as the next; all are positive.
              * @example [
              *       [
              *         "joint_2",
@@ -4368,14 +5787,14 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
             elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
-             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @description Elastic links, each named by the joint that carries it; default: all.
              * @example [
              *       "joint_2",
              *       "joint_3"
@@ -4384,11 +5803,11 @@ export interface components {
             links?: string[];
             /**
              * Link Penalty
-             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
              */
             link_penalty?: number | null;
             /**
-             * @description For all elasticities but `joints`.
+             * @description Cross-validation, for all elasticities but `joints`.
              * @default {
              *       "folds": 5,
              *       "seed": 0,
@@ -4396,37 +5815,37 @@ export interface components {
              *     }
              */
             cross_validation?: components["schemas"]["CrossValidation-Input"];
-            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            /** @description Resampling: repeat the fit on configurations drawn at random; the run may then take long. */
             resampling?: components["schemas"]["Resampling-Input"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence?: number;
         };
         /**
-         * RunOptions
-         * @description How to identify. Every field has a default that suits three targets and a tracker.
+         * RunOptionsOutput
+         * @description Options of an identification. All defaults suit three targets and a tracker.
          */
         "RunOptions-Output": {
             /**
              * Method
-             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @description Method. `complete_pose`: six rows per configuration, from at least three targets. `partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
             method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @description Weighting. `covariance`: rows weighted by the uncertainty of the readings. `characteristic_length`: translations divided by a length (complete pose only). `uniform`: all rows equal in SI units.
              * @default covariance
              * @enum {string}
              */
             weighting: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length: number | null;
             /**
@@ -4437,7 +5856,7 @@ export interface components {
             positive: boolean;
             /**
              * Stiffness Bounds
-             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @description Minimum and maximum stiffness by joint name, null for none. A bounded joint is always positive.
              * @example {
              *       "joint_2": [
              *         1000000,
@@ -4453,26 +5872,26 @@ export interface components {
             };
             /**
              * Loss
-             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
              * @default squared
              * @enum {string}
              */
             loss: "squared" | "huber";
             /**
              * Huber Threshold
-             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
              */
             huber_threshold: number | null;
             /**
              * Complementary Stiffness
-             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @description Include or neglect the change of the load's joint torques with the deflection (Chen & Kao's conservative congruence transformation, K_c); the paper neglects it.
              * @default neglected
              * @enum {string}
              */
             complementary_stiffness: "neglected" | "included";
             /**
              * Priors
-             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @description Priors by joint name: stiffness and standard uncertainty known beforehand, for example from a data sheet.
              * @example {
              *       "joint_5": {
              *         "standard_uncertainty": 40000,
@@ -4485,7 +5904,7 @@ export interface components {
             };
             /**
              * Stiffness Order
-             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @description Order constraints: chains of joints, each at least as stiff as the next; all are positive.
              * @example [
              *       [
              *         "joint_2",
@@ -4496,14 +5915,14 @@ export interface components {
             stiffness_order: string[][];
             /**
              * Elasticity
-             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
             elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
-             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @description Elastic links, each named by the joint that carries it; default: all.
              * @example [
              *       "joint_2",
              *       "joint_3"
@@ -4512,11 +5931,11 @@ export interface components {
             links: string[];
             /**
              * Link Penalty
-             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
              */
             link_penalty: number | null;
             /**
-             * @description For all elasticities but `joints`.
+             * @description Cross-validation, for all elasticities but `joints`.
              * @default {
              *       "folds": 5,
              *       "seed": 0,
@@ -4524,11 +5943,11 @@ export interface components {
              *     }
              */
             cross_validation: components["schemas"]["CrossValidation-Output"];
-            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            /** @description Resampling: repeat the fit on configurations drawn at random; the run may then take long. */
             resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence: number;
@@ -4540,21 +5959,21 @@ export interface components {
         "RunRequest-Input": {
             /**
              * Method
-             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @description Method. `complete_pose`: six rows per configuration, from at least three targets. `partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
             method?: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @description Weighting. `covariance`: rows weighted by the uncertainty of the readings. `characteristic_length`: translations divided by a length (complete pose only). `uniform`: all rows equal in SI units.
              * @default covariance
              * @enum {string}
              */
             weighting?: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length?: number | null;
             /**
@@ -4565,7 +5984,7 @@ export interface components {
             positive?: boolean;
             /**
              * Stiffness Bounds
-             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @description Minimum and maximum stiffness by joint name, null for none. A bounded joint is always positive.
              * @example {
              *       "joint_2": [
              *         1000000,
@@ -4581,26 +6000,26 @@ export interface components {
             };
             /**
              * Loss
-             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
              * @default squared
              * @enum {string}
              */
             loss?: "squared" | "huber";
             /**
              * Huber Threshold
-             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
              */
             huber_threshold?: number | null;
             /**
              * Complementary Stiffness
-             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @description Include or neglect the change of the load's joint torques with the deflection (Chen & Kao's conservative congruence transformation, K_c); the paper neglects it.
              * @default neglected
              * @enum {string}
              */
             complementary_stiffness?: "neglected" | "included";
             /**
              * Priors
-             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @description Priors by joint name: stiffness and standard uncertainty known beforehand, for example from a data sheet.
              * @example {
              *       "joint_5": {
              *         "standard_uncertainty": 40000,
@@ -4613,7 +6032,7 @@ export interface components {
             };
             /**
              * Stiffness Order
-             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @description Order constraints: chains of joints, each at least as stiff as the next; all are positive.
              * @example [
              *       [
              *         "joint_2",
@@ -4624,14 +6043,14 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
             elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
-             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @description Elastic links, each named by the joint that carries it; default: all.
              * @example [
              *       "joint_2",
              *       "joint_3"
@@ -4640,11 +6059,11 @@ export interface components {
             links?: string[];
             /**
              * Link Penalty
-             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
              */
             link_penalty?: number | null;
             /**
-             * @description For all elasticities but `joints`.
+             * @description Cross-validation, for all elasticities but `joints`.
              * @default {
              *       "folds": 5,
              *       "seed": 0,
@@ -4652,39 +6071,52 @@ export interface components {
              *     }
              */
             cross_validation?: components["schemas"]["CrossValidation-Input"];
-            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            /** @description Resampling: repeat the fit on configurations drawn at random; the run may then take long. */
             resampling?: components["schemas"]["Resampling-Input"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence?: number;
             /** Measurement Set Id */
             measurement_set_id: string;
+            /**
+             * Leave Out
+             * @description Labels of observations that are left out; the others are checked anew without them.
+             * @example [
+             *       "c07"
+             *     ]
+             */
+            leave_out?: string[];
+            /**
+             * Variant Of
+             * @description Run that this one tries to improve, by other options or corrected readings; listings can show it with that run. It changes no number.
+             */
+            variant_of?: string | null;
         };
         /**
-         * RunRequest
+         * RunRequestOutput
          * @description A run as it is posted.
          */
         "RunRequest-Output": {
             /**
              * Method
-             * @description `complete_pose`: six rows a configuration, from at least three targets. `partial_pose`: three rows a target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
+             * @description Method. `complete_pose`: six rows per configuration, from at least three targets. `partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm from the wrist centre first, then the wrist; needs three targets and a spherical wrist.
              * @default partial_pose
              * @enum {string}
              */
             method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
             /**
              * Weighting
-             * @description `covariance`: each row by what the readings are worth. `characteristic_length`: translation divided by a length (complete pose only). `uniform`: all rows alike in SI units.
+             * @description Weighting. `covariance`: rows weighted by the uncertainty of the readings. `characteristic_length`: translations divided by a length (complete pose only). `uniform`: all rows equal in SI units.
              * @default covariance
              * @enum {string}
              */
             weighting: "covariance" | "characteristic_length" | "uniform";
             /**
              * Characteristic Length
-             * @description For that weighting; if absent, the length of least condition number.
+             * @description Length for weighting `characteristic_length`; default: the length of least condition number.
              */
             characteristic_length: number | null;
             /**
@@ -4695,7 +6127,7 @@ export interface components {
             positive: boolean;
             /**
              * Stiffness Bounds
-             * @description Least and greatest stiffness of a joint by its name, null for none. A bounded joint is positive in any case.
+             * @description Minimum and maximum stiffness by joint name, null for none. A bounded joint is always positive.
              * @example {
              *       "joint_2": [
              *         1000000,
@@ -4711,26 +6143,26 @@ export interface components {
             };
             /**
              * Loss
-             * @description Of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a target that was bumped cannot spoil the fit.
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
              * @default squared
              * @enum {string}
              */
             loss: "squared" | "huber";
             /**
              * Huber Threshold
-             * @description For that loss: norm in units of sigma beyond which a reading counts less; 2.8 if absent, which 95 % of good readings stay below. Dimensionless.
+             * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
              */
             huber_threshold: number | null;
             /**
              * Complementary Stiffness
-             * @description Whether the change of the load's torques with the deflection is part of the model (Chen & Kao's conservative congruence transformation); the paper neglects it.
+             * @description Include or neglect the change of the load's joint torques with the deflection (Chen & Kao's conservative congruence transformation, K_c); the paper neglects it.
              * @default neglected
              * @enum {string}
              */
             complementary_stiffness: "neglected" | "included";
             /**
              * Priors
-             * @description What is known of a joint beforehand, from its data sheet say, by the joint's name.
+             * @description Priors by joint name: stiffness and standard uncertainty known beforehand, for example from a data sheet.
              * @example {
              *       "joint_5": {
              *         "standard_uncertainty": 40000,
@@ -4743,7 +6175,7 @@ export interface components {
             };
             /**
              * Stiffness Order
-             * @description Chains of joints, each at least as stiff as the next; they are positive in any case.
+             * @description Order constraints: chains of joints, each at least as stiff as the next; all are positive.
              * @example [
              *       [
              *         "joint_2",
@@ -4754,14 +6186,14 @@ export interface components {
             stiffness_order: string[][];
             /**
              * Elasticity
-             * @description What bends. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances a link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance a link. All but `joints` go with method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
             elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Links
-             * @description The links that may bend, each by the joint that carries it; all if empty.
+             * @description Elastic links, each named by the joint that carries it; default: all.
              * @example [
              *       "joint_2",
              *       "joint_3"
@@ -4770,11 +6202,11 @@ export interface components {
             links: string[];
             /**
              * Link Penalty
-             * @description Weight of the penalty on links and coupling; chosen by cross-validation if absent, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
              */
             link_penalty: number | null;
             /**
-             * @description For all elasticities but `joints`.
+             * @description Cross-validation, for all elasticities but `joints`.
              * @default {
              *       "folds": 5,
              *       "seed": 0,
@@ -4782,27 +6214,41 @@ export interface components {
              *     }
              */
             cross_validation: components["schemas"]["CrossValidation-Output"];
-            /** @description Repeat the fit on configurations drawn at random; a run may then take long. */
+            /** @description Resampling: repeat the fit on configurations drawn at random; the run may then take long. */
             resampling: components["schemas"]["Resampling-Output"] | null;
             /**
              * Confidence
-             * @description Level of the intervals.
+             * @description Confidence level of the intervals.
              * @default 0.95
              */
             confidence: number;
             /** Measurement Set Id */
             measurement_set_id: string;
+            /**
+             * Leave Out
+             * @description Labels of observations that are left out; the others are checked anew without them.
+             * @example [
+             *       "c07"
+             *     ]
+             */
+            leave_out: string[];
+            /**
+             * Variant Of
+             * @description Run that this one tries to improve, by other options or corrected readings; listings can show it with that run. It changes no number.
+             */
+            variant_of: string | null;
         };
         /**
          * RunResult
          * @description The numbers.
          */
         RunResult: {
+            assessment: components["schemas"]["Assessment"];
             /** Joints */
             joints: components["schemas"]["JointResult"][];
             /**
              * Compensation
-             * @description Share of the mean deflection that the model predicts: 1 - mean‖residual‖ / mean‖deflection‖; null where nothing moved. Dimensionless.
+             * @description Compensation: share of the mean deflection that the model predicts, 1 - mean‖residual‖ / mean‖deflection‖; null if nothing moved, or if there are as many parameters as readings. Dimensionless.
              */
             compensation: number | null;
             /**
@@ -4812,43 +6258,45 @@ export interface components {
             rms_residual: number;
             /**
              * Sigma
-             * @description Standard uncertainty of one coordinate of one reading; null where it was not given and there are no residual degrees of freedom.
+             * @description Standard uncertainty of one coordinate of one reading; null if not given and there are no residual degrees of freedom.
              */
             sigma: number | null;
             goodness: components["schemas"]["Goodness"];
             identifiability: components["schemas"]["Identifiability"];
-            /** @description The greatest violations of the stages. */
+            /** @description Largest violations over the stages. */
             certificate: components["schemas"]["Certificate"];
             /**
              * Characteristic Length
-             * @description The length that was used, if the weighting needs one.
+             * @description Length that was used, if the weighting needs one.
              */
             characteristic_length: number | null;
             /** @description Null only in runs of earlier versions. */
             complementary_stiffness: components["schemas"]["ComplementaryStiffness"] | null;
-            /** @description If the loss is `huber`. */
+            /** @description Suspicious readings and weights, if the loss is `huber`. */
             robust: components["schemas"]["RobustLoss"] | null;
-            /** @description If the run asked for it. */
+            /** @description Results of the resampling, if requested. */
             resampling: components["schemas"]["ResamplingResult"] | null;
-            /** @description If more than joints may bend. The joints' standard uncertainties are then those of a jackknife over the folds, and intervals are null. */
+            /** @description Elastic links or coupling, if requested. The joints' numbers are then effective: of the joint and its link's rotation about its axis together. Their standard uncertainties are those of a jackknife over the folds; intervals add an allowance for the penalty's bias, and are null where `link_penalty` is given. */
             links: components["schemas"]["LinksResult"] | null;
-            /** @description Held-out compensation of each model, if more than joints may bend. */
+            /** @description Held-out compensation of each model, if links or coupling are elastic. */
             selection: components["schemas"]["ModelSelection"] | null;
             /** Residuals */
             residuals: components["schemas"]["Residual"][];
             /**
              * Contributions
-             * @description Part of each joint in the predicted deflection; empty if more than joints may bend.
+             * @description Contribution of each joint to the predicted deflection; empty if links or coupling are elastic, or if no joint is identified.
              */
             contributions: components["schemas"]["Contribution"][];
             /**
              * Encoder Residuals
-             * @description If secondary encoders were read.
+             * @description Fit of the secondary encoders, if they were read.
              */
             encoder_residuals: components["schemas"]["EncoderResidual"][];
+            /** @description Model for predictions; null if links or coupling are elastic. */
+            model: components["schemas"]["IdentifiedModel"] | null;
             /**
              * Warnings
-             * @description What was noticed when the set was stored, then what the fit itself raises.
+             * @description Warnings of the measurement set, then of the fit.
              */
             warnings: components["schemas"]["QualityWarning"][];
         };
@@ -4857,6 +6305,31 @@ export interface components {
          * @description A run in a listing.
          */
         RunSummary: {
+            /**
+             * Verdict
+             * @description Of the result's assessment; the worst where it has several fits.
+             */
+            verdict: ("use" | "use_with_care" | "do_not_use") | null;
+            /**
+             * Compensation
+             * @description Share of the mean deflection that the model predicts: of a comparison the greatest, of a pair that of the side with less.
+             */
+            compensation: number | null;
+            /**
+             * Joints Identified
+             * @description Joints of status `identified`: of a comparison in the fit with most, of a pair those on both sides; null for geometries.
+             */
+            joints_identified: number | null;
+            /**
+             * Joint Count
+             * @description All joints; null for geometries.
+             */
+            joint_count: number | null;
+            /**
+             * Warning Count
+             * @description Warnings of the result; for geometries findings that are no notes.
+             */
+            warning_count: number | null;
             /** Id */
             id: string;
             /** Measurement Set Id */
@@ -4882,6 +6355,16 @@ export interface components {
              */
             elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
+             * Leave Out
+             * @description Observations that were left out.
+             */
+            leave_out: string[];
+            /**
+             * Variant Of
+             * @description Run that this one tries to improve.
+             */
+            variant_of: string | null;
+            /**
              * State
              * @enum {string}
              */
@@ -4894,8 +6377,24 @@ export interface components {
             created_at: string;
         };
         /**
+         * ScoreStep
+         * @description A step of the distribution of residuals in postures that were left out of the fit.
+         */
+        ScoreStep: {
+            /**
+             * Score
+             * @description Length of a residual over the root of its load's size; null where the other postures do not determine it.
+             */
+            score: number | null;
+            /**
+             * Share
+             * @description Share of the readings with that score at most, each posture counting the same, times P/(P + 1) for P postures. Dimensionless.
+             */
+            share: number;
+        };
+        /**
          * ScoredModel
-         * @description How a model predicts configurations that it was not fitted to.
+         * @description Prediction error of a model for held-out configurations.
          */
         ScoredModel: {
             /**
@@ -4905,17 +6404,17 @@ export interface components {
             model: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
              * Penalty
-             * @description Weight, chosen for this model or given; null of joints alone.
+             * @description Penalty, chosen for this model or given; null for joints alone.
              */
             penalty: number | null;
             /**
              * Compensation
-             * @description Of held-out configurations, mean over the folds.
+             * @description Compensation of held-out configurations, mean over the folds.
              */
             compensation: number;
             /**
              * Standard Error
-             * @description Of that mean, from the spread of the folds.
+             * @description Standard error of that mean, from the dispersion of the folds.
              */
             standard_error: number;
             /**
@@ -4931,49 +6430,179 @@ export interface components {
         SigmaTest: {
             /**
              * P Value
-             * @description Probability of residuals as unlikely, if model and sigma are right.
+             * @description p-value: probability of residuals at least as extreme if model and sigma are right.
              */
             p_value: number;
             /**
              * Verdict
-             * @description At a level of 1 %.
+             * @description Result of the test at a significance level of 1 %.
              * @enum {string}
              */
             verdict: "consistent" | "residuals_too_large" | "residuals_too_small";
         };
         /**
          * StageIdentifiability
-         * @description Of one stage of a method, over the joints that it sees.
+         * @description Observability in one stage of a method, over the joints of that stage.
          */
         StageIdentifiability: {
             /**
              * Rank
-             * @description How many compliances, or combinations, are determined.
+             * @description Rank: number of compliances, or combinations, that the readings determine.
              */
             rank: number;
             /**
              * Condition Number
-             * @description Of the weighted regressor, columns of unit norm; null where the rank is not full. Dimensionless.
+             * @description Condition number of the weighted regressor with columns of unit norm; null if rank-deficient. Dimensionless.
              */
             condition_number: number | null;
             /**
              * Singular Values
-             * @description Of the same matrix, largest first. Dimensionless.
+             * @description Singular values of the same matrix, largest first. Dimensionless.
              */
             singular_values: number[];
         };
         /**
          * StiffnessPrior
-         * @description What is known of a joint before anything is measured.
+         * @description Prior knowledge of a joint's stiffness.
          */
         StiffnessPrior: {
             /** Stiffness */
             stiffness: number;
             /**
              * Standard Uncertainty
-             * @description Of the stiffness; at most half of it, as the prior is Gaussian in compliance.
+             * @description Standard uncertainty of the stiffness; at most half of it, because the prior is Gaussian in compliance.
              */
             standard_uncertainty: number;
+        };
+        /**
+         * Surroundings
+         * @description Obstacles to postures: links are capsules from joint to joint.
+         */
+        "Surroundings-Input": {
+            /**
+             * Floor
+             * @description Least height, in R0.
+             */
+            floor?: number | null;
+            /**
+             * Inside
+             * @description Box in which links and targets stay.
+             */
+            inside?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Obstacles
+             * @description Boxes that they stay out of.
+             */
+            obstacles?: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ][];
+            /**
+             * Link Radius
+             * @description Of the capsules; 4 % of the stretched arm if absent.
+             */
+            link_radius?: number | null;
+            /**
+             * Facing
+             * @description Direction in which each reflector looks, flange frame.
+             */
+            facing?: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Acceptance
+             * @description Greatest angle between that and the line of sight.
+             * @default 3.2
+             */
+            acceptance?: number;
+        };
+        /**
+         * SurroundingsOutput
+         * @description Obstacles to postures: links are capsules from joint to joint.
+         */
+        "Surroundings-Output": {
+            /**
+             * Floor
+             * @description Least height, in R0.
+             */
+            floor: number | null;
+            /**
+             * Inside
+             * @description Box in which links and targets stay.
+             */
+            inside: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ] | null;
+            /**
+             * Obstacles
+             * @description Boxes that they stay out of.
+             */
+            obstacles: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ][];
+            /**
+             * Link Radius
+             * @description Of the capsules; 4 % of the stretched arm if absent.
+             */
+            link_radius: number | null;
+            /**
+             * Facing
+             * @description Direction in which each reflector looks, flange frame.
+             */
+            facing: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Acceptance
+             * @description Greatest angle between that and the line of sight.
+             * @default 3.2
+             */
+            acceptance: number;
         };
         /**
          * SuspiciousReading
@@ -4986,12 +6615,12 @@ export interface components {
             target: string;
             /**
              * Weight
-             * @description 1 for a good reading. Dimensionless.
+             * @description Weight of the reading, 1 for a good one. Dimensionless.
              */
             weight: number;
             /**
              * Residual Norm
-             * @description Of the whitened residual: in units of sigma. Dimensionless.
+             * @description Norm of the whitened residual, in units of sigma. Dimensionless.
              */
             residual_norm: number;
         };
@@ -5002,31 +6631,31 @@ export interface components {
         SweepEvidence: {
             /**
              * Joint
-             * @description As it was posted.
+             * @description Name of the joint, as posted.
              */
             joint: string;
             /**
              * Turned
-             * @description Joints of the model that turn.
+             * @description Names of the model's joints that turn.
              */
             turned: string[];
             /** Positions */
             positions: number;
             /**
              * Arc
-             * @description Angle that the readings cover.
+             * @description Arc covered by the readings.
              */
             arc: number;
             /** Targets */
             targets: components["schemas"]["SweptTarget"][];
             /**
              * Angle Scale
-             * @description How far the joint turned over how far controller and joint map say. Dimensionless.
+             * @description Measured rotation of the joint over that of controller and joint map. Dimensionless.
              */
             angle_scale: number;
             /**
              * Angle Deviation
-             * @description Root mean square of the angle from the readings less the controller's; null where the controller's are taken.
+             * @description Root mean square of the angles from the readings minus the controller's; null where the controller's are used.
              */
             angle_deviation: number | null;
             /**
@@ -5046,17 +6675,17 @@ export interface components {
             readings: number;
             /**
              * Radius
-             * @description Distance from the axis; null in a sweep that turns two axes.
+             * @description Radius: distance from the axis; null in a sweep that turns two axes.
              */
             radius: number | null;
             /**
              * Radial Rms
-             * @description Root mean square of the residuals towards the axis; across the axis in a sweep that turns two. Null without a reading.
+             * @description Root mean square of the radial residuals; of those across the axis in a sweep that turns two. Null without a reading.
              */
             radial_rms: number | null;
             /**
              * Axial Rms
-             * @description The same along the axis.
+             * @description Root mean square of the residuals along the axis.
              */
             axial_rms: number | null;
         };
@@ -5067,7 +6696,7 @@ export interface components {
         TrackedPosition: {
             /**
              * Joints
-             * @description Angles as the controller shows them, in units.angle.
+             * @description Joint angles as displayed by the controller, in units.angle.
              */
             joints: number[];
             /**
@@ -5091,12 +6720,12 @@ export interface components {
         };
         /**
          * TrackerSheet
-         * @description What the tracker's sheet says: standard uncertainties along its line of sight and across it.
+         * @description Uncertainty from the tracker's data sheet: along its line of sight and across it.
          */
         "TrackerSheet-Input": {
             /**
              * Station
-             * @description Where the tracker stands, in the frame of the positions, in units.length: its origin, as a rule.
+             * @description Position of the tracker in the frame of the positions, in units.length: usually its origin.
              * @default [
              *       0,
              *       0,
@@ -5108,19 +6737,19 @@ export interface components {
                 number,
                 number
             ];
-            /** @description Along the line of sight. */
+            /** @description Uncertainty along the line of sight. */
             range: components["schemas"]["Uncertainty"];
-            /** @description Across it, in each of two directions. */
+            /** @description Uncertainty across the line of sight, in each of two directions. */
             transverse: components["schemas"]["Uncertainty"];
         };
         /**
-         * TrackerSheet
-         * @description What the tracker's sheet says: standard uncertainties along its line of sight and across it.
+         * TrackerSheetOutput
+         * @description Uncertainty from the tracker's data sheet: along its line of sight and across it.
          */
         "TrackerSheet-Output": {
             /**
              * Station
-             * @description Where the tracker stands, in the frame of the positions, in units.length: its origin, as a rule.
+             * @description Position of the tracker in the frame of the positions, in units.length: usually its origin.
              * @default [
              *       0,
              *       0,
@@ -5132,9 +6761,9 @@ export interface components {
                 number,
                 number
             ];
-            /** @description Along the line of sight. */
+            /** @description Uncertainty along the line of sight. */
             range: components["schemas"]["Uncertainty"];
-            /** @description Across it, in each of two directions. */
+            /** @description Uncertainty across the line of sight, in each of two directions. */
             transverse: components["schemas"]["Uncertainty"];
         };
         /**
@@ -5144,16 +6773,37 @@ export interface components {
         Uncertainty: {
             /**
              * Constant
-             * @description In the set's unit of length.
+             * @description Constant part, in the set's unit of length.
              * @example 0.00001
              */
             constant: number;
             /**
              * Per Distance
-             * @description A number: 5e-6 is 5 µm in a metre, whatever the unit of length.
+             * @description Part per distance: 5e-6 is 5 µm per metre, in any unit of length.
              * @example 0.000005
              */
             per_distance: number;
+        };
+        /**
+         * UncertaintyBudget
+         * @description Contributions to a standard uncertainty; their squares add up to its square.
+         */
+        UncertaintyBudget: {
+            /**
+             * Readings
+             * @description Noise of tracker and encoders.
+             */
+            readings: number;
+            /**
+             * Force Scale
+             * @description Scale of the force: fully correlated over all joints and observations.
+             */
+            force_scale: number;
+            /**
+             * Force Direction
+             * @description Direction of the force, likewise.
+             */
+            force_direction: number;
         };
         /**
          * Units
@@ -5162,54 +6812,54 @@ export interface components {
         "Units-Input": {
             /**
              * Length
-             * @description Of positions, deflections, load points and sigma.
+             * @description Unit of positions, deflections, load points and sigma.
              * @enum {string}
              */
             length: "m" | "mm";
             /**
              * Angle
-             * @description Of joint angles, encoder readings and encoder_sigma.
+             * @description Unit of joint angles, encoder readings and encoder_sigma.
              * @enum {string}
              */
             angle: "rad" | "deg";
             /**
              * Force
-             * @description Of forces; 1 kgf = 9.80665 N.
+             * @description Unit of forces; 1 kgf = 9.80665 N.
              * @enum {string}
              */
             force: "N" | "kN" | "kgf";
             /**
              * Moment
-             * @description Of moments. May be absent where no moment is given, or where lengths are in m: then it is the unit of force times m.
+             * @description Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the unit of force times m.
              */
             moment?: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
         };
         /**
-         * Units
+         * UnitsOutput
          * @description Units of every number in the set. Mandatory: kg instead of N cannot be found out later.
          */
         "Units-Output": {
             /**
              * Length
-             * @description Of positions, deflections, load points and sigma.
+             * @description Unit of positions, deflections, load points and sigma.
              * @enum {string}
              */
             length: "m" | "mm";
             /**
              * Angle
-             * @description Of joint angles, encoder readings and encoder_sigma.
+             * @description Unit of joint angles, encoder readings and encoder_sigma.
              * @enum {string}
              */
             angle: "rad" | "deg";
             /**
              * Force
-             * @description Of forces; 1 kgf = 9.80665 N.
+             * @description Unit of forces; 1 kgf = 9.80665 N.
              * @enum {string}
              */
             force: "N" | "kN" | "kgf";
             /**
              * Moment
-             * @description Of moments. May be absent where no moment is given, or where lengths are in m: then it is the unit of force times m.
+             * @description Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the unit of force times m.
              */
             moment: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
         };
@@ -5225,7 +6875,7 @@ export interface components {
             format: "urdf";
             /**
              * Urdf
-             * @description The document, xacro already expanded, at most 2 MiB.
+             * @description URDF document with xacro already expanded, at most 2 MiB.
              * @example <robot name="arm">…</robot>
              */
             urdf: string;
@@ -5241,15 +6891,39 @@ export interface components {
             flange: string;
         };
         /**
+         * WorstDirection
+         * @description The direction in which a force moves the place most.
+         */
+        WorstDirection: {
+            /** Direction */
+            direction: [
+                number,
+                number,
+                number
+            ];
+            /** Compliance */
+            compliance: number;
+            /**
+             * Compliance Uncertainty
+             * @description Standard uncertainty, from the readings alone.
+             */
+            compliance_uncertainty: number | null;
+            /**
+             * Direction Uncertainty
+             * @description Standard uncertainty of its angle, at most a quarter turn.
+             */
+            direction_uncertainty: number | null;
+        };
+        /**
          * Wrist
-         * @description Whether the last three axes meet in one point, which the decoupled method needs.
+         * @description Wrist of the robot; the decoupled method needs the last three axes to meet in one point.
          */
         Wrist: {
             /** Spherical */
             spherical: boolean;
             /**
              * Miss Distance
-             * @description How far the last three axes pass from their nearest common point; null where there is no such point.
+             * @description Distance of the last three axes from their nearest common point; null if there is no such point.
              */
             miss_distance: number | null;
         };
@@ -5293,7 +6967,7 @@ export interface components {
             ];
             /**
              * Base Covariance
-             * @description The uncertainty of R0 included.
+             * @description Covariance, including the uncertainty of R0.
              */
             base_covariance: [
                 [
@@ -5332,7 +7006,7 @@ export interface components {
             distance: number;
             /**
              * Probability
-             * @description That noise alone does this.
+             * @description p-value of the drift.
              */
             probability: number;
         };
@@ -5376,7 +7050,7 @@ export interface components {
             ];
             /**
              * Base Covariance
-             * @description The uncertainty of R0 included.
+             * @description Covariance, including the uncertainty of R0.
              */
             base_covariance: [
                 [
@@ -5402,41 +7076,41 @@ export interface components {
             way: "sphere" | "axes" | "trilateration";
             /**
              * Weight
-             * @description Its share in the combined centre, over three directions. Dimensionless.
+             * @description Weight in the combined centre, over three directions. Dimensionless.
              */
             weight: number;
         };
         /**
          * WristResult
-         * @description Where the last three axes meet, and whether they do.
+         * @description Wrist centre, and the test of the last three axes for intersection.
          */
         WristResult: {
             /** Estimates */
             estimates: components["schemas"]["WristEstimate"][];
-            /** @description Mean of the ways, each weighted by its information. */
+            /** @description Weighted mean of the estimates, weights by their information. */
             combined: components["schemas"]["WristCentre"];
             /** Distances */
             distances: components["schemas"]["WristDistance"][];
             /**
              * Posture
-             * @description Model angles in which the centre is where it is stated; those of the wrist do not matter.
+             * @description Model angles for which the centre is stated; those of the wrist do not matter.
              */
             posture: number[];
             /**
              * Miss Distance
-             * @description Greatest distance of one of the three axes from the point nearest to them.
+             * @description Largest distance of one of the three axes from the point nearest to them.
              */
             miss_distance: number;
             /** Miss Uncertainty */
             miss_uncertainty: number;
             /**
              * Miss Probability
-             * @description That axes which do meet are found so far apart.
+             * @description p-value of the hypothesis that the axes intersect.
              */
             miss_probability: number;
             /**
              * Decoupled Method
-             * @description Whether the decoupled method applies: the axes miss by no more than 0.5 mm.
+             * @description True if the decoupled method applies: the axes miss each other by no more than 0.5 mm.
              */
             decoupled_method: boolean;
         };
@@ -5452,11 +7126,11 @@ export interface operations {
     listRobots: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those of exactly this name. */
+                /** @description Filter by name (exact). */
                 name?: string | null;
             };
             header?: never;
@@ -5474,7 +7148,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_RobotSummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5483,7 +7157,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5498,7 +7172,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -5521,7 +7195,7 @@ export interface operations {
                     "application/json": components["schemas"]["Robot"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5539,7 +7213,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5548,7 +7222,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5557,7 +7231,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5588,7 +7262,7 @@ export interface operations {
                     "application/json": components["schemas"]["Robot"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5597,7 +7271,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5606,7 +7280,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5639,7 +7313,7 @@ export interface operations {
                     "application/json": components["schemas"]["Kinematics"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5648,7 +7322,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5666,7 +7340,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5675,7 +7349,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5684,7 +7358,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5698,13 +7372,13 @@ export interface operations {
     listMeasurementSets: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those of this robot. */
+                /** @description Filter by robot. */
                 robot_id?: string | null;
-                /** @description Only those of exactly this name. */
+                /** @description Filter by name (exact). */
                 name?: string | null;
                 /** @description Only with these. */
                 encoders?: ("motor" | "secondary") | null;
@@ -5724,7 +7398,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_MeasurementSetSummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5733,7 +7407,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5748,7 +7422,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -5771,7 +7445,7 @@ export interface operations {
                     "application/json": components["schemas"]["MeasurementSet"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5789,7 +7463,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5798,7 +7472,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5807,7 +7481,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5838,7 +7512,7 @@ export interface operations {
                     "application/json": components["schemas"]["MeasurementSet"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5847,7 +7521,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5856,7 +7530,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5889,7 +7563,7 @@ export interface operations {
                     "application/json": components["schemas"]["ImportAnswer"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5907,7 +7581,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5916,7 +7590,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5925,7 +7599,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5947,7 +7621,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The table, RFC 4180. */
+            /** @description The table as CSV (RFC 4180). */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5956,7 +7630,7 @@ export interface operations {
                     "text/csv": unknown;
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5965,7 +7639,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its state does not allow it: see `remedy`. */
+            /** @description The resource's state does not allow this; see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5974,7 +7648,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5983,7 +7657,76 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    computeDeflections: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DeflectionRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DeflectionResult"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6012,7 +7755,7 @@ export interface operations {
                     "application/json": components["schemas"]["Health"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6023,25 +7766,74 @@ export interface operations {
             };
         };
     };
+    getReady: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Health"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getLive: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+        };
+    };
     listRuns: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those of this set. */
-                measurement_set_id?: string | null;
-                /** @description Only those of this robot. */
-                robot_id?: string | null;
-                /** @description Only those by this method. */
-                method?: ("complete_pose" | "partial_pose" | "decoupled_partial_pose") | null;
-                /** @description Only those with these weights. */
-                weighting?: ("covariance" | "characteristic_length" | "uniform") | null;
-                /** @description Only those in which this bends. */
-                elasticity?: ("joints" | "coupled_joints" | "diagonal_links" | "joints_and_links") | null;
-                /** @description Only those in this state. */
+                /** @description Filter by state. */
                 state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by measurement set. */
+                measurement_set_id?: string | null;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
+                /** @description Filter by method. */
+                method?: ("complete_pose" | "partial_pose" | "decoupled_partial_pose") | null;
+                /** @description Filter by weighting. */
+                weighting?: ("covariance" | "characteristic_length" | "uniform") | null;
+                /** @description Filter by elasticity. */
+                elasticity?: ("joints" | "coupled_joints" | "diagonal_links" | "joints_and_links") | null;
             };
             header?: never;
             path?: never;
@@ -6058,7 +7850,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_RunSummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6067,7 +7859,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6081,11 +7873,11 @@ export interface operations {
     createRun: {
         parameters: {
             query?: {
-                /** @description Seconds to wait for the end if it takes long. */
+                /** @description Time to wait for a long job to finish, in seconds. */
                 wait?: number;
             };
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -6108,7 +7900,7 @@ export interface operations {
                     "application/json": components["schemas"]["Run"];
                 };
             };
-            /** @description Stored, and not finished yet: look again at its address. */
+            /** @description Stored but not finished: poll its address, or follow its events. */
             202: {
                 headers: {
                     /** @description Address of the resource. */
@@ -6119,7 +7911,7 @@ export interface operations {
                     "application/json": components["schemas"]["Run"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6137,7 +7929,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6146,7 +7938,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6155,7 +7947,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description As many jobs wait as may; post it again later. */
+            /** @description The queue is full; try again later. */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6164,7 +7956,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6195,7 +7987,7 @@ export interface operations {
                     "application/json": components["schemas"]["Run"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6204,7 +7996,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6213,7 +8005,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6235,14 +8027,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
+            /** @description Deleted. `restore` undoes this for 30 days. */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6251,7 +8043,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its state does not allow it: see `remedy`. */
+            /** @description The resource's state does not allow this; see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6260,7 +8052,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6269,7 +8061,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6300,7 +8092,7 @@ export interface operations {
                     "application/json": components["schemas"]["Run"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6309,7 +8101,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6318,7 +8110,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6349,7 +8141,7 @@ export interface operations {
                     "text/event-stream": unknown;
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6358,7 +8150,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6367,7 +8159,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6398,7 +8190,7 @@ export interface operations {
                     "application/json": components["schemas"]["Run"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6407,7 +8199,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6416,7 +8208,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6430,16 +8222,18 @@ export interface operations {
     listComparisons: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those of this set. */
-                measurement_set_id?: string | null;
-                /** @description Only those of this robot. */
-                robot_id?: string | null;
-                /** @description Only those in this state. */
+                /** @description Filter by state. */
                 state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by measurement set. */
+                measurement_set_id?: string | null;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
             };
             header?: never;
             path?: never;
@@ -6456,7 +8250,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_ComparisonSummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6465,7 +8259,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6479,11 +8273,11 @@ export interface operations {
     createComparison: {
         parameters: {
             query?: {
-                /** @description Seconds to wait for the end if it takes long. */
+                /** @description Time to wait for a long job to finish, in seconds. */
                 wait?: number;
             };
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -6506,7 +8300,7 @@ export interface operations {
                     "application/json": components["schemas"]["Comparison"];
                 };
             };
-            /** @description Stored, and not finished yet: look again at its address. */
+            /** @description Stored but not finished: poll its address, or follow its events. */
             202: {
                 headers: {
                     /** @description Address of the resource. */
@@ -6517,7 +8311,7 @@ export interface operations {
                     "application/json": components["schemas"]["Comparison"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6535,7 +8329,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6544,7 +8338,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6553,7 +8347,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description As many jobs wait as may; post it again later. */
+            /** @description The queue is full; try again later. */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6562,7 +8356,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6593,7 +8387,7 @@ export interface operations {
                     "application/json": components["schemas"]["Comparison"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6602,7 +8396,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6611,7 +8405,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6633,14 +8427,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
+            /** @description Deleted. `restore` undoes this for 30 days. */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6649,7 +8443,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its state does not allow it: see `remedy`. */
+            /** @description The resource's state does not allow this; see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6658,7 +8452,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6667,7 +8461,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6698,7 +8492,7 @@ export interface operations {
                     "application/json": components["schemas"]["Comparison"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6707,7 +8501,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6716,7 +8510,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6747,7 +8541,7 @@ export interface operations {
                     "text/event-stream": unknown;
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6756,7 +8550,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6765,7 +8559,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6796,7 +8590,7 @@ export interface operations {
                     "application/json": components["schemas"]["Comparison"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6805,7 +8599,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6814,7 +8608,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6828,18 +8622,20 @@ export interface operations {
     listPairs: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those with this first set. */
-                first_set_id?: string | null;
-                /** @description Only those with this second set. */
-                second_set_id?: string | null;
-                /** @description Only those of this robot. */
-                robot_id?: string | null;
-                /** @description Only those in this state. */
+                /** @description Filter by state. */
                 state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by the first measurement set. */
+                first_set_id?: string | null;
+                /** @description Filter by the second measurement set. */
+                second_set_id?: string | null;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
             };
             header?: never;
             path?: never;
@@ -6856,7 +8652,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_PairSummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6865,7 +8661,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6880,7 +8676,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -6903,7 +8699,7 @@ export interface operations {
                     "application/json": components["schemas"]["Pair"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6921,7 +8717,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -6930,7 +8726,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6939,7 +8735,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6970,7 +8766,7 @@ export interface operations {
                     "application/json": components["schemas"]["Pair"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6979,7 +8775,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6988,7 +8784,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7010,14 +8806,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
+            /** @description Deleted. `restore` undoes this for 30 days. */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7026,7 +8822,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its state does not allow it: see `remedy`. */
+            /** @description The resource's state does not allow this; see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -7035,7 +8831,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7044,7 +8840,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7075,7 +8871,7 @@ export interface operations {
                     "application/json": components["schemas"]["Pair"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7084,7 +8880,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7093,7 +8889,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7107,16 +8903,18 @@ export interface operations {
     listGeometries: {
         parameters: {
             query?: {
-                /** @description Resources on a page. */
+                /** @description Maximum number of resources per page. */
                 limit?: number;
-                /** @description `next` of the page before; none for the newest. */
+                /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Only those of exactly this name. */
-                name?: string | null;
-                /** @description Only those with this nominal model. */
-                robot_id?: string | null;
-                /** @description Only those in this state. */
+                /** @description Filter by state. */
                 state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by name (exact). */
+                name?: string | null;
+                /** @description Filter by the robot of the nominal model. */
+                robot_id?: string | null;
             };
             header?: never;
             path?: never;
@@ -7133,7 +8931,7 @@ export interface operations {
                     "application/json": components["schemas"]["Page_GeometrySummary_"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7142,7 +8940,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7157,7 +8955,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description Any text of your choice. Posting the same body again with the same key answers with the resource that the first post created. */
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
                 "idempotency-key"?: string | null;
             };
             path?: never;
@@ -7180,7 +8978,7 @@ export interface operations {
                     "application/json": components["schemas"]["Geometry"];
                 };
             };
-            /** @description The client left before its body was complete. */
+            /** @description The client disconnected before its body was complete. */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -7198,7 +8996,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not declared as what the route takes. */
+            /** @description The body has the wrong Content-Type. */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -7207,7 +9005,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7216,7 +9014,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7247,7 +9045,7 @@ export interface operations {
                     "application/json": components["schemas"]["Geometry"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7256,7 +9054,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7265,7 +9063,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7287,14 +9085,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Deleted: `restore` brings it back for 30 days. */
+            /** @description Deleted. `restore` undoes this for 30 days. */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7303,7 +9101,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its state does not allow it: see `remedy`. */
+            /** @description The resource's state does not allow this; see `remedy`. */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -7312,7 +9110,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7321,7 +9119,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -7352,7 +9150,7 @@ export interface operations {
                     "application/json": components["schemas"]["Geometry"];
                 };
             };
-            /** @description There is no such resource. */
+            /** @description The resource does not exist. */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -7361,7 +9159,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request cannot be carried out; `where` names the field and `remedy` how to mend it. */
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -7370,7 +9168,286 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer. */
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    listPlans: {
+        parameters: {
+            query?: {
+                /** @description Maximum number of resources per page. */
+                limit?: number;
+                /** @description `next` of the previous page; omit it for the first page. */
+                cursor?: string | null;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
+                /** @description Filter by measurement set. */
+                measurement_set_id?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_PlanSummary_"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createPlan: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlanRequest-Input"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Plan"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getPlan: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                plan_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Plan"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deletePlan: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                plan_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted. `restore` undoes this for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restorePlan: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                plan_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Plan"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
             503: {
                 headers: {
                     [name: string]: unknown;

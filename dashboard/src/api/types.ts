@@ -3,11 +3,15 @@ import type { components } from "./schema";
 
 type Schemas = components["schemas"];
 
+export type Action = Schemas["Action"];
 export type Advice = Schemas["Advice"];
+export type Assessment = Schemas["Assessment"];
 export type ComparedFit = Schemas["ComparedFit"];
 export type Comparison = Schemas["Comparison"];
 export type ComparisonSummary = Schemas["ComparisonSummary"];
 export type DhModel = Schemas["DhModel-Output"];
+/** Columns of a DH table that every row has. */
+export type DhColumn = Exclude<keyof DhRow, "lower" | "upper">;
 export type DhRow = Schemas["DhRow-Output"];
 export type Health = Schemas["Health"];
 export type JointMap = Schemas["JointMap"];
@@ -23,6 +27,7 @@ export type Problem = Schemas["Problem"];
 export type Progress = Schemas["Progress"];
 export type QualityWarning = Schemas["QualityWarning"];
 export type Contribution = Schemas["Contribution"];
+export type Reason = Schemas["Reason"];
 export type Residual = Schemas["Residual"];
 export type Robot = Schemas["Robot"];
 export type RobotDocument = Schemas["RobotDocument-Input"];
@@ -34,8 +39,14 @@ export type RunResult = Schemas["RunResult"];
 export type RunSummary = Schemas["RunSummary"];
 export type Units = Schemas["Units-Output"];
 
-export type Method = Run["request"]["method"] & string;
+export type Elasticity = RunRequest["elasticity"];
+export type ElementKind = Schemas["ElementShare"]["kind"];
+export type Method = RunRequest["method"];
+export type Observability = Schemas["ObservabilityIndices"];
 export type RunState = Run["state"];
+export type Solver = RunResult["certificate"]["solved_by"][number];
+export type Usability = Assessment["verdict"];
+export type Weighting = RunRequest["weighting"];
 
 /** One page of a listing. */
 export interface Page<Item> {

@@ -1,5 +1,5 @@
 /** Axes: lines across the chart at round numbers, the numbers, and the unit at the end. */
-import type { Scale } from "../pure/scale";
+import type { Scale } from "../lib/scale";
 
 export function BottomAxis({
   scale,

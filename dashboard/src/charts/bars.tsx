@@ -1,13 +1,20 @@
 /** Bars: one or more series by configuration, and shares of joints. */
-import { clip, percent, significant } from "../pure/format";
-import { extent, linear } from "../pure/scale";
+import { clip, percent, significant } from "../lib/format";
+import { extent, linear } from "../lib/scale";
 import { LeftAxis, Names } from "./axis";
 import { Chart } from "./figure";
+import { tip } from "./tip";
 
 export interface Series {
   mark: string;
   label: string;
   values: (number | null)[];
+}
+
+/** Where a click on a column leads, and which column one came back to. */
+export interface Opening {
+  open?: (name: string) => string;
+  at?: string | null;
 }
 
 /** Bars for the first series, narrower ones inside for the second, dots for the others. */
@@ -19,6 +26,8 @@ export function Bars({
   label,
   unit,
   format = (v) => significant(v, 3),
+  open,
+  at,
 }: {
   names: string[];
   series: Series[];
@@ -27,7 +36,7 @@ export function Bars({
   label: string;
   unit: string;
   format?: (value: number) => string;
-}) {
+} & Opening) {
   const [left, right, bottom] = [56, width - 8, height - 34];
   const [low, high] = extent(series.flatMap((s) => s.values.filter((v) => v !== null))) ?? [0, 1];
   const y = linear(Math.min(0, low), Math.max(0, high), bottom, 28);
@@ -42,33 +51,71 @@ export function Bars({
             (value, i) =>
               value !== null &&
               (s < 2 ? (
-                <Bar
-                  x={place(i)}
-                  width={step * (s === 0 ? 0.78 : 0.42)}
-                  from={y(0)}
-                  to={y(value)}
-                  title={`${names[i]}, ${one.label}: ${format(value)} ${unit}`}
-                />
+                <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} />
               ) : (
-                <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)}>
-                  <title>{`${names[i]}, ${one.label}: ${format(value)} ${unit}`}</title>
-                </circle>
+                <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)} />
               )),
           )}
         </g>
       ))}
       <Names names={names} place={place} bottom={bottom} room={right - left} />
+      <Columns
+        names={names}
+        place={place}
+        step={step}
+        bottom={bottom}
+        {...(open ? { open } : {})}
+        {...(at === undefined ? {} : { at })}
+        lines={(i) =>
+          series.flatMap((one) => {
+            const value = one.values[i];
+            return value === null || value === undefined ? [] : [`${one.label}: ${format(value)} ${unit}`];
+          })
+        }
+      />
     </Chart>
   );
 }
 
-function Bar({ x, width, from, to, title }: { x: number; width: number; from: number; to: number; title: string }) {
-  const wide = Math.max(1, width);
+/** What a column says when it is pointed at, over its whole height: small bars are hard to hit. */
+export function Columns({
+  names,
+  place,
+  step,
+  bottom,
+  lines,
+  open,
+  at,
+}: {
+  names: string[];
+  place: (index: number) => number;
+  step: number;
+  bottom: number;
+  lines: (index: number) => string[];
+  /** Address that a column leads to. */
+  open?: (name: string) => string;
+  /** The column that was come from. */
+  at?: string | null;
+}) {
   return (
-    <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))}>
-      <title>{title}</title>
-    </rect>
+    <g>
+      {names.map((name, i) => (
+        <rect
+          class={name === at ? "hit column at" : "hit column"}
+          x={place(i) - step / 2}
+          width={step}
+          y={24}
+          height={Math.max(1, bottom - 24)}
+          {...tip([name, ...lines(i)], open?.(name))}
+        />
+      ))}
+    </g>
   );
+}
+
+function Bar({ x, width, from, to }: { x: number; width: number; from: number; to: number }) {
+  const wide = Math.max(1, width);
+  return <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))} />;
 }
 
 /** As many digits as the steps of the axis need. */
@@ -123,6 +170,8 @@ export function Stacks({
   height = 300,
   label,
   unit,
+  open,
+  at,
 }: {
   names: string[];
   /** For each configuration, what each joint adds. */
@@ -131,7 +180,7 @@ export function Stacks({
   height?: number;
   label: string;
   unit: string;
-}) {
+} & Opening) {
   const [left, right, bottom] = [56, width - 8, height - 34];
   const ends = names.map((_, i) => {
     const values = parts.map((part) => part.values[i] ?? 0);
@@ -143,25 +192,34 @@ export function Stacks({
   const [low, high] = extent(ends.flat()) ?? [0, 1];
   const y = linear(low, high, bottom, 28);
   const step = (right - left) / Math.max(1, names.length);
+  const place = (i: number) => left + (i + 0.5) * step;
   return (
     <Chart width={width} height={height} label={label}>
       <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
-      {names.map((name, i) => {
+      {names.map((_, i) => {
         let [down, up] = [0, 0];
         return parts.map((part, j) => {
           const value = part.values[i] ?? 0;
           const from = value < 0 ? down : up;
           if (value < 0) down += value;
           else up += value;
-          const title = `${name}, ${part.name}: ${significant(value, 3)} ${unit}`;
           return (
             <g class={`bars joint-${j % 6}`}>
-              <Bar x={left + (i + 0.5) * step} width={step * 0.78} from={y(from)} to={y(from + value)} title={title} />
+              <Bar x={place(i)} width={step * 0.78} from={y(from)} to={y(from + value)} />
             </g>
           );
         });
       })}
-      <Names names={names} place={(i) => left + (i + 0.5) * step} bottom={bottom} room={right - left} />
+      <Names names={names} place={place} bottom={bottom} room={right - left} />
+      <Columns
+        names={names}
+        place={place}
+        step={step}
+        bottom={bottom}
+        {...(open ? { open } : {})}
+        {...(at === undefined ? {} : { at })}
+        lines={(i) => parts.map((part) => `${part.name}: ${significant(part.values[i] ?? 0, 3)} ${unit}`)}
+      />
     </Chart>
   );
 }

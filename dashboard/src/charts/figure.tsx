@@ -1,11 +1,11 @@
 /** The frame of every chart: title, note, legend, downloads, and the table behind it. */
-import type { ComponentChildren } from "preact";
+import { type ComponentChildren, render } from "preact";
 import { useRef } from "preact/hooks";
-import { DataTable, heading, type Table } from "../parts/table";
-import { save, standalone } from "../parts/download";
-import { csv, fileName } from "../pure/csv";
+import { DataTable, heading, type Table } from "../components/table";
+import { save, standalone } from "../components/download";
+import { csv, fileName } from "../lib/csv";
 import { useWidth } from "../state/size";
-import { text } from "../text";
+import { text } from "../i18n";
 
 export interface LegendItem {
   label: string;
@@ -20,6 +20,7 @@ export function Figure({
   table,
   children,
   tools,
+  drawing,
 }: {
   title: string;
   note?: string;
@@ -28,12 +29,16 @@ export function Figure({
   /** Draws the chart for a width in pixels. */
   children: (width: number) => ComponentChildren;
   tools?: ComponentChildren;
+  /** What is downloaded where the page shows a table with marks in it. */
+  drawing?: (width: number) => ComponentChildren;
 }) {
   const [box, width] = useWidth<HTMLDivElement>();
   const figure = useRef<HTMLElement>(null);
   const saveSvg = () => {
-    const svg = figure.current?.querySelector<SVGSVGElement>("svg.chart");
+    const drawn = drawing && drawnAside(figure.current, drawing(SAVED_WIDTH));
+    const svg = (drawn ?? figure.current)?.querySelector<SVGSVGElement>("svg.chart");
     if (svg) save(standalone(svg, title), "image/svg+xml", fileName(title, "svg"));
+    drawn?.remove();
   };
   const saveCsv = () => save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(title, "csv"));
   return (
@@ -72,6 +77,17 @@ export function Figure({
       </details>
     </figure>
   );
+}
+
+const SAVED_WIDTH = 1000;
+
+/** Draw where no one looks, but where the style sheet holds. */
+function drawnAside(beside: HTMLElement | null, drawing: ComponentChildren): HTMLElement {
+  const box = document.createElement("div");
+  box.className = "hidden";
+  beside?.append(box);
+  render(<>{drawing}</>, box);
+  return box;
 }
 
 /** The drawing itself: a picture with a name for those who do not see it. */

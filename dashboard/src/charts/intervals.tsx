@@ -1,8 +1,9 @@
 /** Values with intervals on a logarithmic axis, a row each; an end that is open is an arrow. */
-import { clip } from "../pure/format";
-import { extent, logarithmic } from "../pure/scale";
+import { clip } from "../lib/format";
+import { extent, logarithmic, type Scale } from "../lib/scale";
 import { BottomAxis } from "./axis";
 import { Chart } from "./figure";
+import { tip } from "./tip";
 
 export interface IntervalMark {
   /** Which series: class of the mark. */
@@ -84,6 +85,59 @@ export function Intervals({
   );
 }
 
+/** The axis of rows that stand in a table. */
+export function intervalAxis(rows: IntervalRow[], width: number, margin: number): Scale {
+  const [low, high] = bounds(rows, undefined);
+  return logarithmic(low, high, margin, width - margin - 8, width < 320 ? 4 : 7);
+}
+
+export function RowAxis({
+  axis,
+  width,
+  format,
+  label,
+}: {
+  axis: Scale;
+  width: number;
+  format: (value: number) => string;
+  label: string;
+}) {
+  return (
+    <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
+      {axis.ticks.map((tick) => (
+        <text class="tick" x={axis(tick)} y={16} text-anchor="middle">
+          {format(tick)}
+        </text>
+      ))}
+    </svg>
+  );
+}
+
+/** One row's marks above the lines of the axis. */
+export function RowMarks({ row, axis, width }: { row: IntervalRow; axis: Scale; width: number }) {
+  const marks = spoken(row.marks);
+  const height = Math.max(40, marks.length * MARK_HEIGHT + 8);
+  const top = (height - marks.length * MARK_HEIGHT) / 2;
+  return (
+    <svg
+      class="row-chart"
+      width={width}
+      height={height}
+      role="img"
+      aria-label={row.marks.map((one) => one.label).join("; ")}
+    >
+      {axis.ticks.map((tick) => (
+        <line class="grid" x1={axis(tick)} x2={axis(tick)} y1={0} y2={height} />
+      ))}
+      {marks.map((mark, k) =>
+        mark.low === null && mark.value === null ? null : (
+          <Mark mark={mark} x={axis} y={top + (k + 0.5) * MARK_HEIGHT} left={2} right={width - 10} />
+        ),
+      )}
+    </svg>
+  );
+}
+
 /** Where all series say the same instead of a value, once is enough. */
 function spoken(marks: IntervalMark[]): IntervalMark[] {
   const silent = marks.every((mark) => mark.low === null && mark.value === null && mark.instead === marks[0]?.instead);
@@ -114,8 +168,8 @@ function Mark({
   const to = mark.high === null ? right : x(mark.high);
   const hidden = to - from < 15 && mark.value !== null; // the point covers the ends
   return (
-    <g class={`interval ${mark.mark}`}>
-      <title>{mark.label}</title>
+    <g class={`interval ${mark.mark}`} {...tip(mark.label.split(": "))}>
+      <rect class="hit" x={Math.min(from, to) - 10} y={y - 12} width={Math.abs(to - from) + 20} height={24} />
       <line x1={from} x2={mark.high === null && mark.low !== null ? to - 6 : to} y1={y} y2={y} />
       {mark.low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
       {mark.high !== null && mark.high !== mark.value && !hidden && (

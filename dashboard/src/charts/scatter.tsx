@@ -1,7 +1,7 @@
 /** Residuals by configuration, with the band in which most should lie. */
-import { extent, linear } from "../pure/scale";
+import { extent, linear } from "../lib/scale";
 import { LeftAxis, Names } from "./axis";
-import { axisFormat } from "./bars";
+import { axisFormat, Columns, type Opening } from "./bars";
 import { Chart } from "./figure";
 
 export interface Dot {
@@ -19,6 +19,8 @@ export function Scatter({
   height = 280,
   label,
   unit,
+  open,
+  at,
 }: {
   names: string[];
   dots: Dot[];
@@ -28,7 +30,7 @@ export function Scatter({
   height?: number;
   label: string;
   unit: string;
-}) {
+} & Opening) {
   const [left, right, bottom] = [56, width - 8, height - 34];
   const reach = Math.max(...(extent(dots.map((dot) => dot.value)) ?? [0, 1]).map(Math.abs), band ?? 0) || 1;
   const y = linear(-reach, reach, bottom, 28);
@@ -44,11 +46,18 @@ export function Scatter({
           cx={place(dot.column) + shift(dot.mark) * Math.min(5, step / 4)}
           cy={y(dot.value)}
           r={Math.min(3.6, Math.max(1.5, step / 5))}
-        >
-          <title>{dot.title}</title>
-        </circle>
+        />
       ))}
       <Names names={names} place={place} bottom={bottom} room={right - left} />
+      <Columns
+        names={names}
+        place={place}
+        step={step}
+        bottom={bottom}
+        {...(open ? { open } : {})}
+        {...(at === undefined ? {} : { at })}
+        lines={(i) => dots.filter((dot) => dot.column === i).map((dot) => dot.title)}
+      />
     </Chart>
   );
 }

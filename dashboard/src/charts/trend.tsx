@@ -1,8 +1,9 @@
 /** One joint over time: a point with its interval for each run, logarithmic. */
-import { significant } from "../pure/format";
-import { extent, logarithmic } from "../pure/scale";
+import { significant } from "../lib/format";
+import { extent, logarithmic } from "../lib/scale";
 import { LeftAxis } from "./axis";
 import { Chart } from "./figure";
+import { tip } from "./tip";
 
 export interface TrendPoint {
   time: number;
@@ -11,6 +12,8 @@ export interface TrendPoint {
   high: number | null;
   mark: string;
   title: string;
+  /** Address of its run. */
+  open?: string;
 }
 
 export function Trend({
@@ -52,7 +55,7 @@ export function Trend({
         />
       ))}
       {points.map((p) => (
-        <Point point={p} x={x(p)} y={y} top={28} />
+        <Point point={p} x={x(p)} y={y} top={28} bottom={bottom} />
       ))}
       {points.length > 0 && <Dates first={times[0]} last={times[1]} from={left} to={right} y={bottom + 22} />}
     </Chart>
@@ -67,15 +70,28 @@ function thread(points: TrendPoint[], x: (point: TrendPoint) => number, y: (valu
     .join("");
 }
 
-function Point({ point, x, y, top }: { point: TrendPoint; x: number; y: (value: number) => number; top: number }) {
+function Point({
+  point,
+  x,
+  y,
+  top,
+  bottom,
+}: {
+  point: TrendPoint;
+  x: number;
+  y: (value: number) => number;
+  top: number;
+  bottom: number;
+}) {
   if (point.low === null && (point.value === null || point.value <= 0)) return null;
   const end = point.high === null ? top : y(point.high);
-  const hidden = point.low !== null && y(point.low) - end < 15 && point.value !== null;
+  const start = point.low === null ? null : point.low > 0 ? y(point.low) : bottom; // zero lies below any decade
+  const hidden = start !== null && start - end < 15 && point.value !== null;
   return (
-    <g class={`interval ${point.mark}`}>
-      <title>{point.title}</title>
-      {point.low !== null && <line x1={x} x2={x} y1={y(point.low)} y2={end} />}
-      {point.low !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={y(point.low)} y2={y(point.low)} />}
+    <g class={`interval ${point.mark}`} {...tip(point.title.split("\n"), point.open)}>
+      <rect class="hit" x={x - 12} width={24} y={top} height={Math.max(24, bottom - top)} />
+      {start !== null && <line x1={x} x2={x} y1={start} y2={end} />}
+      {start !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={start} y2={start} />}
       {point.high !== null && point.low !== null && !hidden && (
         <line class="end" x1={x - 6} x2={x + 6} y1={end} y2={end} />
       )}

@@ -1,7 +1,7 @@
 /** The arm: capsules between the joints' origins, a drum along each axis, the flange's frame. */
 import { CylinderGeometry, Group, Mesh, MeshLambertMaterial, Quaternion, SphereGeometry, Vector3 } from "three";
 import type { Posture } from "../api/types";
-import { add, norm, subtract, times, type Vector } from "../pure/vector";
+import { add, norm, subtract, times, type Vector } from "../lib/vector";
 
 const UP = new Vector3(0, 1, 0);
 
@@ -11,23 +11,27 @@ export class Arm {
   readonly linkMaterial = new MeshLambertMaterial();
   readonly jointMaterial = new MeshLambertMaterial();
   readonly axisMaterial = new MeshLambertMaterial();
+  readonly baseMaterial = new MeshLambertMaterial();
   readonly #cylinder = new CylinderGeometry(1, 1, 1, 20);
   readonly #sphere = new SphereGeometry(1, 20, 14);
   readonly #tubes: Mesh[] = [];
   readonly #balls: Mesh[] = [];
   readonly #drums: Mesh[] = [];
   readonly #lines: Mesh[] = [];
+  readonly #pedestal: Mesh;
   readonly #turn = new Quaternion();
   readonly #direction = new Vector3();
 
   constructor() {
     this.group.add(this.axes);
+    this.#pedestal = this.#add(this.group, this.#cylinder, this.baseMaterial);
   }
 
   /** Put the arm into a posture; `reach` sets how thick it is. */
   set(posture: Posture, reach: number): void {
     const points: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
     const thick = (i: number) => reach * (0.046 - (0.028 * i) / Math.max(1, points.length - 1));
+    this.#span(this.#pedestal, [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
     this.#grow(points.length, posture.joint_axes.length);
     points.forEach((point, i) => {
       this.#balls[i]?.position.set(...point);

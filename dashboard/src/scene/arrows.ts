@@ -1,6 +1,6 @@
 /** Many arrows in two draw calls: shafts and heads as instances. */
 import {
-  type Color,
+  Color,
   ConeGeometry,
   CylinderGeometry,
   Group,
@@ -10,7 +10,7 @@ import {
   Quaternion,
   Vector3,
 } from "three";
-import type { Vector } from "../pure/vector";
+import type { Vector } from "../lib/vector";
 
 export interface Arrow {
   from: Vector;
@@ -18,6 +18,7 @@ export interface Arrow {
 }
 
 const UP = new Vector3(0, 1, 0);
+const WHITE = new Color(1, 1, 1);
 
 export class Arrows {
   readonly group = new Group();
@@ -30,22 +31,24 @@ export class Arrows {
   readonly #direction = new Vector3();
   readonly #scale = new Vector3();
 
-  /** Draw these, their length times a factor, as thick as `radius`. */
-  set(arrows: Arrow[], factor: number, radius: number): void {
+  /** Draw these, their length times a factor, as thick as `radius`, each in a colour of its own if given. */
+  set(arrows: Arrow[], factor: number, radius: number, colors: Color[] | null = null): void {
     this.#reserve(arrows.length);
     arrows.forEach(({ from, along }, i) => this.#put(i, from, along, factor, radius));
     for (const mesh of [this.#shafts, this.#heads]) {
       if (!mesh) continue;
       mesh.count = arrows.length;
       mesh.instanceMatrix.needsUpdate = true;
+      arrows.forEach((_, i) => mesh.setColorAt(i, colors?.[i] ?? WHITE));
+      if (mesh.instanceColor) mesh.instanceColor.needsUpdate = true;
     }
   }
 
   /** Half of it shines by itself, so that an arrow has the colour of the legend from all sides. */
-  paint(color: Color): void {
+  paint(color: Color, instances = false): void {
     this.material.color = color;
     this.material.emissive = color;
-    this.material.emissiveIntensity = 0.5;
+    this.material.emissiveIntensity = instances ? 0 : 0.5; // of instances it would be white
   }
 
   #put(i: number, from: Vector, along: Vector, factor: number, radius: number): void {

@@ -4,14 +4,24 @@ import type { PerspectiveCamera } from "three";
 const TURN = 0.008; // radians a pixel
 const KEY_TURN = 0.12;
 const ZOOM = 1.12;
-const START = { azimuth: -0.9, elevation: 0.42 };
+/** Isometric: all three axes are seen alike. */
+const ISOMETRIC = Math.atan(Math.SQRT1_2);
+const CORNERS = [-0.25, 0.25, -0.75, 0.75].map((turns) => turns * Math.PI);
+/** Share of the window that is left free around what is shown. */
+const MARGIN = 1.16;
+/** What has shrunk below this share of the view is framed anew. */
+const SMALL = 0.62;
+
+type Point = readonly [number, number, number];
 
 export class Orbit {
-  #azimuth = START.azimuth;
-  #elevation = START.elevation;
+  #azimuth: number = CORNERS[0] as number;
+  #elevation = ISOMETRIC;
   #zoom = 1;
   #center: [number, number, number] = [0, 0, 0];
-  #radius = 1;
+  #distance = 1;
+  #points: readonly Point[] = [];
+  #touched = false;
   readonly #pointers = new Map<number, [number, number]>();
 
   constructor(
@@ -31,22 +41,69 @@ export class Orbit {
     canvas.addEventListener("keydown", (event) => this.#key(event));
   }
 
-  /** Look at a sphere that holds everything. */
-  frame(center: [number, number, number], radius: number): void {
-    [this.#center, this.#radius] = [center, radius];
+  /** Distance from which the camera looks [m]. */
+  get distance(): number {
+    return this.#distance / this.#zoom;
+  }
+
+  /** Hold these points in view; the view stays still as long as they fit well, or someone has turned it. */
+  frame(points: readonly Point[]): void {
+    const first = this.#points.length === 0;
+    this.#points = points;
+    if (first) this.reset();
+    if (first || this.#touched) return;
+    const needed = this.#fit(this.#center);
+    if (needed > this.#distance || needed < SMALL * this.#distance) this.#refit();
+  }
+
+  /** Look from the corner from which the arm is seen most from its side. */
+  reset(): void {
+    const [x, y] = this.#farthest();
+    const side = (azimuth: number) => Math.abs(Math.sin(Math.atan2(y, x) - azimuth));
+    this.#azimuth = CORNERS.reduce((best, corner) => (side(corner) > side(best) + 1e-6 ? corner : best));
+    [this.#elevation, this.#zoom, this.#touched] = [ISOMETRIC, 1, false];
+    this.#refit();
+  }
+
+  #farthest(): Point {
+    return this.#points.reduce<Point>(
+      (far, p) => (Math.hypot(p[0], p[1]) > Math.hypot(far[0], far[1]) ? p : far),
+      [1, 0, 0],
+    );
+  }
+
+  #refit(): void {
+    const ends = ([0, 1, 2] as const).map((i) => {
+      const values = this.#points.map((p) => p[i]);
+      return (Math.min(...values) + Math.max(...values)) / 2;
+    });
+    this.#center = ends as [number, number, number];
+    this.#distance = this.#fit(this.#center);
     this.#place();
   }
 
-  reset(): void {
-    [this.#azimuth, this.#elevation, this.#zoom] = [START.azimuth, START.elevation, 1];
-    this.#place();
+  /** Least distance of the camera from a centre at which all points are seen. */
+  #fit(center: Point): number {
+    const up = Math.tan((this.camera.fov * Math.PI) / 360);
+    const across = up * this.camera.aspect;
+    const [ca, sa, ce, se] = [
+      Math.cos(this.#azimuth),
+      Math.sin(this.#azimuth),
+      Math.cos(this.#elevation),
+      Math.sin(this.#elevation),
+    ];
+    return this.#points.reduce((most, p) => {
+      const [x, y, z] = [p[0] - center[0], p[1] - center[1], p[2] - center[2]];
+      const toward = x * ca * ce + y * sa * ce + z * se;
+      const right = Math.abs(y * ca - x * sa);
+      const height = Math.abs(z * ce - (x * ca + y * sa) * se);
+      return Math.max(most, toward + MARGIN * Math.max(right / across, height / up));
+    }, 0.3);
   }
 
   /** Also after the size of the canvas has changed. */
   #place(): void {
-    const half = (this.camera.fov * Math.PI) / 360;
-    const narrow = Math.min(1, this.camera.aspect);
-    const distance = this.#radius / (Math.sin(half) * narrow) / this.#zoom;
+    const { distance } = this;
     const [x, y, z] = this.#center;
     const level = Math.cos(this.#elevation) * distance;
     this.camera.position.set(
@@ -62,16 +119,19 @@ export class Orbit {
   }
 
   resized(): void {
-    this.#place();
+    if (this.#touched || this.#points.length === 0) this.#place();
+    else this.#refit();
   }
 
   #turn(right: number, up: number): void {
+    this.#touched = true;
     this.#azimuth -= right;
     this.#elevation = Math.max(-1.5, Math.min(1.5, this.#elevation + up));
     this.#place();
   }
 
   #magnify(factor: number): void {
+    this.#touched = true;
     this.#zoom = Math.max(0.3, Math.min(12, this.#zoom * factor));
     this.#place();
   }

@@ -1,8 +1,8 @@
 /** The arm from the side and from above, for devices without 3D graphics. */
-import { extent } from "../pure/scale";
-import { add, times, type Vector } from "../pure/vector";
-import { text } from "../text";
-import type { Show } from "./stage";
+import { extent } from "../lib/scale";
+import { add, times, type Vector } from "../lib/vector";
+import { text } from "../i18n";
+import type { Show } from "./show";
 
 const SIZE = 320;
 

@@ -14,25 +14,20 @@ import {
   Vector3,
   WebGLRenderer,
 } from "three";
-import type { Posture } from "../api/types";
-import { norm, type Vector } from "../pure/vector";
+import { bent } from "../lib/bend";
+import { norm, type Vector } from "../lib/vector";
 import { Arm } from "./arm";
-import { Arrows, type Arrow } from "./arrows";
+import { type Arrow, Arrows } from "./arrows";
+import { type Label, Labels } from "./labels";
 import { Orbit } from "./orbit";
+import { ScaleBar } from "./scale_bar";
+import type { Show } from "./show";
 
 export const FRAME = "jointstiff.frame";
 const KEPT_FRAMES = 500;
 
-/** What is shown. Lengths in m, R0. */
-export interface Show {
-  posture: Posture;
-  measured: Arrow[];
-  predicted: Arrow[];
-  load: Arrow | null;
-  /** By how much deflections are exaggerated. */
-  factor: number;
-  axes: boolean;
-}
+/** Seconds: down, held, and up again. */
+const BEND = { down: 0.8, held: 0.7, up: 0.6 };
 
 export class Stage {
   readonly #renderer: WebGLRenderer;
@@ -43,6 +38,11 @@ export class Stage {
   readonly #measured = new Arrows();
   readonly #predicted = new Arrows();
   readonly #load = new Arrows();
+  readonly #triad = [new Arrows(), new Arrows(), new Arrows()] as const;
+  readonly #labels: Labels;
+  readonly #bar: ScaleBar;
+  #ramp: [Color, Color, Color] = [new Color(), new Color(), new Color()];
+  #bendStart: number | null = null;
   readonly #observer: ResizeObserver;
   #grid: GridHelper | null = null;
   #reach = 1;
@@ -61,31 +61,28 @@ export class Stage {
     sun.position.copy(new Vector3(2, -3, 5));
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, this.#arm.group);
     this.#scene.add(this.#measured.group, this.#predicted.group, this.#load.group);
+    this.#scene.add(...this.#triad.map((axis) => axis.group));
+    this.#labels = new Labels(canvas);
+    this.#bar = new ScaleBar(canvas);
     this.#orbit = new Orbit(this.#camera, canvas, () => this.request());
     this.#observer = new ResizeObserver(() => this.#resize());
     this.#observer.observe(canvas);
     addEventListener("themechange", this.#paint);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this.#paint);
-    this.#measured.material.transparent = true;
-    this.#measured.material.opacity = 0.42;
-    this.#measured.material.depthWrite = false;
     this.#paint();
   }
 
-  /** Set the room: the camera and the floor fit all of these points. */
+  /** Hold these points in view; `reach` is the size of the arm [m]. */
   room(points: Vector[]): void {
-    const low: [number, number, number] = [-0.2, -0.2, 0];
-    const high: [number, number, number] = [0.2, 0.2, 0.2];
-    for (const point of points) {
-      for (const i of [0, 1, 2] as const) {
-        low[i] = Math.min(low[i], point[i]);
-        high[i] = Math.max(high[i], point[i]);
-      }
+    const reach = Math.max(0.2, ...points.map(norm));
+    if (Math.abs(reach / this.#reach - 1) > 0.35) {
+      this.#reach = reach;
+      this.#floor();
+      this.#shown = null;
     }
-    const center: [number, number, number] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];
-    this.#reach = Math.max(0.2, ...points.map(norm));
-    this.#floor();
-    this.#orbit.frame(center, Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) * 0.37);
+    const foot = this.#reach * 0.16;
+    this.#orbit.frame([...points, [foot, foot, 0], [-foot, -foot, 0]]);
+    this.request();
   }
 
   show(show: Show): void {
@@ -95,6 +92,12 @@ export class Stage {
 
   reset(): void {
     this.#orbit.reset();
+  }
+
+  /** Let the arm give way under its load and come back; without motion for those who want none. */
+  bend(): void {
+    this.#bendStart = performance.now();
+    this.request();
   }
 
   /** Draw a frame soon, once however often it is asked. */
@@ -107,7 +110,9 @@ export class Stage {
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
     matchMedia("(prefers-color-scheme: dark)").removeEventListener("change", this.#paint);
-    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load]) part.dispose();
+    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, ...this.#triad]) part.dispose();
+    this.#labels.dispose();
+    this.#bar.dispose();
     this.#renderer.dispose();
   }
 
@@ -115,31 +120,77 @@ export class Stage {
     const start = performance.now();
     this.#waiting = 0;
     if (this.#show && this.#show !== this.#shown) this.#apply(this.#show);
+    this.#bendNow(start);
     this.#renderer.render(this.#scene, this.#camera);
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    this.#labels.place(this.#camera, width, height);
+    const half = Math.tan((this.#camera.fov * Math.PI) / 360);
+    this.#bar.set(height / (2 * half * this.#orbit.distance), this.#show?.factor ?? 1);
     performance.measure(FRAME, { start, end: performance.now() });
     if (++this.#frames % KEPT_FRAMES === 0) performance.clearMeasures(FRAME);
   };
 
+  /** One step of the bend; asks for the next until it is over. */
+  #bendNow(now: number): void {
+    if (this.#bendStart === null || !this.#show) return;
+    const time = (now - this.#bendStart) / 1e3;
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const over = time > BEND.down + BEND.held + BEND.up;
+    const part = over ? 0 : still ? 1 : bendPart(time);
+    const { posture, bend, factor } = this.#show;
+    this.#arm.set(
+      part > 0
+        ? bent(
+            posture,
+            bend.map((angle) => angle * factor * part),
+          )
+        : posture,
+      this.#reach,
+    );
+    if (over) this.#bendStart = null;
+    else this.request();
+  }
+
   #apply(show: Show): void {
-    const before = this.#shown;
     this.#shown = show;
     this.#arm.set(show.posture, this.#reach);
     this.#arm.axes.visible = show.axes;
-    const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.007);
-    if (before?.measured !== show.measured || before.factor !== show.factor)
-      this.#measured.set(show.measured, show.factor, thin * 2.4); // the predicted one shows inside it
-    if (before?.predicted !== show.predicted || before.factor !== show.factor)
-      this.#predicted.set(show.predicted, show.factor, thin);
-    this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.009);
+    const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.006);
+    const worst = show.byResidual;
+    const ramp = worst === null ? null : show.residuals.map((value) => this.#rampAt(value / worst));
+    this.#measured.material.transparent = ramp === null;
+    this.#measured.material.opacity = ramp === null ? 0.45 : 1;
+    this.#measured.material.depthWrite = ramp !== null;
+    this.#measured.paint(ramp === null ? this.#color("--measured") : new Color(1, 1, 1), ramp !== null);
+    this.#measured.set(show.measured, show.factor, thin * (ramp === null ? 2.4 : 1.5), ramp);
+    this.#predicted.set(ramp === null ? show.predicted : [], show.factor, thin); // shows inside the measured one
+    this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.008);
+    this.#triad.forEach((axis, i) =>
+      axis.set([{ from: [0, 0, 0], along: axisOf(i, this.#reach * 0.26) }], 1, this.#reach * 0.006),
+    );
+    this.#labels.set(labelsOf(show, this.#reach));
+  }
+
+  /** From good over doubtful to bad. */
+  #rampAt(share: number): Color {
+    const [good, warn, bad] = this.#ramp;
+    return share < 0.5 ? good.clone().lerp(warn, share * 2) : warn.clone().lerp(bad, Math.min(1, share * 2 - 1));
+  }
+
+  #color(name: string): Color {
+    return new Color().setStyle(resolved(this.canvas, name), SRGBColorSpace);
   }
 
   readonly #paint = (): void => {
-    const color = (name: string) => new Color().setStyle(resolved(this.canvas, name), SRGBColorSpace);
+    const color = (name: string) => this.#color(name);
     this.#scene.background = color("--stage");
     this.#arm.linkMaterial.color = color("--arm");
     this.#arm.jointMaterial.color = color("--arm-joint");
     this.#arm.axisMaterial.color = color("--axis");
-    this.#measured.paint(color("--measured"));
+    this.#arm.baseMaterial.color = color("--arm-joint");
+    this.#triad.forEach((axis, i) => axis.paint(color(["--x", "--y", "--z"][i] ?? "--x")));
+    this.#ramp = [color("--good"), color("--warn"), color("--bad")];
+    this.#shown = null;
     this.#predicted.paint(color("--predicted"));
     this.#load.paint(color("--load"));
     this.#floor();
@@ -166,6 +217,28 @@ export class Stage {
     this.#camera.aspect = width / height;
     this.#orbit.resized();
   }
+}
+
+/** Share of the whole bend after some seconds, eased at both ends. */
+function bendPart(time: number): number {
+  const ease = (x: number) => (1 - Math.cos(Math.PI * Math.min(1, Math.max(0, x)))) / 2;
+  return time < BEND.down + BEND.held ? ease(time / BEND.down) : 1 - ease((time - BEND.down - BEND.held) / BEND.up);
+}
+
+const axisOf = (i: number, length: number): Vector => [
+  i === 0 ? length : 0,
+  i === 1 ? length : 0,
+  i === 2 ? length : 0,
+];
+
+function labelsOf(show: Show, reach: number): Label[] {
+  const axes = (["x", "y", "z"] as const).map((kind, i): Label => ({ name: kind, kind, at: axisOf(i, reach * 0.3) }));
+  if (show.names.length === 0) return axes;
+  const joints = show.posture.joint_origins.map((at, j): Label => ({ name: show.names[j] ?? "", kind: "joint", at }));
+  const targets = show.targets.map(
+    (name, i): Label => ({ name, kind: "target", at: show.measured[i]?.from ?? [0, 0, 0] }),
+  );
+  return [...axes, ...joints, ...targets];
 }
 
 /** Of one length whatever the load: it shows where and which way. */

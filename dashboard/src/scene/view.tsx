@@ -1,11 +1,12 @@
 /** The 3D view as a part of the page; the drawing code is loaded when it is first needed. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Posture } from "../api/types";
-import { Busy } from "../parts/basics";
-import type { Vector } from "../pure/vector";
-import { text } from "../text";
+import { Busy } from "../components/basics";
+import type { Vector } from "../lib/vector";
+import { text } from "../i18n";
 import { Sketch } from "./sketch";
-import type { Show, Stage } from "./stage";
+import type { Show } from "./show";
+import type { Stage } from "./stage";
 
 export interface ArmViewProps {
   show: Show;
@@ -14,9 +15,11 @@ export interface ArmViewProps {
   label: string;
   /** Counts up to look from the first side again. */
   resets?: number;
+  /** Counts up to show the bend. */
+  bends?: number;
 }
 
-export function ArmView({ show, room, label, resets = 0 }: ArmViewProps) {
+export function ArmView({ show, room, label, resets = 0, bends = 0 }: ArmViewProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
   useEffect(() => {
@@ -42,6 +45,9 @@ export function ArmView({ show, room, label, resets = 0 }: ArmViewProps) {
   useEffect(() => {
     if (resets > 0) drawing?.reset();
   }, [resets]);
+  useEffect(() => {
+    if (bends > 0) drawing?.bend();
+  }, [bends]);
   if (stage === "none") return <Sketch show={show} room={room} label={label} />;
   return (
     <div class="stage">

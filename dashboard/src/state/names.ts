@@ -1,7 +1,8 @@
 /** Names of robots and sets by their identifiers, for lists that only have those. */
 import { api, every } from "../api/client";
 import type { MeasurementSetSummary, RobotSummary } from "../api/types";
-import { type Loading, useLoad } from "./load";
+import { forget, useCached } from "./cache";
+import type { Loading } from "./load";
 
 export interface Names {
   robots: RobotSummary[];
@@ -10,13 +11,18 @@ export interface Names {
   set: (id: string) => string;
 }
 
+const KEY = "names";
+
 /** All names; an identifier that is not among them stands for itself. */
 export function useNames(): Loading<Names> {
-  return useLoad(loadNames, []);
+  return useCached(KEY, loadNames);
 }
 
-async function loadNames(signal: AbortSignal): Promise<Names> {
-  const [robots, sets] = await Promise.all([every(api.robots, {}, 1000, signal), every(api.sets, {}, 1000, signal)]);
+/** A robot or a set was added. */
+export const namesChanged = (): void => forget(KEY);
+
+async function loadNames(): Promise<Names> {
+  const [robots, sets] = await Promise.all([every(api.robots, {}, 1000), every(api.sets, {}, 1000)]);
   const robotNames = new Map(robots.map((robot) => [robot.id, robot.name]));
   const setNames = new Map(sets.map((set) => [set.id, set.name]));
   return {

@@ -1,7 +1,7 @@
 /** What people set for this device: theme and unit of stiffness. Kept in the browser, nowhere else. */
 import { createContext } from "preact";
 import { useContext, useEffect, useState } from "preact/hooks";
-import type { StiffnessUnit } from "../pure/units";
+import { type StiffnessUnit, UNIT_NAMES } from "../lib/units";
 
 export type Theme = "auto" | "light" | "dark";
 
@@ -20,7 +20,7 @@ export const useSettings = (): Settings => useContext(SettingsContext);
 /** The settings of this device, and the theme put on the page. */
 export function useStoredSettings(): Settings {
   const [theme, setTheme] = useState<Theme>(() => oneOf(read(KEYS.theme), ["auto", "light", "dark"], "auto"));
-  const [unit, setUnit] = useState<StiffnessUnit>(() => oneOf(read(KEYS.unit), ["MNm", "Nm"], "MNm"));
+  const [unit, setUnit] = useState<StiffnessUnit>(() => oneOf(read(KEYS.unit), UNIT_NAMES, "MNm"));
   useEffect(() => {
     document.documentElement.dataset["theme"] = theme;
     dispatchEvent(new Event("themechange"));

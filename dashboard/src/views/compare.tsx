@@ -2,13 +2,15 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ComparisonSummary, PairSummary, RunSummary } from "../api/types";
-import { Empty, Name, ProblemNote, Select, Show, State, Tabs, Title, Toggle, When } from "../parts/basics";
-import { freshKey } from "../pure/hash";
+import { Badge } from "../components/badge";
+import { Empty, Name, ProblemNote, Select, Show, State, Tabs, Title, Toggle, When } from "../components/basics";
+import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link, parse } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
+import { Figures } from "./run_list";
 
 const words = text.compare;
 const KINDS = ["methods", "pairs", "trend"] as const;
@@ -88,11 +90,12 @@ function Earlier({ names }: { names: Names }) {
                   <Name>{names.robot(item.robot_id)}</Name>
                 </small>
               </span>
+              <Figures of={item} />
               <span class="when">
                 <When time={item.created_at} />
               </span>
               <span class="standing">
-                <State state={item.state} />
+                {item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
               </span>
             </a>
           </li>
@@ -110,8 +113,8 @@ function side(chosen: string): { measurement_set_id: string } | { run_id: string
 
 /** Method, constraint and weights of a run, short. */
 function howRun(run: RunSummary): string {
-  const method = `${text.methodShort[run.method] ?? run.method} ${run.positive ? text.options.constrained : text.options.unconstrained}`;
-  return run.weighting === "covariance" ? method : `${method}, ${text.weightings[run.weighting] ?? run.weighting}`;
+  const method = `${text.methods[run.method]} ${run.positive ? text.options.constrained : text.options.unconstrained}`;
+  return run.weighting === "covariance" ? method : `${method}, ${text.weightings[run.weighting]}`;
 }
 
 function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
@@ -178,11 +181,12 @@ function EarlierPairs({ names }: { names: Names }) {
                   <Name>{names.robot(item.robot_id)}</Name>
                 </small>
               </span>
+              <Figures of={item} />
               <span class="when">
                 <When time={item.created_at} />
               </span>
               <span class="standing">
-                <State state={item.state} />
+                {item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
               </span>
             </a>
           </li>

@@ -5,17 +5,22 @@ import { goesOn } from "../api/events";
 import type { ComparedFit, Comparison, JointResult, MeasurementSet } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Choice, Name, ProblemNote, Show, State, Title, Warnings, When } from "../parts/basics";
-import { Cancelled, Going } from "../parts/going";
-import { Scroll, type Table } from "../parts/table";
-import { decimalsFor, fixed, percent, significant } from "../pure/format";
-import { axisStiffness, shownStiffness } from "../pure/stiffness";
-import { STIFFNESS_UNITS, type StiffnessUnit } from "../pure/units";
+import { Badge } from "../components/badge";
+import { Choice, Name, ProblemNote, Prose, Show, State, Title, Warnings, When } from "../components/basics";
+import { Cancelled, Going } from "../components/going";
+import { JobActions } from "../components/job_actions";
+import { Term } from "../components/term";
+import { Scroll, type Table } from "../components/table";
+import { decimalsFor, fixed, percent, significant } from "../lib/format";
+import { axisStiffness, shownStiffness } from "../lib/stiffness";
+import { changeIn, inUnit, intervalIn, maybeInUnit, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
 import { useLoad } from "../state/load";
+import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
-import { text } from "../text";
-import { markOf } from "./run_stiffness";
+import { text } from "../i18n";
+import { markOf } from "./joint_marks";
+import { VerdictCard } from "./verdict_card";
 
 const words = text.compare;
 
@@ -23,7 +28,7 @@ export function ComparisonView({ id }: { id: string }) {
   const loaded = useLoad(
     async (signal) => {
       const comparison = await api.comparison(id, signal);
-      return { comparison, set: await api.set(comparison.request.measurement_set_id, signal) };
+      return { comparison, set: await storedSet(comparison.request.measurement_set_id) };
     },
     [id],
   );
@@ -42,10 +47,28 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
           <Name>{set.name}</Name>
         </Title>
         <p class="meta">
-          {!goesOn(comparison.state) && <State state={comparison.state} />}
+          {comparison.result ? (
+            <Badge verdict={comparison.result.assessment.verdict} />
+          ) : (
+            !goesOn(comparison.state) && <State state={comparison.state} />
+          )}
           <a href={link(["sets", set.id])}>{text.sets.kind}</a>
           <When time={comparison.provenance.created_at} />
         </p>
+        <JobActions
+          kind="comparison"
+          job={comparison}
+          name={set.name}
+          remove={goesOn(comparison.state) ? null : () => api.deleteComparison(comparison.id)}
+          restore={() => api.restoreComparison(comparison.id)}
+          list="#/compare/methods"
+        >
+          {comparison.result && (
+            <a class="button" href={`/v1/comparisons/${comparison.id}/table.csv`} download>
+              {text.figure.csv}
+            </a>
+          )}
+        </JobActions>
       </div>
       {goesOn(comparison.state) && (
         <Going
@@ -59,6 +82,7 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
       {comparison.error && <ProblemNote problem={comparison.error} />}
       {comparison.result && (
         <>
+          <VerdictCard assessment={comparison.result.assessment} context={null} />
           {comparison.result.warnings.length > 0 && (
             <>
               <h2>{text.run.warnings(comparison.result.warnings.length)}</h2>
@@ -75,11 +99,11 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
 
 /** A name that tells an entry from the others. */
 function entryName(fit: ComparedFit): string {
-  const short = text.methodShort[fit.method] ?? fit.method;
+  const short = text.methods[fit.method];
   if (fit.weighting !== "characteristic_length") return short;
   return fit.characteristic_length
-    ? `${short} ${words.lengthOf(significant(fit.characteristic_length, 2))}`
-    : `${short} L`;
+    ? `${short}, ${words.lengthOf(significant(fit.characteristic_length, 2))}`
+    : `${short}, ${words.byLength}`;
 }
 
 const jointNames = (entries: ComparedFit[]): string[] => [
@@ -126,22 +150,26 @@ function Row({ fit, joints, unit }: { fit: ComparedFit; joints: string[]; unit: 
   return (
     <tr class={fit.positive ? "positive" : "free"}>
       <th scope="row">
-        <span title={text.methods[fit.method]}>{entryName(fit)}</span>
+        <Term of={fit.method}>{entryName(fit)}</Term>
         <small class="soft">{fit.positive ? text.options.constrained : text.options.unconstrained}</small>
       </th>
       {fit.error ? (
         <td colSpan={joints.length + 2}>
-          {words.notPossible}: {fit.error.detail}
+          {words.notPossible}: <Prose text={fit.error.detail} />
         </td>
       ) : (
         <>
           {joints.map((name) => (
-            <td class="number">
+            <td class="number" data-label={name}>
               <Cell fit={fit} name={name} unit={unit} />
             </td>
           ))}
-          <td class="number">{fit.compensation === null ? "–" : percent(fit.compensation)}</td>
-          <td class="number">{fit.rms_residual === null ? "–" : fixed(fit.rms_residual * 1e3, 3)}</td>
+          <td class="number" data-label={words.compensation}>
+            {fit.compensation === null ? "–" : percent(fit.compensation)}
+          </td>
+          <td class="number" data-label={`${words.rms} [${text.units.mm}]`}>
+            {fit.rms_residual === null ? "–" : fixed(fit.rms_residual * 1e3, 3)}
+          </td>
         </>
       )}
     </tr>
@@ -149,14 +177,14 @@ function Row({ fit, joints, unit }: { fit: ComparedFit; joints: string[]; unit: 
 }
 
 function Cell({ fit, name, unit }: { fit: ComparedFit; name: string; unit: StiffnessUnit }) {
-  const { factor } = STIFFNESS_UNITS[unit];
   const draws = fit.resampling?.joints.find((joint) => joint.name === name);
   if (draws && draws.stiffness_mean !== null && draws.stiffness_deviation !== null) {
-    const decimals = decimalsFor(draws.stiffness_deviation * factor);
+    const deviation = changeIn(draws.stiffness_deviation, draws.stiffness_mean, unit);
+    const decimals = decimalsFor(deviation);
     return (
       <span class={draws.stiffness_mean < 0 ? "bad" : undefined}>
-        {fixed(draws.stiffness_mean * factor, decimals)}{" "}
-        <span class="soft spread">& {fixed(draws.stiffness_deviation * factor, decimals)}</span>
+        {fixed(inUnit(draws.stiffness_mean, unit), decimals)}{" "}
+        <span class="soft spread">±&nbsp;{fixed(deviation, decimals)}</span>
         {draws.share_negative > 0 && (
           <small class="bad">
             {" "}
@@ -172,12 +200,12 @@ function Cell({ fit, name, unit }: { fit: ComparedFit; name: string; unit: Stiff
 
 function Value({ joint, unit }: { joint: JointResult; unit: StiffnessUnit }) {
   const shown = shownStiffness(joint, unit);
-  if (shown.value === null) return <span class="soft">{shown.limit === null ? "–" : `> ${shown.limit}`}</span>;
+  if (shown.value === null) return <span class="soft">{shown.limit === null ? "–" : shown.limit}</span>;
   const negative = joint.stiffness !== null && joint.stiffness < 0;
   return (
     <span class={negative ? "bad" : undefined}>
       {shown.value}
-      {shown.uncertainty !== null && <span class="soft spread"> ({shown.uncertainty})</span>}
+      {shown.uncertainty !== null && <span class="soft spread"> ±&nbsp;{shown.uncertainty}</span>}
     </span>
   );
 }
@@ -225,8 +253,7 @@ function Methods({ entries, level }: { entries: ComparedFit[]; level: string }) 
 }
 
 function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
-  const { factor, column } = STIFFNESS_UNITS[unit];
-  const scaled = (value: number | null | undefined) => (value === null || value === undefined ? null : value * factor);
+  const { column } = STIFFNESS_UNITS[unit];
   return {
     columns: [
       { title: text.runs.method },
@@ -243,9 +270,8 @@ function table(entries: ComparedFit[], unit: StiffnessUnit): Table {
         entryName(fit),
         fit.positive ? text.options.constrained : text.options.unconstrained,
         joint.name,
-        scaled(joint.stiffness),
-        scaled(joint.stiffness_interval?.[0]),
-        scaled(joint.stiffness_interval?.[1]),
+        maybeInUnit(joint.stiffness, unit),
+        ...intervalIn(joint.stiffness_interval, unit),
         fit.compensation,
         fit.rms_residual === null ? null : fit.rms_residual * 1e3,
       ]),

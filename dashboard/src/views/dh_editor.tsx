@@ -1,9 +1,9 @@
 /** A Denavit-Hartenberg table to fill in, and the joint map for coupled axes. */
 import type { DhModel, RobotDocument } from "../api/types";
-import { Choice } from "../parts/basics";
-import { Scroll } from "../parts/table";
-import { radians } from "../pure/units";
-import { text } from "../text";
+import { Choice } from "../components/basics";
+import { Scroll } from "../components/table";
+import { radians } from "../lib/units";
+import { text } from "../i18n";
 
 const COLUMNS = ["a", "alpha", "d", "theta"] as const;
 type Column = (typeof COLUMNS)[number];

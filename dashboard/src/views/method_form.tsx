@@ -1,8 +1,8 @@
 /** How to identify: the method in words, and the rest folded away. */
 import type { Method } from "../api/types";
-import { Choice, Select, Toggle } from "../parts/basics";
-import type { Facts } from "../pure/campaign";
-import { text } from "../text";
+import { Choice, Select, Toggle } from "../components/basics";
+import type { Facts } from "../lib/campaign";
+import { text } from "../i18n";
 
 export interface Options {
   method: Method;
@@ -66,9 +66,9 @@ export function MethodForm({
           const lacking = few && value !== "partial_pose";
           return {
             value,
-            label: text.methods[value] ?? value,
+            label: text.methods[value],
             disabled: lacking,
-            hint: lacking ? text.methodLacks(facts.targets.length) : (text.methodHints[value] ?? ""),
+            hint: lacking ? text.methodLacks(facts.targets.length) : text.methodHints[value],
           };
         })}
       />

@@ -4,16 +4,20 @@ import type { Pair } from "../api/types";
 import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Name, ProblemNote, Show, State, Title, Warnings, When } from "../parts/basics";
-import { DataTable } from "../parts/table";
-import { percent, pValue, significant } from "../pure/format";
-import { axisStiffness } from "../pure/stiffness";
-import { STIFFNESS_UNITS } from "../pure/units";
+import { Badge } from "../components/badge";
+import { Name, ProblemNote, Show, State, Title, Warnings, When } from "../components/basics";
+import { JobActions } from "../components/job_actions";
+import { DataTable } from "../components/table";
+import { percent, pValue, significant } from "../lib/format";
+import { axisStiffness } from "../lib/stiffness";
+import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
 import { useLoad } from "../state/load";
+import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
-import { text } from "../text";
-import { markOf } from "./run_stiffness";
+import { text } from "../i18n";
+import { markOf } from "./joint_marks";
+import { VerdictCard } from "./verdict_card";
 
 const words = text.pair;
 type Result = NonNullable<Pair["result"]>;
@@ -25,11 +29,10 @@ export function PairView({ id }: { id: string }) {
   const loaded = useLoad(
     async (signal) => {
       const pair = await api.pair(id, signal);
-      const [first, second] = await Promise.all([
-        api.set(pair.first_set_id, signal),
-        api.set(pair.second_set_id, signal),
-      ]);
-      return { pair, first: first.name, second: second.name };
+      const [first, second] = await Promise.all([storedSet(pair.first_set_id), storedSet(pair.second_set_id)]);
+      const same = first.name === second.name;
+      const named = (name: string, side: string) => (same ? `${name} (${side})` : name);
+      return { pair, first: named(first.name, words.first), second: named(second.name, words.second) };
     },
     [id],
   );
@@ -42,12 +45,23 @@ export function PairView({ id }: { id: string }) {
               <Name>{first}</Name> → <Name>{second}</Name>
             </Title>
             <p class="meta">
-              <State state={pair.state} />
-              <a href={link(["sets", pair.first_set_id])}>{words.first}</a>
-              <a href={link(["sets", pair.second_set_id])}>{words.second}</a>
+              {pair.result ? <Badge verdict={pair.result.assessment.verdict} /> : <State state={pair.state} />}
+              <a href={link(["sets", pair.first_set_id])}>
+                <Name>{first}</Name>
+              </a>
+              <a href={link(["sets", pair.second_set_id])}>
+                <Name>{second}</Name>
+              </a>
               <When time={pair.provenance.created_at} />
             </p>
-            <div class="actions">
+            <JobActions
+              kind="pair"
+              job={pair}
+              name={words.title(first, second)}
+              remove={() => api.deletePair(pair.id)}
+              restore={() => api.restorePair(pair.id)}
+              list="#/compare/pairs"
+            >
               <a
                 class="button"
                 href={link(["compare", "pairs"], {
@@ -57,12 +71,13 @@ export function PairView({ id }: { id: string }) {
               >
                 {words.swap}
               </a>
-            </div>
+            </JobActions>
           </div>
           {pair.error && <ProblemNote problem={pair.error} />}
           {pair.result && (
             <PairPage
               result={pair.result}
+              sides={[first, second]}
               level={percent(pair.request.confidence ?? pair.request.options?.confidence ?? 0.95)}
             />
           )}
@@ -72,9 +87,13 @@ export function PairView({ id }: { id: string }) {
   );
 }
 
-function PairPage({ result, level }: { result: Result; level: string }) {
+/** Names of the first and the second side. */
+type Sides = readonly [string, string];
+
+function PairPage({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
   return (
     <>
+      <VerdictCard assessment={result.assessment} context={null} />
       {result.warnings.length > 0 && (
         <>
           <h2>{text.run.warnings(result.warnings.length)}</h2>
@@ -82,10 +101,10 @@ function PairPage({ result, level }: { result: Result; level: string }) {
         </>
       )}
       <Avoided result={result} />
-      <Ratios result={result} level={level} />
-      <Both result={result} level={level} />
+      <Ratios result={result} sides={sides} level={level} />
+      <Both result={result} sides={sides} level={level} />
       <ByConfiguration result={result} />
-      {result.ordered && <Ordered result={result} />}
+      {result.ordered && <Ordered result={result} sides={sides} />}
     </>
   );
 }
@@ -111,16 +130,17 @@ function Avoided({ result: { avoided } }: { result: Result }) {
   );
 }
 
-function Ratios({ result, level }: { result: Result; level: string }) {
+function Ratios({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+  const title = words.ratioOf(...sides);
   const show = (v: number) => significant(v, 3);
   return (
     <Figure
-      title={words.ratio}
+      title={title}
       note={words.ratioNote(level)}
       table={{
         columns: [
           { title: text.run.joint },
-          { title: words.ratio, show },
+          { title, show },
           { title: text.run.low, show },
           { title: text.run.high, show },
           { title: words.p, show: pValue },
@@ -152,7 +172,7 @@ function Ratios({ result, level }: { result: Result; level: string }) {
             ],
           }))}
           width={width}
-          label={words.ratio}
+          label={title}
           unit={words.ratioAxis}
           format={(v) => String(Number(v.toPrecision(2)))}
           reference={1}
@@ -166,23 +186,22 @@ const changed = (p: number | null): boolean => p !== null && p < 0.05;
 const verdict = (p: number | null, reason: string | null): string =>
   p === null ? (reason ?? "–") : changed(p) ? words.changed : words.unchanged;
 
-function Both({ result, level }: { result: Result; level: string }) {
+function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
   const { unit } = useSettings();
-  const { factor, column, label } = STIFFNESS_UNITS[unit];
-  const scaled = (value: number | null | undefined) => (value === null || value === undefined ? null : value * factor);
+  const { column, label } = STIFFNESS_UNITS[unit];
   const u = { unit: column };
   return (
     <Figure
       title={words.stiffness}
       note={text.run.stiffnessNote(level)}
       legend={[
-        { label: words.first, mark: "method-1" },
-        { label: words.second, mark: "method-0" },
+        { label: sides[0], mark: "method-1" },
+        { label: sides[1], mark: "method-0" },
       ]}
       table={{
         columns: [
           { title: text.run.joint },
-          ...[words.first, words.second].flatMap((side) => [
+          ...sides.flatMap((side) => [
             { title: side, ...u },
             { title: `${side} ${text.run.low}`, ...u },
             { title: `${side} ${text.run.high}`, ...u },
@@ -191,9 +210,8 @@ function Both({ result, level }: { result: Result; level: string }) {
         rows: result.joints.map((joint) => [
           joint.name,
           ...[joint.first, joint.second].flatMap((side) => [
-            scaled(side.stiffness),
-            scaled(side.stiffness_interval?.[0]),
-            scaled(side.stiffness_interval?.[1]),
+            maybeInUnit(side.stiffness, unit),
+            ...intervalIn(side.stiffness_interval, unit),
           ]),
         ]),
       }}
@@ -256,11 +274,10 @@ function ByConfiguration({ result: { avoided } }: { result: Result }) {
   );
 }
 
-function Ordered({ result: { ordered } }: { result: Result }) {
+function Ordered({ result: { ordered }, sides }: { result: Result; sides: Sides }) {
   const { unit } = useSettings();
-  const { factor, column } = STIFFNESS_UNITS[unit];
+  const { column } = STIFFNESS_UNITS[unit];
   if (!ordered) return null;
-  const scaled = (value: number | null) => (value === null ? null : value * factor);
   return (
     <section class="card">
       <h2>{words.ordered}</h2>
@@ -272,14 +289,14 @@ function Ordered({ result: { ordered } }: { result: Result }) {
         table={{
           columns: [
             { title: text.run.joint },
-            { title: words.first, unit: column },
-            { title: words.second, unit: column },
+            { title: sides[0], unit: column },
+            { title: sides[1], unit: column },
             { title: "" },
           ],
           rows: ordered.joints.map((joint) => [
             joint.name,
-            scaled(joint.stiffness_first),
-            scaled(joint.stiffness_second),
+            maybeInUnit(joint.stiffness_first, unit),
+            maybeInUnit(joint.stiffness_second, unit),
             joint.equal ? words.heldEqual : "",
           ]),
         }}

@@ -1,20 +1,20 @@
 /** One robot: drawn, as it was understood, with its sets, runs and trend. */
-import { api } from "../api/client";
 import type { Robot } from "../api/types";
-import { Arm } from "../parts/arm";
-import { Empty, Facts, Name, Show, Title } from "../parts/basics";
-import { DataTable } from "../parts/table";
-import { fixed } from "../pure/format";
-import { degrees } from "../pure/units";
+import { Arm } from "../components/arm";
+import { Empty, Facts, Name, Show, Title } from "../components/basics";
+import { DataTable } from "../components/table";
+import { fixed } from "../lib/format";
+import { degrees } from "../lib/units";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
+import { storedRobot } from "../state/stored";
 import { link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 import { SetList, useRunsOf } from "./robots";
 import { RunList } from "./run_list";
 
 export function RobotView({ id }: { id: string }) {
-  const loaded = useLoad((signal) => api.robot(id, signal), [id]);
+  const loaded = useLoad(() => storedRobot(id), [id]);
   return (
     <Show of={loaded} title={text.start.robot}>
       {(robot) => <RobotPage robot={robot} />}

@@ -2,12 +2,13 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotDocument } from "../api/types";
-import { Arm } from "../parts/arm";
-import { Choice, ProblemNote, Title } from "../parts/basics";
-import { contentKey } from "../pure/hash";
+import { Arm } from "../components/arm";
+import { Choice, ProblemNote, Title } from "../components/basics";
+import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
+import { namesChanged } from "../state/names";
 import { go, link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 import { DhEditor, type DhTable, documentOf, newDh } from "./dh_editor";
 import { type UrdfText, UrdfEditor } from "./urdf_editor";
 
@@ -32,6 +33,7 @@ export function RobotNewView() {
     if (!document) return;
     const named = { ...document, name: name.trim() };
     const robot = await api.addRobot(named, contentKey("robot", named));
+    namesChanged();
     go(link(["robots", robot.id]));
   });
   return (

@@ -1,10 +1,10 @@
 /** Lists of robots and of measurement sets. */
 import { api, every } from "../api/client";
-import { Empty, Name, Show, Tabs, Title, When } from "../parts/basics";
+import { Empty, Name, Show, Tabs, Title, When } from "../components/basics";
 import { type Names, useNames } from "../state/names";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
   const title = list === "robots" ? text.robots.title : text.robots.sets;

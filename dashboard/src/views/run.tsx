@@ -1,28 +1,29 @@
 /** One run: its state while it goes on, then its result in four parts. */
-import { api, problemOf } from "../api/client";
+import { api } from "../api/client";
 import { goesOn } from "../api/events";
-import { Name, ProblemNote, Show, State, Tabs, Title, When } from "../parts/basics";
-import { Cancelled, Going } from "../parts/going";
-import { save } from "../parts/download";
-import { fileName } from "../pure/csv";
-import { freshKey } from "../pure/hash";
+import { Badge } from "../components/badge";
+import { Name, ProblemNote, Show, State, Tabs, Title, When } from "../components/basics";
+import { Cancelled, Going } from "../components/going";
+import { JobActions } from "../components/job_actions";
+import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
+import { usePrinting } from "../state/printing";
+import { storedRobot, storedSet } from "../state/stored";
 import { go, link } from "../state/router";
-import { toast } from "../state/toasts";
-import { text } from "../text";
+import { text } from "../i18n";
 import { isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
-export function RunView({ id, part }: { id: string; part: string }) {
+export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
   const loaded = useLoad(
     async (signal): Promise<RunContext> => {
       const run = await api.run(id, signal);
-      const set = await api.set(run.request.measurement_set_id, signal);
-      return { run, set, robot: await api.robot(set.robot_id, signal) };
+      const set = await storedSet(run.request.measurement_set_id);
+      return { run, set, robot: await storedRobot(set.robot_id) };
     },
     [id],
   );
@@ -31,7 +32,7 @@ export function RunView({ id, part }: { id: string; part: string }) {
       {(context) => (
         <>
           <Head context={context} />
-          <Body context={context} part={part} ended={loaded.reload} />
+          <Body context={context} part={part} query={query} ended={loaded.reload} />
         </>
       )}
     </Show>
@@ -43,15 +44,6 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
     const again = await api.addRun(run.request, freshKey("run"));
     go(link(["runs", again.id]));
   });
-  const share = () => {
-    if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
-    void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
-  };
-  const remove = useAction(async () => {
-    await api.deleteRun(run.id);
-    go("#/runs");
-    toast(text.runs.deleted(set.name), { label: text.runs.undo, run: () => restore(run.id) });
-  });
   return (
     <>
       <div class="head">
@@ -59,54 +51,60 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
           <Name>{set.name}</Name>
         </Title>
         <p class="meta">
-          {!goesOn(run.state) && <State state={run.state} />}
+          {run.result ? (
+            <Badge verdict={run.result.assessment.verdict} />
+          ) : (
+            !goesOn(run.state) && <State state={run.state} />
+          )}
+          {run.request.variant_of !== null && (
+            <a href={link(["runs", run.request.variant_of])}>{text.assessment.variantOf}</a>
+          )}
           <span>
-            {text.methods[run.request.method ?? ""]},{" "}
+            {text.methods[run.request.method]},{" "}
             {run.request.positive === false ? text.options.unconstrained : text.options.constrained}
-            {isElastic(run) && `, ${text.elasticities[run.request.elasticity ?? ""] ?? ""}`}
+            {isElastic(run) && `, ${text.elasticities[run.request.elasticity]}`}
           </span>
           <a href={link(["robots", robot.id])}>
             <Name>{robot.name}</Name>
           </a>
           <When time={run.provenance.created_at} />
         </p>
-        <div class="actions">
+        <JobActions
+          kind="run"
+          job={run}
+          name={set.name}
+          remove={goesOn(run.state) ? null : () => api.deleteRun(run.id)}
+          restore={() => api.restoreRun(run.id)}
+          list="#/runs"
+        >
           <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
             {text.run.repeat}
           </button>
-          <button type="button" class="button" onClick={share}>
-            {text.run.share}
-          </button>
-          <button
-            type="button"
-            class="button"
-            title={text.run.downloadHint}
-            onClick={() => save(JSON.stringify(run, null, 2), "application/json", fileName(`run-${run.id}`, "json"))}
-          >
-            {text.run.download}
-          </button>
-          {!goesOn(run.state) && (
-            <button type="button" class="button quiet" disabled={remove.busy} onClick={remove.run}>
-              {text.run.delete}
+          {run.result && (
+            <button type="button" class="button" onClick={() => print()}>
+              {text.run.print}
             </button>
           )}
-        </div>
+        </JobActions>
       </div>
       {repeat.problem && <ProblemNote problem={repeat.problem} />}
-      {remove.problem && <ProblemNote problem={remove.problem} />}
     </>
   );
 }
 
-function restore(id: string): void {
-  api.restoreRun(id).then(
-    () => go(link(["runs", id])),
-    (error: unknown) => toast(problemOf(error).detail),
-  );
-}
-
-function Body({ context, part, ended }: { context: RunContext; part: string; ended: () => void }) {
+function Body({
+  context,
+  part,
+  query,
+  ended,
+}: {
+  context: RunContext;
+  part: string;
+  query: URLSearchParams;
+  ended: () => void;
+}) {
   const { run } = context;
+  const printing = usePrinting();
   if (goesOn(run.state))
     return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
   if (run.state === "cancelled") return <Cancelled progress={run.progress} />;
@@ -127,10 +125,18 @@ function Body({ context, part, ended }: { context: RunContext; part: string; end
   return (
     <>
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
-      {part === "deflection" ? (
-        <DeflectionPart context={context} result={run.result} />
+      {printing ? (
+        <>
+          <StiffnessPart context={context} result={run.result} />
+          <h2 class="printed">{views.deflection}</h2>
+          <DeflectionPart context={context} result={run.result} at={null} />
+          <h2 class="printed">{views.evidence}</h2>
+          <EvidencePart context={context} result={run.result} />
+        </>
+      ) : part === "deflection" ? (
+        <DeflectionPart context={context} result={run.result} at={query.get("at")} />
       ) : part === "robot" ? (
-        <RobotPart context={context} result={run.result} />
+        <RobotPart context={context} result={run.result} query={query} />
       ) : part === "evidence" ? (
         <EvidencePart context={context} result={run.result} />
       ) : (

@@ -1,15 +1,16 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and what remains. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Contribution, Residual, Run, RunResult } from "../api/types";
-import { Bars, Stacks } from "../charts/bars";
+import type { Contribution, Method, Residual, Run, RunResult } from "../api/types";
+import { Bars, type Opening, Stacks } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Scatter } from "../charts/scatter";
-import { Toggle } from "../parts/basics";
-import { significant } from "../pure/format";
-import { norm } from "../pure/vector";
+import { Toggle } from "../components/basics";
+import { significant } from "../lib/format";
+import { norm } from "../lib/vector";
 import { useLoad, valueOf } from "../state/load";
-import { text } from "../text";
+import { link } from "../state/router";
+import { text } from "../i18n";
 import type { RunContext } from "./run_context";
 
 const MARKS = ["other-1", "other-2", "other-3"];
@@ -29,30 +30,53 @@ export function byObservation(residuals: Residual[]): { name: string; before: nu
   return [...sums].map(([name, { before, after, count }]) => ({ name, before: before / count, after: after / count }));
 }
 
-export function DeflectionPart({ context, result }: { context: RunContext; result: RunResult }) {
+export function DeflectionPart({
+  context,
+  result,
+  at,
+}: {
+  context: RunContext;
+  result: RunResult;
+  /** The configuration that was come back from. */
+  at: string | null;
+}) {
   const [others, setOthers] = useState<Run[]>([]);
+  const opening: Opening = {
+    open: (observation) => link(["runs", context.run.id, "robot"], { at: observation, from: "deflection" }),
+    at,
+  };
   return (
     <>
-      <BeforeAfter result={result} run={context.run} others={others} />
+      <BeforeAfter result={result} run={context.run} others={others} opening={opening} />
       <Overlay run={context.run} shown={others} change={setOthers} />
-      {result.contributions && result.contributions.length > 0 && (
-        <Parts result={result} contributions={result.contributions} />
+      {result.contributions.length > 0 && (
+        <Parts result={result} contributions={result.contributions} opening={opening} />
       )}
-      <Residuals result={result} />
+      <Residuals result={result} opening={opening} />
     </>
   );
 }
 
-function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; others: Run[] }) {
+function BeforeAfter({
+  result,
+  run,
+  others,
+  opening,
+}: {
+  result: RunResult;
+  run: Run;
+  others: Run[];
+  opening: Opening;
+}) {
   const words = text.deflection;
   const rows = useMemo(() => byObservation(result.residuals), [result]);
   const names = rows.map((row) => row.name);
-  const own = words.afterBy(text.methodShort[run.request.method ?? ""] ?? "");
+  const own = words.afterBy(text.methods[run.request.method].toLowerCase());
   const more = others.map((other, i) => {
     const after = new Map(byObservation(other.result?.residuals ?? []).map((row) => [row.name, row.after * 1e3]));
     return {
       mark: MARKS[i] ?? "other-1",
-      label: words.afterBy(text.methodShort[other.request.method ?? ""] ?? ""),
+      label: words.afterBy(text.methods[other.request.method].toLowerCase()),
       values: names.map((name) => after.get(name) ?? null),
     };
   });
@@ -71,7 +95,9 @@ function BeforeAfter({ result, run, others }: { result: RunResult; run: Run; oth
         rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
       }}
     >
-      {(width) => <Bars names={names} series={series} width={width} label={words.title} unit={text.units.mm} />}
+      {(width) => (
+        <Bars names={names} series={series} width={width} label={words.title} unit={text.units.mm} {...opening} />
+      )}
     </Figure>
   );
 }
@@ -85,7 +111,7 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
           { measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 },
           signal,
         );
-        const newest = new Map<string, string>();
+        const newest = new Map<Method, string>();
         for (const item of page.items) {
           if (
             item.method !== run.request.method &&
@@ -108,7 +134,7 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
       {found.length === 0 && <p class="soft">{text.deflection.overlayNone}</p>}
       {found.map(([method, id]) => (
         <Toggle
-          label={text.methods[method] ?? method}
+          label={text.methods[method]}
           checked={shown.some((other) => other.id === id)}
           change={(on) => void toggle(id, on)}
         />
@@ -117,7 +143,15 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
   );
 }
 
-function Parts({ result, contributions }: { result: RunResult; contributions: Contribution[] }) {
+function Parts({
+  result,
+  contributions,
+  opening,
+}: {
+  result: RunResult;
+  contributions: Contribution[];
+  opening: Opening;
+}) {
   const words = text.deflection;
   const labels = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
   const names = contributions.map((one) => one.joint);
@@ -136,13 +170,20 @@ function Parts({ result, contributions }: { result: RunResult; contributions: Co
       }}
     >
       {(width) => (
-        <Stacks names={labels} parts={parts} width={width} label={words.byConfiguration} unit={text.units.mm} />
+        <Stacks
+          names={labels}
+          parts={parts}
+          width={width}
+          label={words.byConfiguration}
+          unit={text.units.mm}
+          {...opening}
+        />
       )}
     </Figure>
   );
 }
 
-function Residuals({ result }: { result: RunResult }) {
+function Residuals({ result, opening }: { result: RunResult; opening: Opening }) {
   const words = text.deflection;
   const names = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
   const column = new Map(names.map((name, i) => [name, i]));
@@ -152,7 +193,7 @@ function Residuals({ result }: { result: RunResult }) {
       column: column.get(r.observation) ?? 0,
       value: (r.residual[k] ?? 0) * 1e6,
       mark: axis,
-      title: `${r.observation}, ${r.target}, ${axis}: ${significant((r.residual[k] ?? 0) * 1e6, 3)} ${text.units.micrometre}`,
+      title: `${r.target}, ${axis}: ${significant((r.residual[k] ?? 0) * 1e6, 3)} ${text.units.micrometre}`,
     })),
   );
   const um = text.units.micrometre;
@@ -179,7 +220,9 @@ function Residuals({ result }: { result: RunResult }) {
         ]),
       }}
     >
-      {(width) => <Scatter names={names} dots={dots} band={band} width={width} label={words.residuals} unit={um} />}
+      {(width) => (
+        <Scatter names={names} dots={dots} band={band} width={width} label={words.residuals} unit={um} {...opening} />
+      )}
     </Figure>
   );
 }

@@ -1,14 +1,14 @@
 /** Why the numbers can be trusted: identifiability, advice, certificate, goodness of fit, provenance. */
-import type { Advice, RunResult } from "../api/types";
+import { entriesOf } from "../lib/entries";
+import type { RunResult } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Facts, Name, When } from "../parts/basics";
-import { DataTable } from "../parts/table";
-import { fixed, percent, pValue, powerOfTen, significant } from "../pure/format";
-import { degrees } from "../pure/units";
-import { norm } from "../pure/vector";
+import { Facts, Name, When } from "../components/basics";
+import { Term } from "../components/term";
+import { DataTable } from "../components/table";
+import { fixed, percent, pValue, powerOfTen, significant } from "../lib/format";
 import { link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 import { isElastic, type RunContext } from "./run_context";
 
 const words = text.evidence;
@@ -18,9 +18,6 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
   return (
     <div class="evidence">
       <Identifiable result={result} elastic={elastic} />
-      {!elastic && (
-        <AdviceList advice={result.identifiability.advice ?? []} weakest={result.identifiability.weakest ?? []} />
-      )}
       <SingularValues result={result} elastic={elastic} />
       <Goodness result={result} />
       <Certificate result={result} />
@@ -31,16 +28,19 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
 }
 
 function Identifiable({ result: { identifiability: found }, elastic }: { result: RunResult; elastic: boolean }) {
-  const indices = elastic ? [] : Object.entries(found.observability ?? {});
+  const indices = elastic || !found.observability ? [] : entriesOf(found.observability);
   return (
     <section class="card">
       <h2>{words.identifiability}</h2>
       {elastic && <p class="soft">{words.jointsAlone}</p>}
       <Facts
         facts={[
-          { label: words.rank, value: <b class="figure-value">{words.rankOf(found.rank, found.parameters)}</b> },
           {
-            label: words.condition,
+            label: <Term of="rank">{words.rank}</Term>,
+            value: <b class="figure-value">{words.rankOf(found.rank, found.parameters)}</b>,
+          },
+          {
+            label: <Term of="condition">{words.condition}</Term>,
             value: (
               <b class="figure-value">
                 {found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3)}
@@ -53,55 +53,19 @@ function Identifiable({ result: { identifiability: found }, elastic }: { result:
           })),
         ]}
       />
+      {!elastic && found.weakest.map((sentence) => <p class="note warn">{sentence}</p>)}
       {indices.length > 0 && (
         <>
           <h3>{words.observability}</h3>
           <p class="soft">{words.observabilityNote}</p>
           <Facts
             facts={indices.map(([name, value]) => ({
-              label: words.indices[name] ?? name,
+              label: <Term of={name}>{words.indices[name]}</Term>,
               value: significant(value, 2),
             }))}
           />
         </>
       )}
-    </section>
-  );
-}
-
-function AdviceList({ advice, weakest }: { advice: Advice[]; weakest: string[] }) {
-  return (
-    <section class="card">
-      <h2>{words.advice}</h2>
-      {advice.length === 0 && weakest.length === 0 && <p>{words.adviceNone}</p>}
-      {weakest.map((sentence) => (
-        <p class="note warn">{sentence}</p>
-      ))}
-      <ul class="advice">
-        {advice.map((one) => (
-          <li>
-            <h3>
-              <Name>{one.joint}</Name>
-            </h3>
-            <p>{one.message}</p>
-            <Facts
-              facts={[
-                {
-                  label: words.posture,
-                  value: `${one.joints.map((angle) => fixed(degrees(angle), 0)).join(", ")} ${text.units.deg}`,
-                },
-                {
-                  label: words.pull,
-                  value: `${fixed(norm(one.force), 0)} ${text.units.newton} (${one.force.map((f) => fixed(f, 0)).join(", ")})`,
-                },
-                ...(one.uncertainty_ratio === null
-                  ? []
-                  : [{ label: text.run.uncertainty, value: words.adviceRatio(percent(one.uncertainty_ratio)) }]),
-              ]}
-            />
-          </li>
-        ))}
-      </ul>
     </section>
   );
 }
@@ -150,11 +114,13 @@ function Goodness({ result }: { result: RunResult }) {
       <h2>{words.goodness}</h2>
       <Facts
         facts={[
-          { label: words.chiSquare, value: significant(goodness.chi_square, 4) },
-          { label: words.freedom, value: significant(goodness.degrees_of_freedom, 4) },
-          ...(goodness.test ? [{ label: words.pValue, value: pValue(goodness.test.p_value) }] : []),
+          { label: <Term of="chiSquare">{words.chiSquare}</Term>, value: significant(goodness.chi_square, 4) },
+          { label: <Term of="freedom">{words.freedom}</Term>, value: significant(goodness.degrees_of_freedom, 4) },
+          ...(goodness.test
+            ? [{ label: <Term of="pValue">{words.pValue}</Term>, value: pValue(goodness.test.p_value) }]
+            : []),
           {
-            label: words.sigma,
+            label: <Term of="sigma">{words.sigma}</Term>,
             value:
               result.sigma === null
                 ? "–"
@@ -182,7 +148,7 @@ function Certificate({ result: { certificate } }: { result: RunResult }) {
           { label: words.complementarity, value: small(certificate.complementarity) },
           {
             label: words.solvedBy,
-            value: certificate.solved_by.map((solver) => words.solvers[solver] ?? solver).join(", "),
+            value: certificate.solved_by.map((solver) => words.solvers[solver]).join(", "),
           },
         ]}
       />

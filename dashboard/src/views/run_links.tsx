@@ -1,10 +1,10 @@
 /** Where more than joints may bend: what each joint and link explains, and which model the readings call for. */
-import type { RunResult } from "../api/types";
+import type { Elasticity, RunResult } from "../api/types";
 import { Shares } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { DataTable } from "../parts/table";
-import { percent } from "../pure/format";
-import { text } from "../text";
+import { DataTable } from "../components/table";
+import { percent } from "../lib/format";
+import { text } from "../i18n";
 
 const words = text.links;
 type Links = NonNullable<RunResult["links"]>;
@@ -12,7 +12,7 @@ type Selection = NonNullable<RunResult["selection"]>;
 
 export function ElementShares({ links }: { links: Links }) {
   const named = links.elements.map(({ kind, joint, share }) => ({
-    name: joint === null ? (words.kinds[kind] ?? kind) : kind === "link" ? words.link(joint) : joint,
+    name: joint === null ? words.kinds[kind] : kind === "link" ? words.link(joint) : joint,
     share,
     note: "",
   }));
@@ -32,7 +32,7 @@ export function ElementShares({ links }: { links: Links }) {
 }
 
 export function ModelChoice({ selection }: { selection: Selection }) {
-  const name = (model: string) => text.elasticities[model] ?? model;
+  const name = (model: Elasticity) => text.elasticities[model];
   return (
     <section class="card">
       <h2>{words.selection}</h2>

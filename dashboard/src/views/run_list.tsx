@@ -1,38 +1,72 @@
-/** Runs as rows: what, how, when, and how far those that go on have come. */
+/** Runs as rows: what, how, what came of it, and whether it may be used; variants beneath the run they vary. */
 import { useEffect, useState } from "preact/hooks";
 import { follow, goesOn, type Standing } from "../api/events";
 import type { RunSummary } from "../api/types";
-import { Name, State, When } from "../parts/basics";
-import { Bar } from "../parts/going";
+import { Badge } from "../components/badge";
+import { Name, State, When } from "../components/basics";
+import { Bar } from "../components/going";
+import { percent } from "../lib/format";
 import type { Names } from "../state/names";
 import { link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 
 /** A browser keeps six connections to a host; those that are followed must leave some for the rest of the page. */
 const FOLLOWED = 3;
 
-export function RunList({
-  runs,
-  names,
-  remove,
-}: {
+interface ListProps {
   runs: RunSummary[];
   names: Names | null;
   remove?: (run: RunSummary) => void;
-}) {
+  /** Instead of removing: the runs are deleted ones. */
+  restore?: (run: RunSummary) => void;
+  selected?: ReadonlySet<string>;
+  select?: (id: string, on: boolean) => void;
+}
+
+export function RunList({ runs, ...shared }: ListProps) {
   const followed = new Set(
     runs
       .filter((run) => goesOn(run.state))
       .slice(0, FOLLOWED)
       .map((run) => run.id),
   );
+  const { roots, variants } = families(runs);
+  const row = (run: RunSummary) => <RunRow key={run.id} run={run} live={followed.has(run.id)} {...shared} />;
   return (
     <ul class="rows">
-      {runs.map((run) => (
-        <RunRow key={run.id} run={run} names={names} live={followed.has(run.id)} {...(remove ? { remove } : {})} />
-      ))}
+      {roots.map((run) => {
+        const own = variants.get(run.id) ?? [];
+        return (
+          <li key={run.id}>
+            {row(run)}
+            {own.length > 0 && (
+              <details class="variants">
+                <summary>{text.assessment.variants(own.length)}</summary>
+                {own.map(row)}
+              </details>
+            )}
+          </li>
+        );
+      })}
     </ul>
   );
+}
+
+/** Runs that stand by themselves, and those that vary one of them, whatever they vary in between. */
+export function families(runs: RunSummary[]): { roots: RunSummary[]; variants: Map<string, RunSummary[]> } {
+  const known = new Map(runs.map((run) => [run.id, run]));
+  const rootOf = (run: RunSummary): RunSummary => {
+    const parent = run.variant_of === null ? undefined : known.get(run.variant_of);
+    return parent && parent !== run ? rootOf(parent) : run;
+  };
+  const variants = new Map<string, RunSummary[]>();
+  const roots: RunSummary[] = [];
+  for (const run of runs) {
+    const root = rootOf(run);
+    if (root === run) roots.push(run);
+    else variants.set(root.id, [...(variants.get(root.id) ?? []), run]);
+  }
+  return { roots, variants };
 }
 
 function RunRow({
@@ -40,39 +74,69 @@ function RunRow({
   names,
   live,
   remove,
-}: {
-  run: RunSummary;
-  names: Names | null;
-  live: boolean;
-  remove?: (run: RunSummary) => void;
-}) {
+  restore,
+  selected,
+  select,
+}: Omit<ListProps, "runs"> & { run: RunSummary; live: boolean }) {
   const standing = useStanding(run, live);
   const set = names?.set(run.measurement_set_id) ?? "…";
-  return (
-    <li class="item">
-      <a class="main" href={link(["runs", run.id])}>
-        <span class="what">
-          <Name>{set}</Name>
-          <small>
-            <Name>{names?.robot(run.robot_id) ?? ""}</Name>
-          </small>
-        </span>
-        <span class="how">
-          {text.methods[run.method] ?? run.method}
-          <small>
-            {run.positive ? text.options.constrained : text.options.unconstrained}
-            {run.weighting !== "covariance" && `, ${text.weightings[run.weighting] ?? ""}`}
-            {run.elasticity !== "joints" && `, ${text.elasticities[run.elasticity]}`}
-          </small>
-        </span>
-        <span class="when">
-          <When time={run.created_at} />
-        </span>
-        <span class="standing">
+  const details = [
+    run.positive ? text.options.constrained : text.options.unconstrained,
+    ...(run.weighting === "covariance" ? [] : [text.weightings[run.weighting]]),
+    ...(run.elasticity === "joints" ? [] : [text.elasticities[run.elasticity]]),
+    ...(run.leave_out.length > 0 ? [text.lists.without(run.leave_out)] : []),
+  ];
+  const body = (
+    <>
+      <span class="what">
+        <Name>{set}</Name>
+        <small>
+          <Name>{names?.robot(run.robot_id) ?? ""}</Name>
+        </small>
+      </span>
+      <span class="how">
+        {text.methods[run.method]}
+        <small>{details.join(", ")}</small>
+      </span>
+      <Figures of={run} />
+      <span class="when">
+        <When time={run.created_at} />
+      </span>
+      <span class="standing">
+        {run.verdict && standing.state === "succeeded" ? (
+          <Badge verdict={run.verdict} />
+        ) : (
           <State state={standing.state} />
-          {goesOn(standing.state) && <Bar standing={standing} />}
-        </span>
-      </a>
+        )}
+        {run.variant_of !== null && <small>{text.assessment.variant}</small>}
+        {goesOn(standing.state) && <Bar standing={standing} />}
+      </span>
+    </>
+  );
+  return (
+    <div class="item">
+      {select && run.state === "succeeded" && (
+        <label class="pick">
+          <input
+            type="checkbox"
+            aria-label={text.lists.select(set)}
+            checked={selected?.has(run.id) ?? false}
+            onChange={(event) => select(run.id, event.currentTarget.checked)}
+          />
+        </label>
+      )}
+      {restore ? (
+        <div class="main">{body}</div>
+      ) : (
+        <a class="main" href={link(["runs", run.id])}>
+          {body}
+        </a>
+      )}
+      {restore && (
+        <button type="button" class="button" onClick={() => restore(run)}>
+          {text.lists.restore}
+        </button>
+      )}
       {remove && !goesOn(standing.state) && (
         <button
           type="button"
@@ -86,7 +150,43 @@ function RunRow({
           </svg>
         </button>
       )}
-    </li>
+    </div>
+  );
+}
+
+/** What a listing tells of a result. */
+export function Figures({
+  of: { compensation, joints_identified: found, joint_count: count, warning_count: warnings },
+}: {
+  of: Pick<RunSummary, "compensation" | "joints_identified" | "joint_count" | "warning_count">;
+}) {
+  return (
+    <span class="figures">
+      <span>
+        {compensation !== null && (
+          <>
+            <b>{percent(compensation)}</b> <small>{text.lists.explained}</small>
+          </>
+        )}
+      </span>
+      <span>
+        {found !== null && (
+          <>
+            <b>
+              {found}/{count}
+            </b>{" "}
+            <small>{text.lists.joints}</small>
+          </>
+        )}
+      </span>
+      <span>
+        {warnings !== null && warnings > 0 && (
+          <>
+            <b>{warnings}</b> <small>{text.lists.warnings(warnings)}</small>
+          </>
+        )}
+      </span>
+    </span>
   );
 }
 

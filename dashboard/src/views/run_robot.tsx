@@ -1,47 +1,52 @@
 /** The robot in each configuration, its load, and its deflection, measured and predicted. */
 import { useCallback, useEffect, useMemo, useState } from "preact/hooks";
-import type { MeasurementSet, Posture, Residual, RunResult } from "../api/types";
-import { Busy, Toggle } from "../parts/basics";
-import { DataTable } from "../parts/table";
-import { loadOf, placesOf } from "../pure/places";
-import { fixed } from "../pure/format";
-import { roundStep } from "../pure/scale";
-import { norm, type Vector } from "../pure/vector";
-import type { Arrow } from "../scene/arrows";
-import type { Show } from "../scene/stage";
+import type { MeasurementSet, Posture, RunResult } from "../api/types";
+import { Busy, Choice, Toggle } from "../components/basics";
+import { DataTable } from "../components/table";
+import { arrowsOf, type DrawnSet, magnification } from "../lib/drawn";
+import { bendOf } from "../lib/bend";
+import { fixed, significant } from "../lib/format";
+import { loadOf } from "../lib/places";
+import { roundStep } from "../lib/scale";
+import { add, norm, times } from "../lib/vector";
+import type { Show } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
-import { text } from "../text";
+import { link } from "../state/router";
+import { text } from "../i18n";
+import { ResidualStrip } from "./residual_strip";
 import type { RunContext } from "./run_context";
 import { usePostures } from "./run_postures";
 
-interface Arrows {
-  measured: Arrow[];
-  predicted: Arrow[];
+const words = text.scene;
+
+interface RobotPartProps {
+  context: RunContext;
+  result: RunResult;
+  query: URLSearchParams;
 }
 
-/** The longest arrow is about this share of the robot's reach. */
-const LONGEST = 0.22;
-
-export function RobotPart({ context: { set, robot }, result }: { context: RunContext; result: RunResult }) {
-  const postures = usePostures(set, robot);
-  return postures ? <Stepper set={set} postures={postures} result={result} /> : <Busy label={text.scene.loading} />;
-}
-
-function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Posture[]; result: RunResult }) {
-  const [index, setIndex] = useState(0);
-  const [all, setAll] = useState(false);
-  const [axes, setAxes] = useState(true);
-  const [resets, setResets] = useState(0);
-  const room = useMemo(() => roomOf(postures), [postures]);
-  const byObservation = useMemo(() => arrowsOf(set, postures, result), [set, postures, result]);
-  const together = useMemo<Arrows>(
-    () => ({
-      measured: byObservation.flatMap((a) => a.measured),
-      predicted: byObservation.flatMap((a) => a.predicted),
-    }),
-    [byObservation],
+export function RobotPart({ context, result, query }: RobotPartProps) {
+  const postures = usePostures(context.set, context.robot);
+  return postures ? (
+    <Stepper context={context} postures={postures} result={result} query={query} />
+  ) : (
+    <Busy label={words.loading} />
   );
-  const [factor, setFactor] = useState(() => magnification(together, room));
+}
+
+function Stepper({ context: { run, set }, postures, result, query }: RobotPartProps & { postures: Posture[] }) {
+  const asked = query.get("at");
+  const from = query.get("from");
+  const [index, setIndex] = useState(() => placeOf(set, asked));
+  useEffect(() => setIndex(placeOf(set, asked)), [asked]);
+  const [all, setAll] = useState(false);
+  const [axes, setAxes] = useState(false);
+  const [labels, setLabels] = useState(true);
+  const [colour, setColour] = useState<"kind" | "residual">("kind");
+  const [bends, setBends] = useState(0);
+  const [resets, setResets] = useState(0);
+  const drawn = useMemo<DrawnSet>(() => arrowsOf(set, postures, result), [set, postures, result]);
+  const [factor, setFactor] = useState(() => magnification(drawn, roomOf(postures)));
   const step = useCallback(
     (by: number) => setIndex((i) => (i + by + postures.length) % postures.length),
     [postures.length],
@@ -49,18 +54,50 @@ function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Pos
   useStepKeys(step);
   const posture = postures[index];
   const observation = set.observations[index];
+  const room = useMemo(() => {
+    if (!posture || !observation) return [];
+    const tips = (drawn.byObservation[index]?.measured ?? []).flatMap(({ from: foot, along }) => [
+      foot,
+      add(foot, times(along, factor)),
+    ]);
+    const points = [...roomOf([posture]), ...tips];
+    const { point, force } = loadOf(set, observation, posture);
+    const reach = Math.max(...points.map(norm));
+    return norm(force) > 0 ? [...points, add(point, times(force, (0.3 * reach) / norm(force)))] : points;
+  }, [posture, observation, drawn, index, factor]);
   const show = useMemo<Show | null>(() => {
     if (!posture || !observation) return null;
     const { point, force } = loadOf(set, observation, posture);
-    const arrows = all ? together : (byObservation[index] ?? { measured: [], predicted: [] });
-    return { posture, ...arrows, load: norm(force) > 0 ? { from: point, along: force } : null, factor, axes };
-  }, [posture, observation, all, together, byObservation, index, factor, axes]);
+    const arrows = all ? drawn.together : (drawn.byObservation[index] ?? drawn.together);
+    return {
+      posture,
+      ...arrows,
+      load: norm(force) > 0 ? { from: point, along: force } : null,
+      factor,
+      axes,
+      names: labels ? result.joints.map((joint) => joint.name) : [],
+      targets: all ? [] : arrows.targets,
+      byResidual: colour === "residual" ? drawn.worst : null,
+      bend: bendOf(
+        posture,
+        result.joints.map((joint) => joint.compliance),
+        { point, force },
+      ),
+    };
+  }, [posture, observation, all, drawn, index, factor, axes, labels, colour]);
   if (!show || !observation) return null;
-  const words = text.scene;
   return (
     <section class="scene">
-      <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} />
+      <div class="view">
+        <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} bends={bends} />
+        <ResidualStrip result={result} names={set.observations.map((one) => one.label)} at={index} choose={setIndex} />
+      </div>
       <div class="controls">
+        {from && (
+          <a class="button quiet back" href={link(["runs", run.id, from], { at: observation.label })}>
+            ‹ {words.backTo(text.run.views[from as keyof typeof text.run.views] ?? text.run.views.deflection)}
+          </a>
+        )}
         <div class="stepper">
           <button type="button" class="button" aria-label={words.previous} onClick={() => step(-1)}>
             ‹
@@ -89,14 +126,23 @@ function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Pos
             <i class="mark load" aria-hidden="true" />
             {words.load}: {loadText(set, show)}
           </li>
-          <li>
-            <i class="mark measured" aria-hidden="true" />
-            {words.measured}
-          </li>
-          <li>
-            <i class="mark predicted" aria-hidden="true" />
-            {words.predicted}
-          </li>
+          {colour === "kind" ? (
+            <>
+              <li>
+                <i class="mark measured" aria-hidden="true" />
+                {words.measured}
+              </li>
+              <li>
+                <i class="mark predicted" aria-hidden="true" />
+                {words.predicted}
+              </li>
+            </>
+          ) : (
+            <li>
+              <i class="mark ramp" aria-hidden="true" />
+              {words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`)}
+            </li>
+          )}
         </ul>
         <div class="magnify">
           <button
@@ -117,22 +163,43 @@ function Stepper({ set, postures, result }: { set: MeasurementSet; postures: Pos
             +
           </button>
         </div>
-        <div class="toggles">
-          <Toggle label={words.all} checked={all} change={setAll} />
-          <Toggle label={words.axes} checked={axes} change={setAxes} />
+        <div class="buttons">
+          <button type="button" class="button" onClick={() => setBends((n) => n + 1)}>
+            {words.bend}
+          </button>
           <button type="button" class="button" onClick={() => setResets((n) => n + 1)}>
             {words.reset}
           </button>
         </div>
+        <Choice
+          label={words.colour}
+          value={colour}
+          change={setColour}
+          options={[
+            { value: "kind", label: words.byKind },
+            { value: "residual", label: words.byResidual },
+          ]}
+        />
+        <div class="toggles">
+          <Toggle label={words.labels} checked={labels} change={setLabels} />
+          <Toggle label={words.axes} checked={axes} change={setAxes} />
+          <Toggle label={words.all} checked={all} change={setAll} />
+        </div>
         <p class="soft">{words.hint}</p>
-        <details>
-          <summary>{words.table}</summary>
-          <DeflectionTable label={observation.label} result={result} />
-        </details>
       </div>
+      <details class="wide">
+        <summary>{words.table}</summary>
+        <DeflectionTable label={observation.label} result={result} />
+      </details>
     </section>
   );
 }
+
+const placeOf = (set: MeasurementSet, label: string | null): number =>
+  Math.max(
+    0,
+    set.observations.findIndex((one) => one.label === label),
+  );
 
 /** Page up and down step through the configurations, wherever the focus is. */
 function useStepKeys(step: (by: number) => void): void {
@@ -148,39 +215,11 @@ function useStepKeys(step: (by: number) => void): void {
   }, [step]);
 }
 
-function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): Arrows[] {
-  const residuals = grouped(result.residuals);
-  return set.observations.map((observation, i) => {
-    const posture = postures[i];
-    const places = posture ? placesOf(set, observation, posture) : new Map<string, Vector>();
-    const found = (residuals.get(observation.label) ?? []).filter((r) => places.has(r.target));
-    const from = (target: string) => places.get(target) as Vector;
-    return {
-      measured: found.map((r) => ({ from: from(r.target), along: r.deflection })),
-      predicted: found.map((r) => ({ from: from(r.target), along: r.predicted })),
-    };
-  });
-}
-
-function grouped(residuals: Residual[]): Map<string, Residual[]> {
-  const groups = new Map<string, Residual[]>();
-  for (const residual of residuals)
-    groups.set(residual.observation, [...(groups.get(residual.observation) ?? []), residual]);
-  return groups;
-}
-
-function magnification({ measured }: Arrows, room: Vector[]): number {
-  const longest = Math.max(1e-9, ...measured.map((arrow) => norm(arrow.along)));
-  const reach = Math.max(0.2, ...room.map(norm));
-  return roundStep((reach * LONGEST) / longest / 1.6, 1);
-}
-
 function loadText(set: MeasurementSet, show: Show): string {
   return show.load ? `${fixed(norm(show.load.along), 0)} ${text.units.newton}` : `0 ${set.units.force}`;
 }
 
 function DeflectionTable({ label, result }: { label: string; result: RunResult }) {
-  const words = text.scene;
   const mm = (vector: readonly number[]) => vector.map((v) => v * 1e3);
   const show = (v: number) => fixed(v, 3);
   const axes = ["x", "y", "z"];

@@ -2,28 +2,35 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { Page, Problem, RunState, RunSummary } from "../api/types";
-import { Busy, Choice, Empty, ProblemNote, Title } from "../parts/basics";
+import { Busy, Choice, Empty, Name, ProblemNote, Select, Title, Toggle } from "../components/basics";
 import { type Names, useNames } from "../state/names";
 import { valueOf } from "../state/load";
+import { go, link } from "../state/router";
 import { toast } from "../state/toasts";
-import { text } from "../text";
+import { text } from "../i18n";
 import { RunList } from "./run_list";
+import { MOST_RUNS } from "./side_by_side";
 
-type Filter = "all" | RunState;
-const FILTERS: Filter[] = ["all", "succeeded", "queued", "running", "failed", "cancelled"];
+type Filter = "all" | "deleted" | RunState;
+const FILTERS: Filter[] = ["all", "succeeded", "running", "failed", "cancelled", "deleted"];
 
 export function RunsView({ query }: { query: URLSearchParams }) {
   const [search, setSearch] = useState(query.get("q") ?? "");
   const [state, setState] = useState<Filter>((query.get("state") as Filter | null) ?? "all");
+  const [robot, setRobot] = useState(query.get("robot") ?? "");
+  const [grouped, setGrouped] = useState(query.get("group") === "set");
+  const [selected, setSelected] = useState<ReadonlySet<string>>(new Set());
   const names = valueOf(useNames());
-  const { runs, more, problem, load, take, put } = useRunPages(state);
+  const { runs, more, problem, load, take, put } = useRunPages(state, robot);
   useEffect(() => {
     const kept = new URLSearchParams({
       ...(search ? { q: search } : {}),
       ...(state === "all" ? {} : { state }),
+      ...(robot ? { robot } : {}),
+      ...(grouped ? { group: "set" } : {}),
     }).toString();
     history.replaceState(null, "", `#/runs${kept && `?${kept}`}`); // the search can be shared
-  }, [search, state]);
+  }, [search, state, robot, grouped]);
   const found = useMemo(() => runs?.filter((run) => matches(run, search, names)) ?? [], [runs, search, names]);
 
   const remove = (run: RunSummary) => {
@@ -40,12 +47,16 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   const restore = (run: RunSummary) => {
     api.restoreRun(run.id).then(
       () => {
-        put(run);
+        if (state === "deleted") take(run.id);
+        else put(run);
         toast(text.runs.restored);
       },
       (error: unknown) => toast(problemOf(error).detail),
     );
   };
+
+  const select = (id: string, on: boolean) =>
+    setSelected((before) => new Set(on ? [...before, id] : [...before].filter((one) => one !== id)));
 
   return (
     <>
@@ -66,10 +77,23 @@ export function RunsView({ query }: { query: URLSearchParams }) {
           change={setState}
           options={FILTERS.map((value) => ({
             value,
-            label: value === "all" ? text.app.all : (text.states[value] ?? value),
+            label: value === "all" ? text.app.all : value === "deleted" ? text.lists.deleted : text.states[value],
           }))}
         />
+        {names && names.robots.length > 1 && (
+          <Select
+            label={text.lists.robot}
+            value={robot}
+            change={setRobot}
+            options={[
+              { value: "", label: text.app.all },
+              ...names.robots.map(({ id, name }) => ({ value: id, label: name })),
+            ]}
+          />
+        )}
+        <Toggle label={text.lists.groups} checked={grouped} change={setGrouped} />
       </div>
+      {state === "deleted" && <p class="soft">{text.lists.deletedHint}</p>}
       {problem && <ProblemNote problem={problem} retry={load} />}
       {runs === null && !problem && <Busy />}
       {runs && runs.length > 0 && (
@@ -77,7 +101,40 @@ export function RunsView({ query }: { query: URLSearchParams }) {
           {text.runs.count(found.length, runs.length)}
         </p>
       )}
-      {runs && found.length > 0 && <RunList runs={found} names={names} remove={remove} />}
+      {groupsOf(found, grouped).map(([set, members]) => (
+        <section>
+          {set !== null && (
+            <h2 class="group">
+              <a href={link(["sets", set])}>
+                <Name>{names?.set(set) ?? set}</Name>
+              </a>{" "}
+              <small class="soft">{text.runs.count(members.length, members.length)}</small>
+            </h2>
+          )}
+          <RunList
+            runs={members}
+            names={names}
+            {...(state === "deleted" ? { restore } : { remove, selected, select })}
+          />
+        </section>
+      ))}
+      {selected.size > 0 && (
+        <div class="selection" role="region" aria-label={text.lists.selected(selected.size)}>
+          <b>{text.lists.selected(selected.size)}</b>
+          <button
+            type="button"
+            class="button primary"
+            disabled={selected.size < 2 || selected.size > MOST_RUNS}
+            onClick={() => go(link(["compare", "runs"], { ids: [...selected].join(",") }))}
+          >
+            {text.lists.compare}
+          </button>
+          <button type="button" class="button quiet" onClick={() => setSelected(new Set())}>
+            {text.lists.clear}
+          </button>
+          {(selected.size < 2 || selected.size > MOST_RUNS) && <small class="soft">{text.lists.selectTwo}</small>}
+        </div>
+      )}
       {runs &&
         runs.length === 0 &&
         (state === "all" ? (
@@ -105,12 +162,20 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   );
 }
 
+/** By set, in the order of each set's newest run; one group without a set if not wanted. */
+function groupsOf(runs: RunSummary[], grouped: boolean): [string | null, RunSummary[]][] {
+  if (!grouped) return runs.length > 0 ? [[null, runs]] : [];
+  const groups = new Map<string, RunSummary[]>();
+  for (const run of runs) groups.set(run.measurement_set_id, [...(groups.get(run.measurement_set_id) ?? []), run]);
+  return [...groups];
+}
+
 function matches(run: RunSummary, search: string, names: Names | null): boolean {
   const heap = [
     names?.set(run.measurement_set_id),
     names?.robot(run.robot_id),
     text.methods[run.method],
-    text.methodShort[run.method],
+    text.glossary[run.method][0],
     text.states[run.state],
     run.elasticity === "joints" ? "" : text.elasticities[run.elasticity],
     run.positive ? text.options.constrained : text.options.unconstrained,
@@ -126,11 +191,14 @@ function matches(run: RunSummary, search: string, names: Names | null): boolean 
 }
 
 /** The listing page by page. */
-function useRunPages(state: Filter) {
+function useRunPages(state: Filter, robot: string) {
   const [runs, setRuns] = useState<RunSummary[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
-  const filters = state === "all" ? {} : { state };
+  const filters = {
+    ...(state === "all" ? {} : state === "deleted" ? { deleted: "true" } : { state }),
+    ...(robot ? { robot_id: robot } : {}),
+  };
   const ask = (cursor: string | null, hear: (page: Page<RunSummary>) => void) => {
     setProblem(null);
     api.runs({ ...filters, limit: 100, cursor }).then(
@@ -148,7 +216,7 @@ function useRunPages(state: Filter) {
     return () => {
       gone = true;
     };
-  }, [state]);
+  }, [state, robot]);
   return {
     runs,
     problem,

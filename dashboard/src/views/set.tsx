@@ -1,18 +1,18 @@
 /** One measurement set: what it says, its findings, what was made of it. */
-import { api } from "../api/client";
 import type { MeasurementSet } from "../api/types";
-import { Name, Show, Title, Warnings, When } from "../parts/basics";
-import { Preview } from "../parts/preview";
-import { factsOf } from "../pure/campaign";
+import { Name, Show, Title, Warnings, When } from "../components/basics";
+import { Preview } from "../components/preview";
+import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
+import { storedSet } from "../state/stored";
 import { link } from "../state/router";
-import { text } from "../text";
+import { text } from "../i18n";
 import { useRunsOf } from "./robots";
 import { RunList } from "./run_list";
 
 export function SetView({ id }: { id: string }) {
-  const loaded = useLoad((signal) => api.set(id, signal), [id]);
+  const loaded = useLoad(() => storedSet(id), [id]);
   return (
     <Show of={loaded} title={text.sets.kind}>
       {(set) => <SetPage set={set} />}

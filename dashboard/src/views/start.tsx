@@ -1,26 +1,27 @@
 /** The flow: a file (or a stored set), its robot, a method, go. Three taps from file to result. */
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { api, ApiError } from "../api/client";
-import type { MeasurementSet, RobotSource } from "../api/types";
-import { Arm } from "../parts/arm";
-import { Busy, Empty, ProblemNote, Select, Title, Warnings } from "../parts/basics";
-import { DropZone } from "../parts/drop";
-import { Preview } from "../parts/preview";
-import { type Campaign, factsOf, understand } from "../pure/campaign";
-import { contentKey, freshKey } from "../pure/hash";
+import { api, problemOf } from "../api/client";
+import type { MeasurementSet, Problem, RobotSource } from "../api/types";
+import { Arm } from "../components/arm";
+import { Busy, Empty, ProblemNote, Prose, Select, Title, Warnings } from "../components/basics";
+import { DropZone } from "../components/drop";
+import { Preview } from "../components/preview";
+import { type Campaign, factsOf, understand } from "../lib/campaign";
+import { contentKey, freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { useNames } from "../state/names";
+import { namesChanged, useNames } from "../state/names";
 import { go, link } from "../state/router";
-import { text } from "../text";
+import { storedSet } from "../state/stored";
+import { type FileFault, text } from "../i18n";
 import { initialOptions, MethodForm, type Options, requestOf } from "./method_form";
 import { RunList } from "./run_list";
 
-const MAX_BYTES = 64 * 1024 * 1024;
+const MAX_BYTES = 8 * 1024 * 1024;
 const FROM_FILE = "file";
 const TABLE = /\.(csv|tsv|txt|xls[bmx]?|ods)$/i;
 
-type Opened = { name: string; campaign: Campaign } | { name: string; fault: string };
+type Opened = { name: string; campaign: Campaign } | { name: string; fault: FileFault };
 
 export function StartView({ query }: { query: URLSearchParams }) {
   const names = useNames();
@@ -34,7 +35,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const take = async (file: File) => {
     const fault = file.size > MAX_BYTES ? "too_large" : null;
     const understood = fault ?? understand(await file.text());
-    const read = understood === "not_json" && TABLE.test(file.name) ? "table" : understood;
+    const read: Campaign | FileFault = understood === "not_json" && TABLE.test(file.name) ? "table" : understood;
     setStoredId("");
     setOpened(typeof read === "string" ? { name: file.name, fault: read } : { name: file.name, campaign: read });
     if (typeof read === "string") return;
@@ -75,6 +76,11 @@ export function StartView({ query }: { query: URLSearchParams }) {
             button={opened || storedId ? text.files.another : text.files.choose}
             take={(file) => void take(file)}
           />
+          {opened === null && (
+            <p class="soft">
+              <Prose text={text.files.imported} />
+            </p>
+          )}
           {known && known.sets.length > 0 && opened === null && (
             <Select
               label={text.files.stored}
@@ -86,7 +92,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
               ]}
             />
           )}
-          {opened && "fault" in opened && <FileFault name={opened.name} fault={opened.fault} />}
+          {opened && "fault" in opened && <Refused name={opened.name} fault={opened.fault} />}
           {facts && (
             <>
               <h3 class="file">
@@ -169,8 +175,8 @@ function Recent() {
   return <RunList runs={recent.value.items} names={names} />;
 }
 
-function FileFault({ name, fault }: { name: string; fault: string }) {
-  const [title, remedy] = text.files.faults[fault] ?? ["", ""];
+function Refused({ name, fault }: { name: string; fault: FileFault }) {
+  const [title, remedy] = text.files.faults[fault];
   return (
     <div class="note bad" role="alert">
       <h3>{title}</h3>
@@ -197,10 +203,8 @@ function Findings({ set }: { set: MeasurementSet }) {
 interface Stored {
   set: MeasurementSet | null;
   busy: boolean;
-  problem: ReturnType<typeof problemFrom>;
+  problem: Problem | null;
 }
-
-const problemFrom = (error: unknown) => (error instanceof ApiError ? error.problem : null);
 
 /** The file as the service has stored and checked it, or the stored set that was chosen. */
 function useStored(campaign: Campaign | null, robot: string, setId: string): Stored {
@@ -210,10 +214,10 @@ function useStored(campaign: Campaign | null, robot: string, setId: string): Sto
     put({ set: null, busy: ready, problem: null });
     if (!ready) return undefined;
     let gone = false;
-    const answer = setId ? api.set(setId) : store(campaign as Campaign, robot);
+    const answer = setId ? storedSet(setId) : store(campaign as Campaign, robot);
     answer.then(
       (set) => gone || put({ set, busy: false, problem: null }),
-      (error: unknown) => gone || put({ set: null, busy: false, problem: problemFrom(error) }),
+      (error: unknown) => gone || put({ set: null, busy: false, problem: problemOf(error) }),
     );
     return () => {
       gone = true;
@@ -228,5 +232,7 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
       ? (await api.addRobot(campaign.robot, contentKey("robot", campaign.robot))).id
       : robot;
   const document = { ...campaign.set, robot_id: robotId };
-  return api.addSet(document, contentKey("set", document));
+  const set = await api.addSet(document, contentKey("set", document));
+  namesChanged();
+  return set;
 }

@@ -4,14 +4,15 @@ import { api, every } from "../api/client";
 import type { JointResult, Method, Run } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
-import { Choice, Empty, Name, Show, Title } from "../parts/basics";
-import { fixed } from "../pure/format";
-import { shownStiffness } from "../pure/stiffness";
-import { STIFFNESS_UNITS, type StiffnessUnit } from "../pure/units";
+import { Choice, Empty, Name, Show, Title } from "../components/basics";
+import { fixed } from "../lib/format";
+import { shownStiffness } from "../lib/stiffness";
+import { intervalIn, maybeInUnit, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
 import { useLoad } from "../state/load";
+import { storedRobot } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
-import { text } from "../text";
+import { text } from "../i18n";
 
 const words = text.trend;
 const MOST = 40;
@@ -43,7 +44,7 @@ async function load(robot: string, method: Method, signal: AbortSignal): Promise
 
 export function TrendView({ robot: id }: { robot: string }) {
   const [method, setMethod] = useState<Method>("partial_pose");
-  const robot = useLoad((signal) => api.robot(id, signal), [id]);
+  const robot = useLoad(() => storedRobot(id), [id]);
   const runs = useLoad((signal) => load(id, method, signal), [id, method]);
   return (
     <Show of={robot} title={text.compare.trend}>
@@ -59,7 +60,7 @@ export function TrendView({ robot: id }: { robot: string }) {
             label={words.method}
             value={method}
             change={setMethod}
-            options={METHODS.map((value) => ({ value, label: text.methods[value] ?? value }))}
+            options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
           />
           <Show of={runs}>
             {(timed) =>
@@ -89,19 +90,19 @@ export function TrendView({ robot: id }: { robot: string }) {
 
 function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
   const { unit } = useSettings();
-  const { factor, label, column } = STIFFNESS_UNITS[unit];
+  const { label, column } = STIFFNESS_UNITS[unit];
   const found = timed.flatMap(({ run, set, encoders }) => {
     const joint = run.result?.joints.find((one) => one.name === name);
     return joint ? [{ run, set, encoders, joint }] : [];
   });
-  const scaled = (value: number | null | undefined) => (value === null || value === undefined ? null : value * factor);
   const points = found.map(({ run, set, encoders, joint }) => ({
     time: Date.parse(run.provenance.created_at),
-    value: scaled(joint.stiffness),
-    low: scaled(joint.stiffness_interval?.[0]),
-    high: joint.stiffness_interval ? scaled(joint.stiffness_interval[1]) : scaled(joint.stiffness),
+    value: maybeInUnit(joint.stiffness, unit),
+    low: intervalIn(joint.stiffness_interval, unit)[0],
+    high: joint.stiffness_interval ? intervalIn(joint.stiffness_interval, unit)[1] : maybeInUnit(joint.stiffness, unit),
     mark: encoders === "secondary" ? "method-0" : "method-1",
-    title: `${set}: ${shown(joint, unit)}`,
+    title: `${set}\n${shown(joint, unit)} ${label}`,
+    open: link(["runs", run.id]),
   }));
   const kinds = new Set(found.map((one) => one.encoders));
   return (
@@ -111,8 +112,8 @@ function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
       legend={
         kinds.size > 1
           ? [
-              { label: text.files.encoders["motor"] ?? "", mark: "method-1" },
-              { label: text.files.encoders["secondary"] ?? "", mark: "method-0" },
+              { label: text.files.encoders.motor, mark: "method-1" },
+              { label: text.files.encoders.secondary, mark: "method-0" },
             ]
           : []
       }
@@ -131,9 +132,8 @@ function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
           set,
           encoders,
           run.provenance.created_at,
-          scaled(joint.stiffness),
-          scaled(joint.stiffness_interval?.[0]),
-          scaled(joint.stiffness_interval?.[1]),
+          maybeInUnit(joint.stiffness, unit),
+          ...intervalIn(joint.stiffness_interval, unit),
         ]),
       }}
     >
@@ -141,7 +141,7 @@ function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
         points.some((p) => p.value !== null || p.low !== null) ? (
           <Trend points={points} width={width} label={words.joint(name)} unit={label} />
         ) : (
-          <p class="soft">{text.verdicts["unobservable"]}</p>
+          <p class="soft">{text.verdicts.unobservable}</p>
         )
       }
     </Figure>

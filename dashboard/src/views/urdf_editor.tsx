@@ -1,8 +1,8 @@
 /** A URDF pasted or uploaded, and which of its links are base and flange. */
 import { useMemo } from "preact/hooks";
-import { Select } from "../parts/basics";
-import { DropZone } from "../parts/drop";
-import { text } from "../text";
+import { Select } from "../components/basics";
+import { DropZone } from "../components/drop";
+import { text } from "../i18n";
 
 export interface UrdfText {
   urdf: string;

@@ -20,16 +20,16 @@ from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix, to_vector
 
 _SMALL = 1e-3
-"""Compliance, in the units of the program, that is small beside what explains the readings."""
+"""Compliance, in the program's units, that is negligible for explaining the readings."""
 _ROUNDING = 1e-12
-"""Of the largest entry: an eigenvalue that is not larger is zero."""
+"""Tolerance relative to the largest entry: a smaller eigenvalue counts as zero."""
 _RIDGE = 1e-13
-"""Of the Hessian, relative to its largest diagonal entry: directions that nothing determines stay put."""
+"""Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
 
 
 @dataclass(frozen=True, eq=False)
 class _BlockFace:
-    """Of one block: X = U X_r Uᵀ with slack V S_s Vᵀ."""
+    """Face of one block: X = U X_r Uᵀ with slack V S_s Vᵀ."""
 
     place: slice
     U: FloatArray
@@ -39,7 +39,7 @@ class _BlockFace:
 
     @property
     def rank(self) -> int:
-        """Of the block."""
+        """Return the rank of the block."""
         return int(self.U.shape[1])
 
     @cached_property
@@ -190,7 +190,7 @@ def polished(program: SemidefiniteProgram, x: FloatArray) -> FloatArray | None:
 
 
 def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
-    """How many numbers the readings determine: the divergence of the fitted readings (Stein 1981).
+    """Return the effective number of parameters: the divergence of the fitted readings (Stein 1981).
 
     ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
 

@@ -11,6 +11,7 @@ enough leaves this module.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,12 +24,14 @@ from jointstiff.solver.convex.semidefinite.face import polished
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.errors import SolverError
 
-_LADDER: Final = (1e-8, 1e-10, 1e-11, 1e-12)
-"""Tolerances of Clarabel, tried in this order: not every problem can be solved to the last."""
+_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+"""Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
+_LEAST_UNIT: Final = 1e-9
+"""Residual, beside the readings, in whose unit a program is stated at the least."""
 _NEWTON_STEPS: Final = 4
-"""Each doubles the digits, once the face is the right one."""
+"""Newton steps; each doubles the correct digits once the face is right."""
 _SLACK_ROUNDING: Final = 1e-13
-"""A slack that should be zero and is this far below is, in units of the column's norm and the readings'."""
+"""Largest negative slack that counts as zero, in units of the column's norm and the readings'."""
 
 
 @dataclass(frozen=True)
@@ -57,32 +60,50 @@ class ConeSolution:
     certificate: ConeCertificate
 
 
-def solve_cone(program: SemidefiniteProgram, *, gap: float) -> ConeSolution:
+def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
     """Solve a program and prove it.
 
     Args:
         program: finite, readings of unit norm.
-        gap: greatest gap of a certificate that is accepted, with ‖z‖ = 1.
+        gap: gap of a certificate that ends the search, with ‖z‖ = 1.
+        accepted: greatest gap that is accepted where no answer reaches `gap`; the same if None.
 
     Raises:
         SolverError: no answer has such a certificate.
     """
-    best = np.inf
+    best: ConeSolution | None = None
+    for proposed in _proposals(program):
+        if best is None or proposed.certificate.gap < best.certificate.gap:
+            best = proposed
+        if best.certificate.gap <= gap:
+            return best
+    limit = gap if accepted is None else accepted
+    if best is None or not best.certificate.gap <= limit:
+        found = "the solver did not converge"
+        if best is not None:
+            found = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
+        raise SolverError(
+            f"the semidefinite program is not solved: {found}",
+            remedy="give a larger penalty, choose fewer links, or report this with the data",
+        )
+    return best
+
+
+def _proposals(program: SemidefiniteProgram) -> Iterator[ConeSolution]:
+    """Yield feasible points along the ladder, in the unit of the readings and in that of their residual."""
+    T, z = program.fit.compressed
+    left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
     for tolerance in _LADDER:
-        proposed = _clarabel(program, tolerance)
-        for _ in range(1 + _NEWTON_STEPS):
-            if proposed is None:
-                break
-            x = program.cone.project(proposed)
-            certificate = certify_cone(program, x, tolerance)
-            if certificate.primal >= 0.0 and certificate.gap <= gap:
-                return ConeSolution(x, certificate)
-            best = min(best, certificate.gap)
-            proposed = polished(program, x)
-    raise SolverError(
-        f"the semidefinite program is not solved: its gap is {best:.1e}, and {gap:.1e} was to be reached",
-        remedy="give a larger penalty, choose fewer links, or report this with the data",
-    )
+        for unit in (1.0, left):
+            proposed = _clarabel(program, tolerance, unit)
+            for _ in range(1 + _NEWTON_STEPS):
+                if proposed is None:
+                    break
+                x = program.cone.project(proposed)
+                certificate = certify_cone(program, x, tolerance)
+                if certificate.primal >= 0.0:
+                    yield ConeSolution(x, certificate)
+                proposed = polished(program, x)
 
 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) -> ConeCertificate:
@@ -118,7 +139,7 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) 
 
 
 def _outside(program: SemidefiniteProgram, slack: FloatArray) -> float:
-    """How far below zero the least penalised slack is; 0 if none is."""
+    """Return how far the least penalised slack is below zero; 0 if none is."""
     scalars = slack[: program.cone.nonnegative][program.penalised]
     least = [float(_eigenvalues(slack[place], size).min()) for size, place in program.cone.blocks()]
     return max(0.0, -min([*least, *scalars.tolist()], default=0.0))
@@ -128,11 +149,14 @@ def _eigenvalues(vector: FloatArray, size: int) -> FloatArray:
     return np.asarray(np.linalg.eigvalsh(to_matrix(vector, size)))
 
 
-def _clarabel(program: SemidefiniteProgram, tolerance: float) -> FloatArray | None:
-    """Solve in y = x − near, so that the objective does not drown in ‖z‖²; None if Clarabel fails."""
+def _clarabel(program: SemidefiniteProgram, tolerance: float, unit: float) -> FloatArray | None:
+    """Solve in y = (x − near) / unit, so that the objective does not drown in ‖z‖²; None if Clarabel fails.
+
+    The program is homogeneous: in a unit of the residual's size Clarabel's absolute tolerances hold there.
+    """
     near, cone = program.fit.near, program.cone
     T, readings = program.fit.compressed
     stated = programs.semidefinite(len(T), cone.nonnegative, cone.sizes)
-    data = {"T": T, "z": readings - T @ near, "p": program.penalty, "near": near}
+    data = {"T": T, "z": (readings - T @ near) / unit, "p": program.penalty / unit, "near": near / unit}
     moved = stated.solve(data, tolerance)
-    return None if moved is None else near + moved
+    return None if moved is None else near + unit * moved

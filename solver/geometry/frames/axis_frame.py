@@ -16,11 +16,11 @@ from jointstiff.solver.geometry.sweeps import Axis
 from jointstiff.solver.robot import KinematicChain
 
 LEAST_SINE = 0.1
-"""Sine of the angle between two axes below which the foot of their perpendicular is not to be trusted."""
+"""Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
 
 
 def common_feet(first: Axis, second: Axis) -> tuple[float, float]:
-    """Where the common perpendicular of two axes stands: signed distances [m] from the points of both."""
+    """Return the feet of the common perpendicular of two axes: distances [m] from their points."""
     a, b = first.direction, second.direction
     between = second.point - first.point
     cosine = float(a @ b)
@@ -39,9 +39,10 @@ def perpendicular_frame(main: Axis, other: Axis) -> RigidTransform:
     sine = float(np.linalg.norm(x))
     if sine < LEAST_SINE:
         raise MeasurementError(
-            f"two axes that should define a frame are at {np.degrees(np.arcsin(sine)):.2g}° to each other",
+            "the two axes that should define the frame are nearly parallel "
+            f"({np.degrees(np.arcsin(sine)):.2g}°)",
             where="sweeps",
-            remedy="give the transform explicitly: parallel axes do not define a frame",
+            remedy="give the transform explicitly; parallel axes do not define a frame",
         )
     x = x / sine
     z = main.direction

@@ -1,4 +1,4 @@
-"""Whether tracker and robot moved against each other, from targets on the robot's base read twice."""
+"""Motion between tracker and robot, from targets on the robot's base that are read twice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jointstiff.solver.geometry.gauss_newton import minimise
 from jointstiff.solver.regression import whitener
 
 SIGNIFICANCE = 1e-4
-"""Probability of chance below which a drift, or a base target that moved, is reported."""
+"""p-value below which a drift, or a base target that moved, is reported."""
 
 _COLLINEAR = 1e-3  # least ratio of the width of the targets' spread to its length
 
@@ -65,10 +65,10 @@ class BaseDrift:
                     "base_targets",
                     size,
                     "m",
-                    f"between the two readings of the base the tracker or the robot moved by "
-                    f"{length_text(size)} ± {length_text(spread)} at the robot, and turned by "
+                    "between the two readings of the base targets, tracker and robot base moved relative to "
+                    f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and turned by "
                     f"{np.linalg.norm(self.rotation) * 1e6:.0f} µrad",
-                    "remove the drift from later readings by the transform given, or measure again",
+                    "correct later readings with the given transform, or measure again",
                 )
             )
         for target in self.moved_targets:
@@ -79,8 +79,8 @@ class BaseDrift:
                     f"base_targets.after.{target}",
                     left,
                     "m",
-                    f"this base target moved against the others, by about {length_text(left)}",
-                    "leave it out, and fix it better",
+                    f"this base target moved relative to the others, by about {length_text(left)}",
+                    "omit it, and attach it more firmly",
                 )
             )
         return tuple(found)
@@ -137,20 +137,20 @@ def find_drift(
 def _check(before: FloatArray, after: FloatArray) -> None:
     if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3 or len(before) < 3:
         raise MeasurementError(
-            f"base targets of shape {before.shape} before and {after.shape} after",
+            f"the base targets have shape {before.shape} before and {after.shape} after",
             where="base_targets",
             remedy="read the same three or more targets on the base both times",
         )
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         raise MeasurementError(
-            "a number is not finite", where="base_targets", remedy="remove or repeat the reading"
+            "a coordinate is not finite", where="base_targets", remedy="remove or repeat the reading"
         )
     spread = np.linalg.svd(before - before.mean(axis=0), compute_uv=False)
     if spread[1] <= _COLLINEAR * spread[0]:
         raise MeasurementError(
-            "the base targets lie on a line, so they do not show a rotation about it",
+            "the base targets lie on a line, so a rotation about that line cannot be determined",
             where="base_targets",
-            remedy="place them as a triangle",
+            remedy="place the targets so that they form a triangle",
         )
 
 

@@ -31,7 +31,7 @@ _MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below w
 
 @dataclass(frozen=True, eq=False)
 class BaseConvention:
-    """How R0 stands to axes 1 and 2.
+    """Convention that places R0 relative to axes 1 and 2.
 
     Attributes:
         base_from_perpendicular: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0.
@@ -116,7 +116,7 @@ def _offset(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
 def _refuse_fewer_than_two(axes: Sequence[Axis]) -> None:
     if len(axes) < 2:
         raise MeasurementError(
-            "a robot with one axis has no base frame of its own",
+            "a single axis does not define a base frame",
             where="sweeps",
-            remedy="give the transform from tracker to base explicitly",
+            remedy="give the transform from the tracker's frame to R0 explicitly",
         )

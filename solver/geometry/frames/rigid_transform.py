@@ -12,7 +12,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.regression import skew
 
 ROTATION_TOLERANCE = 1e-5
-"""Of a stated rotation's rows from unit vectors at right angles: 10 µm in a metre."""
+"""Tolerance of a stated rotation's orthonormality: 10 µm in a metre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +49,16 @@ class RigidTransform:
         """
         gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-            what = "a mirror image" if gap <= ROTATION_TOLERANCE else f"off by {gap:.2g}"
+            what = (
+                "it is a reflection (determinant -1)"
+                if gap <= ROTATION_TOLERANCE
+                else f"its largest deviation is {gap:.2g}"
+            )
             raise MeasurementError(
-                f"the rows are not unit vectors at right angles: {what}",
+                f"the rotation matrix is not orthonormal: {what}",
                 where="frame.rotation",
-                remedy="give a rotation matrix row by row, from tracker to R0, to seven digits",
+                remedy="give the rotation matrix from the tracker's frame to R0 row by row, with "
+                "seven digits",
             )
         U, _, Vt = np.linalg.svd(rotation)
         return cls(U @ Vt, translation)

@@ -61,9 +61,9 @@ def trilaterate(targets: FloatArray, distances: npt.ArrayLike, near: npt.ArrayLi
     j = float(np.linalg.norm(e_y))
     if j <= _COLLINEAR * d or d == 0.0:
         raise MeasurementError(
-            "the three targets lie on a line, so that a circle of points has the same distances",
+            "the three targets lie on a line, so the distances do not determine a point",
             where="targets",
-            remedy="place them as a triangle",
+            remedy="place the targets so that they form a triangle",
         )
     e_y = e_y / j
     e_z = np.cross(e_x, e_y)
@@ -72,9 +72,10 @@ def trilaterate(targets: FloatArray, distances: npt.ArrayLike, near: npt.ArrayLi
     z2 = float(r[0] ** 2 - x**2 - y**2)
     if not z2 > 0.0:
         raise MeasurementError(
-            "no point has these distances from the three targets, or only one in their plane",
+            "no point has these distances from the three targets, or it lies in the plane of the targets",
             where="targets",
-            remedy="check the distances; a centre in the plane of the targets needs another method",
+            remedy="check the distances; a centre in the plane of the targets cannot be found by "
+            "trilateration",
         )
     foot = P[0] + x * e_x + y * e_y
     sides = [foot + sign * np.sqrt(z2) * e_z for sign in (1.0, -1.0)]
@@ -91,7 +92,7 @@ def _with_derivatives(P: FloatArray, r: FloatArray, centre: FloatArray, other: F
 
 @dataclass(frozen=True, eq=False)
 class CentreSpread:
-    """How far several centres of one wrist lie from their barycentre (paper, Table I).
+    """Distances of several centres of one wrist from their barycentre (paper, Table I).
 
     Attributes:
         barycentre: (3,) [m].

@@ -1,4 +1,4 @@
-"""Where the last three axes meet, and by how much they miss."""
+"""Point nearest to the last three axes, and the distance by which they miss it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _normals(axes: Sequence[Axis]) -> FloatArray:
 
 
 def _offsets(axes: Sequence[Axis], point: FloatArray, reference: Sequence[Axis]) -> FloatArray:
-    """How far axes pass from a point, (6,) along the normals of reference axes nearby [m]."""
+    """Return the offsets of axes from a point, (6,) along the normals of reference axes nearby [m]."""
     gaps = [axis.at(axis.foot(point)) - point for axis in axes]
     return np.concatenate([r.frame[:, :2].T @ gap for r, gap in zip(reference, gaps, strict=True)])
 
@@ -102,7 +102,7 @@ def _nearest(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
     scaled = system / np.trace(system)
     if np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-9:
         raise MeasurementError(
-            "the last three axes are nearly parallel and have no centre",
+            "the last three axes are nearly parallel, so there is no wrist centre",
             where="sweeps",
             remedy="use a method that needs no wrist centre",
         )

@@ -36,7 +36,7 @@ from jointstiff.solver.robot import WRIST_JOINTS
 CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
 
 DISAGREEMENT = 1e-4
-"""Probability of chance below which two ways count as contradicting each other."""
+"""p-value below which two estimates of the centre count as contradictory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +117,8 @@ class WristCentre:
                 pair.distance,
                 "m",
                 f"the wrist centres by {pair.first} and by {pair.second} are {length_text(pair.distance)} "
-                f"apart, which noise does with probability {pair.probability:.1g}",
-                "check the sweeps of the wrist; axes that do not meet have no common centre",
+                f"apart, more than their uncertainties explain (p = {pair.probability:.1g})",
+                "check the sweeps of the wrist joints; axes that do not intersect have no common centre",
             )
             for pair in self.disagreements
             if pair.probability < DISAGREEMENT
@@ -136,7 +136,9 @@ def find_wrist_centre(identified: SweptAxes) -> WristCentre:
     """
     if identified.n < WRIST_JOINTS:
         raise MeasurementError(
-            f"{identified.n} axes have no wrist", where="sweeps", remedy="sweep all joints of the robot"
+            f"a robot with {identified.n} axes has no three-axis wrist",
+            where="sweeps",
+            remedy="sweep all joints of the robot",
         )
     posture = _arm_posture(identified)
     by_axes, miss = nearest_to_axes(identified, posture)

@@ -76,9 +76,9 @@ class DhTable:
                 f"dh.{self.convention}",
                 pair.angle,
                 "rad",
-                f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad off parallel: "
-                "too much to be left out, and so little that a, d and theta between them run away",
-                "use the URDF, which needs none of these numbers",
+                f"axes {pair.joint + 1} and {pair.joint + 2} are {1e3 * pair.angle:.3g} mrad from "
+                "parallel: too much to neglect, and too little to determine a, d and theta separately",
+                "use the URDF, which does not need these parameters",
             )
             for pair in self.parallel
             if not pair.made_parallel and pair.angle < RUNAWAY_BELOW

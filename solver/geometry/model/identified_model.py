@@ -22,7 +22,7 @@ _NAME = "identified"
 
 @dataclass(frozen=True, eq=False)
 class FlangeConvention:
-    """Where the flange frame is on the last link, which no axis shows.
+    """Convention that places the flange frame on the last link, which no axis determines.
 
     Attributes:
         by: `axes`: it stands in the perpendicular frame of the last axis and the one before
@@ -256,9 +256,9 @@ def _target_frame(points: FloatArray) -> RigidTransform:
     normal = np.cross(x, side)
     if np.linalg.norm(normal) <= 1e-3 * float(x @ x):
         raise MeasurementError(
-            "the three targets lie on a line and define no flange frame",
+            "the three targets lie on a line and do not define a flange frame",
             where="targets",
-            remedy="choose three that span a triangle",
+            remedy="choose three targets that form a triangle",
         )
     x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
     return RigidTransform(np.column_stack([x, np.cross(z, x), z]), points[0])
@@ -267,16 +267,16 @@ def _target_frame(points: FloatArray) -> RigidTransform:
 def _refuse_other_count(axes: Sequence[Axis], n: int) -> None:
     if len(axes) != n:
         raise RobotError(
-            f"the nominal model has {len(axes)} moving joints, the sweeps show {n} axes",
+            f"the nominal model has {len(axes)} revolute joints, but the sweeps show {n} axes",
             where="nominal",
-            remedy="give the nominal model of this robot",
+            remedy="give the nominal model of the robot that was measured",
         )
 
 
 def _refuse_fewer_than_two(axes: Sequence[Axis]) -> None:
     if len(axes) < 2:
         raise MeasurementError(
-            "one axis alone does not place a flange frame",
+            "a single axis does not define a flange frame",
             where="sweeps",
             remedy="define the flange by three targets",
         )

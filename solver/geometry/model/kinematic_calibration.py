@@ -74,7 +74,7 @@ class CalibratedAxes(IdentifiedAxes):
                 "the poses do not determine "
                 + ("a combination of " if len(names) > 1 else "")
                 + ", ".join(names),
-                "add poses in which all joints turn, over most of their range",
+                "add poses in which all joints turn over most of their range",
             )
             for names in self.only_together
         )
@@ -97,9 +97,10 @@ def calibrate(
     axes, _ = chain_axes(nominal)
     if len(axes) != poses.joint_map.n:
         raise MeasurementError(
-            f"the nominal model has {len(axes)} moving joints, the poses {poses.joint_map.n} angles",
+            f"the nominal model has {len(axes)} revolute joints, but the poses have "
+            f"{poses.joint_map.n} angles",
             where="poses",
-            remedy="give the nominal model of this robot",
+            remedy="give the nominal model of the robot that was measured",
         )
     angles = poses.joint_map.model_angles(poses.angles)
     motions = [posed(axes, q)[1:] for q in angles]
@@ -118,9 +119,9 @@ def _evidence(state: PoseState, linear: LinearFit, poses: Poses, readings: PoseR
     coordinates = 3 * int(poses.present.sum())
     if coordinates <= len(linear.scale):
         raise NotObservableError(
-            f"{coordinates} coordinates for {len(linear.scale)} unknowns",
+            f"{coordinates} measured coordinates do not determine {len(linear.scale)} unknowns",
             where="poses",
-            remedy="record more poses, or more targets in each",
+            remedy="record more poses, or more targets in each pose",
         )
     dof = coordinates - linear.rank
     rss = float(linear.residual @ linear.residual)

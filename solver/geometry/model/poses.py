@@ -46,18 +46,20 @@ class Poses:
             or self.covariance.shape not in {(3, 3), (*shape, 3, 3)}
         ):
             raise MeasurementError(
-                f"angles {self.angles.shape}, readings {self.points.shape}, for {self.joint_map.n} joints "
-                f"and {len(self.targets)} targets",
+                f"the angles have shape {self.angles.shape} and the readings {self.points.shape}, for "
+                f"{self.joint_map.n} joints and {len(self.targets)} targets",
                 where="poses",
                 remedy="give all joint angles and a reading of each target for each pose",
             )
         if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
             raise MeasurementError(
-                "a number is not finite", where="poses", remedy="remove or repeat the reading"
+                "an angle or a coordinate is not finite", where="poses", remedy="remove or repeat the reading"
             )
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise MeasurementError(
-                f"sigma is {self.sigma}", where="noise.sigma", remedy="give a positive length"
+                f"sigma must be positive, but is {self.sigma}",
+                where="noise.sigma",
+                remedy="give a positive length",
             )
         for array in (self.angles, self.points, self.present, self.covariance):
             array.setflags(write=False)

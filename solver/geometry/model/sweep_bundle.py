@@ -20,6 +20,7 @@ from jointstiff.solver.geometry.sweeps import (
     SweepSet,
     SweptAxes,
     fit_poses,
+    robust_sigma,
 )
 from jointstiff.solver.regression import whitener
 
@@ -46,9 +47,9 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
     dof = 3 * sum(int(sweep.present.sum()) for sweep in sweeps.sweeps) - linear.rank
     if dof < 1 or not linear.determines(slice(0, kept)):
         raise MeasurementError(
-            "the sweeps together do not determine all axes and targets",
+            "the sweeps do not determine all axes and targets",
             where="sweeps",
-            remedy="record more positions, and every target in the last joint's sweep",
+            remedy="record more positions, and read every target in the last joint's sweep",
         )
     rss = float(linear.residual @ linear.residual)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
@@ -63,6 +64,7 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         dof=dof,
         sweeps=sweeps,
         fits=identified.fits,
+        robust_sigma=robust_sigma(sweeps, linear.residual, dof),
     )
 
 

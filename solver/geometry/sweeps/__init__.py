@@ -9,12 +9,13 @@ from jointstiff.solver.geometry.sweeps.evidence import SweepEvidence, sweep_evid
 from jointstiff.solver.geometry.sweeps.findings import (
     agreement_findings,
     angle_probability,
+    disagree,
     geometry_findings,
 )
 from jointstiff.solver.geometry.sweeps.identified_axes import Geometry, IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
 from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, robust_sigma
 
 __all__ = [
     "CHART_SIZE",
@@ -33,9 +34,11 @@ __all__ = [
     "SweptAxes",
     "agreement_findings",
     "angle_probability",
+    "disagree",
     "fit_poses",
     "geometry_findings",
     "identify_axes",
     "posed",
+    "robust_sigma",
     "sweep_evidence",
 ]

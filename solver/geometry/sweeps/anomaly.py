@@ -1,4 +1,4 @@
-"""What does not fit a sweep: a tracker that was bumped, a position or a reading that is off.
+"""Anomalies of a sweep: a tracker that was bumped, a position or a reading that is off.
 
 Each suspicion is a hypothesis with columns of its own: from position s on, the tracker sees everything
 displaced by one rigid motion; one position is displaced; one reading is. What a hypothesis would take
@@ -23,16 +23,18 @@ from jointstiff.solver.regression import skew, whitener
 AnomalyKind = Literal["bump", "position", "reading"]
 
 FALSE_ALARM = 1e-6
-"""Probability that a clean sweep raises any suspicion."""
+"""Probability that a clean sweep gets any finding (significance level)."""
 
 MOST_ANOMALIES = 5
-"""Most suspicions of one sweep; with more, the sweep as a whole is wrong."""
+"""Maximum number of findings of one sweep; with more, the whole sweep is wrong."""
 
 _HIDDEN = 1e-8
-"""Share of a hypothesis that the fit leaves visible (squared), below which it cannot be told from the fit."""
+"""Share of a hypothesis that remains in the residuals (squared), below which it cannot be told from the
+fit."""
 
 _CLEAR = 3.0
-"""Standard uncertainties by which a component of a displacement must differ from zero to be stated."""
+"""Number of standard uncertainties by which a component of a displacement must differ from zero to be
+stated."""
 
 _EDGE = 2  # a bump has at least two positions on either side; else it is one position
 
@@ -74,7 +76,7 @@ class _Test:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """What is explained so far: an orthonormal basis (K, T, 3, p), the residual (K, T, 3) normal to it."""
+    """Explained part so far: an orthonormal basis (K, T, 3, p), and the residual (K, T, 3) normal to it."""
 
     basis: FloatArray
     residual: FloatArray
@@ -87,12 +89,14 @@ class _Fit:
         return _Fit(basis, self.residual - columns @ explained, self.dof - columns.shape[-1])
 
 
-def find_anomalies(linear: LinearFit, sweep: Sweep) -> tuple[Anomaly, ...]:
+def find_anomalies(linear: LinearFit, sweep: Sweep, typical: float = 0.0) -> tuple[Anomaly, ...]:
     """Find what does not fit, one after the other, the likeliest first.
 
     Args:
         linear: the fit of the sweep at its minimum; rows are (K, T, 3) in order.
         sweep: its readings.
+        typical: variance of a residual elsewhere, in the units of the fit's; smaller ones in this sweep are
+            chance.
 
     Returns:
         At most `MOST_ANOMALIES`.
@@ -109,7 +113,7 @@ def find_anomalies(linear: LinearFit, sweep: Sweep) -> tuple[Anomaly, ...]:
     hypotheses = _hypotheses(present)
     found: list[Anomaly] = []
     while hypotheses and len(found) < MOST_ANOMALIES:
-        tests = [_test(h, fit, weight, points) for h in hypotheses]
+        tests = [_test(h, fit, weight, points, typical) for h in hypotheses]
         best = min(range(len(tests)), key=lambda index: tests[index].log_probability)
         log_probability = tests[best].log_probability + np.log(len(tests))
         if log_probability > np.log(FALSE_ALARM):
@@ -148,7 +152,7 @@ def _columns(h: _Hypothesis, weight: FloatArray, points: FloatArray) -> FloatArr
     return np.concatenate([W, -W @ skew(arms) / spread], axis=-1)
 
 
-def _test(h: _Hypothesis, fit: _Fit, weight: FloatArray, points: FloatArray) -> _Test:
+def _test(h: _Hypothesis, fit: _Fit, weight: FloatArray, points: FloatArray, typical: float) -> _Test:
     """F-test of a hypothesis by its normal equations, which only its own readings enter."""
     columns = _columns(h, weight, points)
     seen = np.einsum("mip,miq->pq", fit.basis[h.readings], columns)
@@ -162,8 +166,9 @@ def _test(h: _Hypothesis, fit: _Fit, weight: FloatArray, points: FloatArray) -> 
         return _Test(0.0, np.zeros(3), directions)
     gain = float(explained @ explained)
     remaining = max(float(np.sum(fit.residual**2)) - gain, 1e-300)
-    log_probability = float(stats.f.logsf(gain / rank / (remaining / left), rank, left))
-    return _Test(log_probability, _translation(h, fit, weight, remaining / left), directions)
+    variance = max(remaining / left, typical)
+    log_probability = float(stats.f.logsf(gain / rank / variance, rank, left))
+    return _Test(log_probability, _translation(h, fit, weight, variance), directions)
 
 
 def _translation(h: _Hypothesis, fit: _Fit, weight: FloatArray, variance: float) -> FloatArray:

@@ -176,7 +176,7 @@ def fit_axis(
 def _refuse_undetermined(linear: LinearFit, dof: int, sweep: Sweep) -> None:
     if dof < 1:
         raise MeasurementError(
-            f"{int(sweep.present.sum())} readings leave nothing to check the axis by",
+            f"{int(sweep.present.sum())} readings leave no redundancy to check the axis",
             where=sweep.where,
             remedy="record more positions or more targets",
         )
@@ -184,7 +184,7 @@ def _refuse_undetermined(linear: LinearFit, dof: int, sweep: Sweep) -> None:
         raise MeasurementError(
             "the readings do not determine the axis",
             where=sweep.where,
-            remedy="follow a target that is farther from the axis, over a wider arc",
+            remedy="read a target that is farther from the axis, over a wider arc",
         )
 
 

@@ -24,7 +24,7 @@ from jointstiff.solver.regression import skew, whitener
 
 @dataclass(frozen=True, eq=False)
 class SweepState:
-    """What a fit of one sweep looks for.
+    """Unknowns of the fit of one sweep.
 
     Attributes:
         axis: the common axis in the tracker's frame.
@@ -128,9 +128,9 @@ def start(sweep: Sweep, controller: FloatArray) -> SweepState:
         radii.append(float(np.linalg.norm(np.cross(B, C))))
     if not np.linalg.norm(normal) > 0.0:
         raise MeasurementError(
-            "no target shows a circle",
+            "no target moved on a circle",
             where=sweep.where,
-            remedy="read at least one target in three positions or more, at a distance from the axis",
+            remedy="read at least one target in three or more positions, at a distance from the axis",
         )
     centre = np.average(centres, axis=0, weights=np.array(radii) + 1e-12)
     axis = Axis.through(centre, normal).slid_to(sweep.points[sweep.present].mean(axis=0))

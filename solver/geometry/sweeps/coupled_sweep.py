@@ -203,7 +203,7 @@ def _evidence(
         raise MeasurementError(
             "the readings do not determine the inner one of the two axes that turn",
             where=sweep.where,
-            remedy="sweep a wider arc with more positions; two axes that coincide cannot be told apart",
+            remedy="sweep a wider arc with more positions; two axes that coincide cannot be distinguished",
         )
     rss = float(linear.residual @ linear.residual)
     used = float(np.sqrt(rss / dof)) if sigma is None else sigma

@@ -1,4 +1,4 @@
-"""What a metrologist would say about the fit of a sweep."""
+"""Findings on the fit of a sweep."""
 
 from __future__ import annotations
 
@@ -13,21 +13,50 @@ from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
 SHORT_ARC = np.radians(30.0)
-"""Arc [rad] below which an axis is worth a warning: its centre is then ten times as uncertain along the
+"""Arc [rad] below which an axis gets a warning: its centre is then ten times as uncertain along the
 sagitta as over a half turn."""
+
+BEYOND_MODEL = 3.0
+"""Displacement by a bump over a typical residual of all sweeps: less may be the model or a gear."""
 
 _CHI_SQUARE_ALARM = 1e-6
 _SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
 
 
-def geometry_findings(identified: SweptAxes, names: tuple[str, ...]) -> tuple[GeometryFinding, ...]:
-    """The findings of all sweeps; `names` are those of the targets."""
-    return tuple(finding for fit in identified.fits for finding in sweep_findings(fit, names))
+def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> tuple[GeometryFinding, ...]:
+    """Return the findings of all sweeps.
+
+    Args:
+        identified: axes of the sweeps, fitted one by one.
+        whole: the fit of all sweeps, whose residuals show how well the robot is its model.
+    """
+    typical = float(np.median([fit.rss / fit.dof for fit in identified.fits]))
+    least = BEYOND_MODEL * whole.robust_sigma
+    return tuple(
+        finding
+        for fit in identified.fits
+        for finding in sweep_findings(fit, identified.names, typical=typical, least=least)
+    )
 
 
-def sweep_findings(fit: AxisFit | CoupledFit, names: tuple[str, ...]) -> tuple[GeometryFinding, ...]:
-    """Suspicions about one sweep; none about a clean one."""
-    found = [_anomaly(fit, anomaly, names) for anomaly in find_anomalies(fit.linear, fit.sweep)]
+def sweep_findings(
+    fit: AxisFit | CoupledFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
+) -> tuple[GeometryFinding, ...]:
+    """Return suspicions about one sweep; none about a clean one.
+
+    Args:
+        fit: the sweep, fitted by itself.
+        names: of the targets.
+        typical: variance of a residual in the sweeps beside it; what does not stand out from that is no
+            anomaly of this one.
+        least: displacement [m] below which a bump is none.
+    """
+    anomalies = find_anomalies(fit.linear, fit.sweep, typical)
+    found = [
+        _anomaly(fit, anomaly, names)
+        for anomaly in anomalies
+        if anomaly.kind != "bump" or float(np.linalg.norm(anomaly.displacement)) >= least
+    ]
     if fit.arc < SHORT_ARC:
         found.append(_short_arc(fit))
     found += _variance(fit)
@@ -49,13 +78,18 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
     return float(stats.f.sf(gain / (free.rss / free.dof), more, free.dof))
 
 
+def disagree(probability: float | None) -> bool:
+    """Return whether one robot does not fit all sweeps, by the probability of the test; see `survey`."""
+    return probability is not None and probability < _CHI_SQUARE_ALARM
+
+
 def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]:
-    """Whether all sweeps show the same robot, by the probability that noise makes one fit them so badly.
+    """Report sweeps that no single robot model fits, by the p-value of one model for all.
 
     Args:
         probability: of the F-test of the fit of all sweeps inside the fits one by one; None if there is none.
     """
-    if probability is None or probability >= _CHI_SQUARE_ALARM:
+    if probability is None or not disagree(probability):
         return ()
     return (
         GeometryFinding(
@@ -63,9 +97,10 @@ def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]
             "sweeps",
             probability,
             "",
-            "one robot does not fit all sweeps as well as each is fitted by itself, which noise does with "
-            f"probability {probability:.1g}: uncertainties are too small",
-            "fit the sweeps one by one; joints at rest that do not repeat, and gears, do this, too",
+            "no single robot model fits all sweeps as well as separate fits do (p = "
+            f"{probability:.1g}); the axes are those of the sweeps fitted one by one",
+            "request fit one_by_one, or repeat the sweeps; also check how well the resting joints repeat, "
+            "and gear errors",
         ),
     )
 
@@ -73,16 +108,16 @@ def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]
 def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]) -> GeometryFinding:
     size = float(np.linalg.norm(anomaly.displacement))
     place = f"{fit.sweep.where}, position {anomaly.position + 1}"
-    chance = f"(by chance: {anomaly.probability:.1g})"
+    chance = f"(p = {anomaly.probability:.1g})"
     if anomaly.kind == "bump":
         return GeometryFinding(
             "tracker_bumped",
             place,
             size,
             "m",
-            f"from this position on all readings are displaced by about {length_text(size)} {chance}: the "
-            "tracker or the robot's base was bumped",
-            "repeat the sweep, or leave out the positions on one side",
+            f"from this position on, all readings are displaced by about {length_text(size)} {chance}: "
+            "the tracker or the robot's base was bumped",
+            "repeat the sweep, or omit the positions before or after the bump",
         )
     if anomaly.kind == "position":
         return GeometryFinding(
@@ -91,7 +126,8 @@ def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]
             size,
             "m",
             f"all targets are displaced by about {length_text(size)} {chance}",
-            "the robot may not have come to rest, or its angles belong elsewhere: leave the position out",
+            "the robot may not have come to rest, or the angles belong to another position: omit the "
+            "position",
         )
     target = names[anomaly.target] if anomaly.target is not None else ""
     return GeometryFinding(
@@ -100,7 +136,7 @@ def _anomaly(fit: AxisFit | CoupledFit, anomaly: Anomaly, names: tuple[str, ...]
         size,
         "m",
         f"this reading is displaced by about {length_text(size)} {chance}",
-        "leave it out or repeat it",
+        "omit or repeat the reading",
     )
 
 
@@ -111,8 +147,8 @@ def _short_arc(fit: AxisFit | CoupledFit) -> GeometryFinding:
         fit.sweep.where,
         float(np.degrees(fit.arc)),
         "°",
-        f"an arc of {np.degrees(fit.arc):.3g}° places the axis within {length_text(spread)} only",
-        "sweep 90° or more",
+        f"an arc of {np.degrees(fit.arc):.3g}° determines the axis only within {length_text(spread)}",
+        "sweep at least 90°",
     )
 
 
@@ -128,8 +164,8 @@ def _variance(fit: AxisFit | CoupledFit) -> list[GeometryFinding]:
                 fit.sweep.where,
                 fit.variance_factor,
                 "",
-                f"residuals speak for a sigma of {rms}, and {stated} was stated: uncertainties are too small",
-                "state the true sigma, or leave it out; robots that do not repeat well do this, too",
+                f"the residuals give sigma = {rms}, but {stated} was stated: the uncertainties are too small",
+                "correct or omit sigma; poor repeatability of the robot has the same effect",
             )
         ]
     if stats.chi2.cdf(fit.rss / fit.sigma**2, fit.dof) < _CHI_SQUARE_ALARM:
@@ -139,7 +175,7 @@ def _variance(fit: AxisFit | CoupledFit) -> list[GeometryFinding]:
                 fit.sweep.where,
                 fit.variance_factor,
                 "",
-                f"residuals speak for a sigma of {rms}, and {stated} was stated: uncertainties are too large",
+                f"the residuals give sigma = {rms}, but {stated} was stated: the uncertainties are too large",
                 "check the unit of sigma",
             )
         ]
@@ -152,6 +188,7 @@ def _scale(fit: AxisFit | CoupledFit) -> GeometryFinding:
         fit.sweep.where,
         fit.angle_scale,
         "",
-        f"the joint turned {fit.angle_scale:.4f} times as far as controller and joint map say",
-        "check the joint map, the unit of the angles, and that rows were not exchanged",
+        f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
+        "joint map give",
+        "check the joint map, the unit of the angles, and the order of the rows",
     )

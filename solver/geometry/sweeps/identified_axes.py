@@ -74,7 +74,7 @@ class IdentifiedAxes:
         return np.asarray(J @ self.covariance @ J.T)
 
     def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
-        """Of quantities with this derivative (k, 4 n + 3 T): (k,), infinite for what was not seen."""
+        """Return those of quantities with this derivative (k, 4 n + 3 T): (k,), infinite if undetermined."""
         spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
         if not self.unseen.size:
             return np.asarray(spread)

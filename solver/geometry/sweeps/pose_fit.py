@@ -40,7 +40,7 @@ class PoseReadings:
 
 @dataclass(frozen=True, eq=False)
 class PoseState:
-    """What the fit looks for.
+    """Unknowns of the fit of the poses.
 
     Attributes:
         axes: n at angle zero, tracker's frame.

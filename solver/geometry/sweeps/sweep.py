@@ -13,16 +13,16 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot import JointMap
 
 MIN_POSITIONS = 4
-"""Three points lie on a circle whatever they are; the fourth is the first that can disagree."""
+"""Least number of positions: three points always lie on a circle, the fourth can contradict it."""
 
 STILL = 1e-4
-"""Greatest range of the angle of a joint that stands still [rad]: 0.2 mm at 2 m."""
+"""Largest range of the angle of a joint at rest [rad]: 0.2 mm at 2 m."""
 
 SHORTEST_ARC = np.radians(5.0)
 """Least arc [rad]: below it a circle differs from its tangent by less than 0.1 % of its radius."""
 
 SMALLEST_MOTION = 1e-3
-"""Least way of the target that moves most [m]."""
+"""Least displacement of the target that moves most [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Sweep:
     def _check_shapes(self) -> None:
         if self.present.ndim != 2 or self.angles.ndim != 2 or len(self.angles) != len(self.present):
             raise MeasurementError(
-                f"angles of shape {self.angles.shape}, readings for {self.present.shape}",
+                f"the angles have shape {self.angles.shape}, the readings {self.present.shape}",
                 where=self.where,
                 remedy="give all joint angles and a reading of each target for each position",
             )
@@ -82,17 +82,20 @@ class Sweep:
             (count, targets, 3, 3),
         }:
             raise MeasurementError(
-                f"points of shape {self.points.shape}, covariance of shape {self.covariance.shape}",
+                f"the points have shape {self.points.shape}, the covariance {self.covariance.shape}",
                 where=self.where,
-                remedy="give three coordinates for each reading, and one covariance or one for each reading",
+                remedy="give three coordinates per reading, and one covariance for all readings or "
+                "one per reading",
             )
         if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
             raise MeasurementError(
-                "a number is not finite", where=self.where, remedy="remove or repeat the reading"
+                "an angle or a coordinate is not finite",
+                where=self.where,
+                remedy="remove or repeat the reading",
             )
         if not 0 <= self.joint < self.angles.shape[1]:
             raise MeasurementError(
-                f"joint {self.joint + 1} of {self.angles.shape[1]}",
+                f"joint {self.joint + 1} does not exist: the robot has {self.angles.shape[1]} joints",
                 where=self.where,
                 remedy="name one of the robot's joints",
             )
@@ -100,16 +103,16 @@ class Sweep:
     def _check_positions(self) -> None:
         if len(self) < MIN_POSITIONS:
             raise MeasurementError(
-                f"{len(self)} positions, and {MIN_POSITIONS} are the least that can contradict a circle",
+                f"the sweep has {len(self)} positions; at least {MIN_POSITIONS} are needed",
                 where=self.where,
                 remedy="record more positions; 10 to 20 over a wide arc are good practice",
             )
         blind = np.flatnonzero(~self.present.any(axis=1))
         if len(blind):
             raise MeasurementError(
-                f"position {blind[0] + 1} has no reading at all",
+                f"position {blind[0] + 1} has no reading",
                 where=self.where,
-                remedy="leave the position out",
+                remedy="omit the position",
             )
 
     def _check_motion(self) -> None:
@@ -118,7 +121,7 @@ class Sweep:
         if turned <= STILL:
             others = ", ".join(f"joint {index + 1}" for index in moving)
             raise MeasurementError(
-                f"the joint did not move: its angle changes by {np.degrees(turned):.2g}°"
+                f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
                 + (f", while {others} turned" if others else ""),
                 where=self.where,
                 remedy="name the joint that was turned, or repeat the sweep",
@@ -188,10 +191,12 @@ class SweepSet:
     def __post_init__(self) -> None:
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):
             raise MeasurementError(
-                f"sigma is {self.sigma}", where="noise.sigma", remedy="give a positive length"
+                f"sigma must be positive, but is {self.sigma}",
+                where="noise.sigma",
+                remedy="give a positive length",
             )
         if not self.sweeps:
-            raise MeasurementError("no sweep", where="sweeps", remedy="give a sweep of each joint")
+            raise MeasurementError("no sweep", where="sweeps", remedy="give one sweep of each joint")
         for sweep in self.sweeps:
             self._check_sweep(sweep)
         name, count = Counter(self._turning_key(sweep) for sweep in self.sweeps).most_common(1)[0]
@@ -199,14 +204,14 @@ class SweepSet:
             raise MeasurementError(
                 f"{count} sweeps turn {name}",
                 where="sweeps",
-                remedy="give one sweep of each joint; put the positions of a repeated one into it",
+                remedy="give one sweep per joint; add the positions of a repeated sweep to the first",
             )
 
     def _check_sweep(self, sweep: Sweep) -> None:
         if sweep.angles.shape[1] != self.joint_map.n or sweep.targets != len(self.targets):
             raise MeasurementError(
-                f"{sweep.angles.shape[1]} angles and {sweep.targets} targets, where the robot has "
-                f"{self.joint_map.n} joints and the set {len(self.targets)} targets",
+                f"the sweep has {sweep.angles.shape[1]} angles and {sweep.targets} targets, but the robot "
+                f"has {self.joint_map.n} joints and the set {len(self.targets)} targets",
                 where=sweep.where,
                 remedy="give all joint angles and the same targets in all sweeps",
             )
@@ -214,7 +219,7 @@ class SweepSet:
         arc = float(np.ptp(self.model_angles(sweep)[:, turning], axis=0).max())
         if arc < SHORTEST_ARC:
             raise MeasurementError(
-                f"the arc of {np.degrees(arc):.2g}° is too short: its axis would be mostly noise",
+                f"the arc of {np.degrees(arc):.2g}° is too short to determine the axis",
                 where=sweep.where,
                 remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
             )

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
@@ -27,10 +28,13 @@ class SweptAxes(IdentifiedAxes):
     Attributes:
         sweeps: the set; the whitened readings of `influence` are in its order.
         fits: the fit of each sweep, in its order.
+        robust_sigma: standard uncertainty of a coordinate from the median of the residuals [m], to which a
+            few sweeps that do not fit add little.
     """
 
     sweeps: SweepSet
     fits: tuple[AxisFit | CoupledFit, ...]
+    robust_sigma: float
 
 
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
@@ -60,7 +64,21 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
         dof=dof,
         sweeps=sweeps,
         fits=fits,
+        robust_sigma=robust_sigma(sweeps, np.concatenate([fit.linear.residual for fit in fits]), dof),
     )
+
+
+def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
+    """Return the standard uncertainty of a coordinate [m] by the median of the absolute residuals.
+
+    Args:
+        sweeps: the set.
+        residual: whitened residuals of its readings in its order [m]; absent ones are ignored.
+        dof: degrees of freedom of the residuals.
+    """
+    present = np.concatenate([sweep.present.ravel() for sweep in sweeps.sweeps])
+    residuals = residual.reshape(-1, 3)[present]
+    return float(np.median(np.abs(residuals)) / stats.norm.ppf(0.75) * np.sqrt(residuals.size / dof))
 
 
 def _zeroed(
@@ -86,7 +104,7 @@ def _sweep_of_joint(sweeps: SweepSet) -> list[int]:
     missing = [joint + 1 for joint in range(sweeps.joint_map.n) if joint not in told]
     if missing:
         raise MeasurementError(
-            f"no sweep tells the axis of model joint {', '.join(map(str, missing))}",
+            f"no sweep determines the axis of model joint {', '.join(map(str, missing))}",
             where="sweeps",
             remedy="turn each joint alone in a sweep of its own",
         )
@@ -116,7 +134,7 @@ def _fit_coupled(
     _refuse_unless_coupled(sweeps, sweep, turning)
     if not isinstance(outer, AxisFit):
         raise MeasurementError(
-            f"model joint {turning[1] + 1} turns along, and its own sweep is a coupled one, too",
+            f"model joint {turning[1] + 1} turns as well, and its own sweep is a coupled one, too",
             where=sweep.where,
             remedy="turn the last of the coupled joints alone in a sweep of its own",
         )
@@ -140,8 +158,8 @@ def _refuse_elsewhere(
     before = [joint for joint in range(turning[1]) if joint != turning[0]]
     if before and np.abs(here[before] - there[before]).max() > STILL:
         raise MeasurementError(
-            f"this sweep turns model joints {turning[0] + 1} and {turning[1] + 1}, and it stands elsewhere "
-            f"than the {other.where}",
+            f"this sweep turns model joints {turning[0] + 1} and {turning[1] + 1}, and it was taken in "
+            f"another configuration than the {other.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
         )
@@ -155,8 +173,8 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, turning: tuple[int, .
         raise MeasurementError(
             f"model joints {joints} turn in one sweep",
             where=sweep.where,
-            remedy="turn one joint of the controller alone; if the joint map couples more than two, command "
-            "the others so that one axis turns; check that rows were not mixed up",
+            remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
+            "command the others so that one axis turns; check the order of the rows",
         )
 
 

@@ -11,7 +11,8 @@ import uuid
 import httpx
 import numpy as np
 import pytest
-from support.campaigns import METHODS, estimate, prepare, shared
+from support.campaigns import METHODS, estimate, prepare
+from support.shared_data import shared
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot
@@ -196,12 +197,12 @@ class TestMeasurementSets:
             (_edit(["units", "length"], "inch"), "units.length", "'m' or 'mm'"),
             (_edit(["observations"], []), "observations", "at least 1"),
             (_edit(["observations", 2, "joints"], [0.0] * 5), "observations[2].joints", "5 joint angles"),
-            (_edit(["observations", 1, "label"], "c01"), "observations[1].label", "also that of"),
+            (_edit(["observations", 1, "label"], "c01"), "observations[1].label", "already used by"),
             (_edit(["observations", 1, "readings"], []), "observations[1].readings", "at least 1"),
             (
                 _edit(["observations", 0, "readings", 1, "target"], "P10"),
                 "observations[0].readings[1].target",
-                "twice",
+                "two readings",
             ),
             (
                 _edit(["observations", 0, "readings", 0], {"target": "P10"}),
@@ -211,13 +212,21 @@ class TestMeasurementSets:
             (
                 _edit(["observations", 0, "readings", 0], {"target": "P10", "deflection": [0, 0, 0.001]}),
                 "observations[0].readings",
-                "its place is not given",
+                "no position in the flange frame",
             ),
-            (_edit(["load_point"], None), "observations[0].load_point", "where the force acts"),
+            (_edit(["load_point"], None), "observations[0].load_point", "load point is missing"),
             (_edit(["observations", 0, "force", 0], 1e300), "observations[0].force[0]", "less than"),
-            (_edit(["noise"], {"sigma": 0}), "noise.sigma", "greater than or equal to"),
-            (_edit(["observations", 0, "force"], ["1500", 0, 0]), "observations[0].force[0]", "valid number"),
-            (_edit(["observations", 0, "force"], [True, 0, 0]), "observations[0].force[0]", "valid number"),
+            (_edit(["noise"], {"sigma": 0}), "noise.sigma", "at least 1e-09"),
+            (
+                _edit(["observations", 0, "force"], ["1500", 0, 0]),
+                "observations[0].force[0]",
+                "must be a number",
+            ),
+            (
+                _edit(["observations", 0, "force"], [True, 0, 0]),
+                "observations[0].force[0]",
+                "must be a number",
+            ),
             (_edit(["observations", 0, "force"], [1, 5, 0, 0]), "observations[0].force", "at most 3 items"),
         ],
     )
@@ -242,7 +251,7 @@ class TestMeasurementSets:
         for observation in readings["observations"]:
             observation["joints"].append(0.0)
         problem = post(client, "/v1/measurement-sets", readings, 422)
-        assert "7 joint angles for a robot with 6 joints" in problem["detail"]
+        assert "7 joint angles, but the robot has 6 joints" in problem["detail"]
 
     @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
     def test_numbers_that_are_not_finite(self, client, readings, number):

@@ -1,4 +1,4 @@
-"""Deletion with undo: on both databases, over HTTP, and by the clock of the janitor."""
+"""Deletion with undo: on both databases, over HTTP, and by the clock of the recovery."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import httpx
 import pytest
-from support.jobs import LedgerEngine, request, runs_of, stored_set
+from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.pair import PairRequest
@@ -25,7 +25,7 @@ from jointstiff.service.store import (
     RobotRecord,
     Store,
 )
-from jointstiff.service.workers.recovery import Janitor
+from jointstiff.service.workers.recovery import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)
@@ -186,12 +186,12 @@ class TestJobs:
         deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
         runs.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
-        janitor = Janitor(store.heartbeats, {"run": runs}, LedgerEngine(), "alive", now=lambda: clock[0])
-        janitor.look()
+        recovery = Recovery(store.heartbeats, {"run": runs}, QueueEngine(), "alive", now=lambda: clock[0])
+        recovery.look()
         runs.restore(deleted.id)
         runs.delete(deleted.id)
         clock[0] += timedelta(hours=2)
-        janitor.look()
+        recovery.look()
         with pytest.raises(NotFoundError) as caught:
             runs.restore(deleted.id)
         assert type(caught.value) is NotFoundError
@@ -215,6 +215,8 @@ class TestHttp:
             body = {"first": body, "second": body}
         if collection == "geometries":
             body = next(iter(JOBS["geometry"].values()))
+        if collection == "plans":
+            body |= {"load": {"kind": "any_direction", "force": 1500.0}, "candidates": 100, "readings": 8}
         key = {"Idempotency-Key": uuid.uuid4().hex}
         created = client.post(f"/v1/{collection}", json=body, headers=key)
         assert created.status_code == 201, created.text

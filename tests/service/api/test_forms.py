@@ -7,9 +7,10 @@ import asyncio
 import httpx
 import pytest
 from fastapi import HTTPException, Request
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from starlette.datastructures import UploadFile
+from support.examples import examples
 
 from jointstiff.service.api.forms import MAX_FILES, read_form
 from jointstiff.service.api.limits import SMALL_BYTES
@@ -49,7 +50,7 @@ names = st.text(
 
 
 @given(st.lists(st.tuples(names, st.binary(max_size=3000)), max_size=5))
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_what_an_http_library_writes_comes_back(files):
     fields = [("files", file) for file in files] + [("options", (None, b"{}"))]
     request = httpx.Request("POST", "http://x/", files=fields)
@@ -58,7 +59,7 @@ def test_what_an_http_library_writes_comes_back(files):
 
 
 @given(st.binary(max_size=400), st.integers(0, 200), st.integers(0, 200))
-@settings(max_examples=300, deadline=None)
+@examples(300)
 def test_damaged_forms_are_read_or_refused(noise, start, length):
     whole = PART + PART + END
     damaged = whole[:start] + noise + whole[start + length :]
@@ -70,7 +71,7 @@ def test_damaged_forms_are_read_or_refused(noise, start, length):
 
 
 @given(st.text(max_size=60))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_any_content_type(text):
     for content_type in (text, f"multipart/form-data;{text}", f"multipart/form-data; boundary={text}"):
         try:

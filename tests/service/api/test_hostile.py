@@ -124,7 +124,7 @@ def test_a_body_that_is_declared_too_large_is_not_read(service, path):
     kind = "multipart/form-data; boundary=x" if path.endswith("imports") else "application/json"
     with socket.create_connection((host, int(port)), timeout=20) as connection:
         connection.sendall(
-            f"POST {path} HTTP/1.1\r\nHost: x\r\nContent-Type: {kind}\r\n"
+            f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {kind}\r\n"
             "Content-Length: 999999999\r\n\r\n".encode()
         )
         assert connection.recv(64).startswith(b"HTTP/1.1 413 ")
@@ -208,7 +208,7 @@ def test_a_client_that_never_finishes_does_not_stop_the_others(service, client):
     try:
         for connection in stalled:
             connection.sendall(
-                b"POST /v1/runs HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+                b"POST /v1/runs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
                 b'Content-Length: 1000\r\n\r\n{"meas'
             )
         assert client.get("/health", timeout=10).is_success

@@ -62,7 +62,7 @@ class TestAnswers:
         found = answered(client, ("j.csv", JOINTS.encode()), ("p.txt", POINTS.encode()), units=MM, **OPTIONS)
         assert [file.file for file in found.preview.files] == ["j.csv", "p.txt"]
         assert found.preview.files[1].assumptions == [
-            "there is no header: the columns are name, x, y, z",
+            "no header found; assumed columns: name, x, y, z",
         ]
         assert found.measurement_set.name == "j"
         assert found.measurement_set.observations[0].readings[0].loaded == (1245.6021, -310.1098, 237.9853)
@@ -74,7 +74,7 @@ class TestAnswers:
         for words in ("joint angles", "force", "`load_point`", "`encoders`"):
             assert any(words in text for text in found.missing), words
         found = answered(client, ("a.csv", CAMPAIGN.encode()), load_point=[0.0, 0.0, 0.0])
-        assert [text.partition(" ")[0] for text in found.missing] == ["which"]
+        assert [text.partition(" that")[0] for text in found.missing] == ["the encoders"]
 
     def test_deflections_need_the_places_of_their_targets(self, client):
         text = "label;J1 [deg];Fx [N];Fy [N];Fz [N];tcp dx [mm];tcp dy [mm];tcp dz [mm]\nc1;1;0;0;9;0;0;1\n"
@@ -136,7 +136,7 @@ class TestAnswers:
         assert refused(post(file, *[("options", (None, b"{}"))] * 2), 422).where == "options"
         assert refused(post(("files", (None, b"1"))), 422).where == "files"
         assert refused(post(("files", ("a" * 201, b"1"))), 422).where == "files"
-        assert refused(post(file, file), 422).detail == "two files of this name"
+        assert refused(post(file, file), 422).detail == "two files have this name"
         refused(post(file, ("options", (None, b" " * 70_000))), 413)
 
     @pytest.mark.parametrize("media_type", ["application/json", "text/csv", "multipart/mixed", ""])
@@ -198,7 +198,7 @@ class TestHostileForms:
         chunk = b"x" * 65_536
         with socket.create_connection((host, int(port)), timeout=20) as connection:
             connection.sendall(
-                b"POST /v1/imports HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n"
+                b"POST /v1/imports HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
                 b"Content-Type: multipart/form-data; boundary=XyZ\r\n\r\n"
             )
             connection.sendall(b"%x\r\n%s\r\n" % (len(HEAD), HEAD))

@@ -17,10 +17,9 @@ from support.records import RUN, job_record
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.api import Followers
-from jointstiff.service.api import events as module
 from jointstiff.service.api.jobs import answer
 from jointstiff.service.jobs import KINDS
-from jointstiff.service.store import DeletedError, Standing, StoreUnavailableError
+from jointstiff.service.store import DeletedError, JobStatus, StoreUnavailableError
 
 FOLLOWERS = 100
 REQUEST = RunRequest(measurement_set_id="s")
@@ -37,17 +36,17 @@ class ScriptedJobs:
         self.end = end
         self.looks = self.documents = 0
 
-    def standings(self, job_ids):
+    def statuses(self, job_ids):
         self.looks += 1
-        return {job_id: self.standing() for job_id in job_ids}
+        return {job_id: self.status() for job_id in job_ids}
 
-    def standing(self):
+    def status(self):
         if not self.script:
-            return Standing(self.end, 0)
+            return JobStatus(self.end, 0)
         done = self.script.pop(0)
         if done is None:
             raise StoreUnavailableError("away", "wait")
-        return Standing("running", done)
+        return JobStatus("running", done)
 
     def current(self, job_id):
         self.documents += 1
@@ -65,9 +64,8 @@ class ScriptedJobs:
         )
 
 
-@pytest.fixture(autouse=True)
-def _hurried(monkeypatch):
-    monkeypatch.setattr(module, "_TURN_SECONDS", 0.01)
+def hurried(is_closing=lambda: False):
+    return Followers(is_closing, pause=0.01)
 
 
 async def followed(followers, jobs, job_id="r1"):
@@ -82,7 +80,7 @@ def test_all_who_follow_a_job_share_one_look():
     jobs = ScriptedJobs([10, 10, 40, None, 80])
 
     async def crowd():
-        followers = Followers()
+        followers = hurried()
         told = await asyncio.gather(*(followed(followers, jobs) for _ in range(FOLLOWERS)))
         assert followers._followed == {}
         return told
@@ -102,7 +100,7 @@ def test_one_look_serves_all_jobs():
     jobs = ScriptedJobs([])
 
     async def crowd():
-        followers = Followers()
+        followers = hurried()
         return await asyncio.gather(*(followed(followers, jobs, f"r{n}") for n in range(FOLLOWERS)))
 
     told = asyncio.run(crowd())
@@ -112,7 +110,7 @@ def test_one_look_serves_all_jobs():
 
 def test_streams_end_when_the_service_is_told_to():
     jobs = ScriptedJobs([1] * 10_000)
-    events = asyncio.run(followed(Followers(lambda: jobs.looks > 2), jobs))
+    events = asyncio.run(followed(hurried(lambda: jobs.looks > 2), jobs))
     assert [event.event for event in events] == ["progress"]
 
 
@@ -120,7 +118,7 @@ def test_those_who_leave_do_not_disturb_those_who_stay():
     jobs = ScriptedJobs(range(20))
 
     async def some_leave():
-        followers = Followers()
+        followers = hurried()
         staying = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
         leaving = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
         await asyncio.sleep(0.05)
@@ -137,7 +135,7 @@ def test_no_one_looks_when_no_one_follows():
     jobs = ScriptedJobs(range(10_000))
 
     async def leave():
-        followers = Followers()
+        followers = hurried()
         task = asyncio.create_task(followed(followers, jobs))
         await asyncio.sleep(0.05)
         task.cancel()
@@ -158,7 +156,7 @@ def test_a_quiet_job_sends_comments(monkeypatch):
 
     @router.get("/", response_class=EventSourceResponse)
     async def events() -> AsyncIterator[ServerSentEvent]:
-        async for event in Followers().events(ScriptedJobs([5] * 20), "r1"):
+        async for event in hurried().events(ScriptedJobs([5] * 20), "r1"):
             yield event
 
     app = FastAPI()
@@ -179,11 +177,11 @@ def test_a_quiet_job_sends_comments(monkeypatch):
 
 def test_a_look_that_fails_ends_the_streams():
     class Broken(ScriptedJobs):
-        def standings(self, _job_ids):
+        def statuses(self, _job_ids):
             raise RuntimeError("broken")
 
     async def crowd():
-        followers = Followers()
+        followers = hurried()
         jobs = Broken([1])
         return await asyncio.gather(*(followed(followers, jobs) for _ in range(3)), return_exceptions=True)
 
@@ -192,16 +190,16 @@ def test_a_look_that_fails_ends_the_streams():
 
 def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
     class Deleted(ScriptedJobs):
-        def standing(self):
-            found = super().standing()
-            return found if self.script else Standing("cancelled", 40)
+        def status(self):
+            found = super().status()
+            return found if self.script else JobStatus("cancelled", 40)
 
         def current(self, job_id):
             if not self.script:
                 raise DeletedError(RUN, job_id)
             return super().current(job_id)
 
-    told = asyncio.run(followed(Followers(), Deleted([10, 20, 30])))
+    told = asyncio.run(followed(hurried(), Deleted([10, 20, 30])))
     assert told[-1].event == "end"
     last = data_of(told)[-1]
     assert (last["state"], last["progress"]["done"]) == ("cancelled", 40)
@@ -217,23 +215,23 @@ def test_an_outage_at_the_first_or_the_last_look_does_not_end_a_stream():
                 raise StoreUnavailableError("away", "wait")
             return super().current(job_id)
 
-    told = asyncio.run(followed(Followers(), Flickering([10, 20, 30, 40])))
+    told = asyncio.run(followed(hurried(), Flickering([10, 20, 30, 40])))
     assert [event.event for event in told] == ["progress"] * (len(told) - 1) + ["end"]
     assert len(told) > 1
 
 
 def test_waiting_ends_when_the_service_is_told_to():
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(Followers(lambda: jobs.looks > 2).wait(jobs, "r1", 60))
+    asyncio.run(hurried(lambda: jobs.looks > 2).wait(jobs, "r1", 60))
     assert jobs.looks == 3
 
 
 def test_waiting_ends_with_the_job_or_with_patience():
     jobs = ScriptedJobs([1, 2, 3])
-    asyncio.run(Followers().wait(jobs, "r1", 60))
+    asyncio.run(hurried().wait(jobs, "r1", 60))
     assert jobs.looks == 4
     jobs = ScriptedJobs([1] * 10_000)
-    asyncio.run(Followers().wait(jobs, "r1", 0.05))
+    asyncio.run(hurried().wait(jobs, "r1", 0.05))
     assert len(jobs.script) > 1
 
 
@@ -241,12 +239,12 @@ def test_slow_looks_are_rare():
     """Looks at many jobs at once take long, and must leave the threads to others."""
 
     class Slow(ScriptedJobs):
-        def standings(self, job_ids):
+        def statuses(self, job_ids):
             time.sleep(0.05)
-            return super().standings(job_ids)
+            return super().statuses(job_ids)
 
     jobs = Slow([1] * 10_000)
-    asyncio.run(Followers().wait(jobs, "r1", 1.0))
+    asyncio.run(hurried().wait(jobs, "r1", 1.0))
     assert jobs.looks <= 5
 
 
@@ -264,6 +262,6 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
                 raise error
             return super().current(job_id)
 
-    told = asyncio.run(answer(Lost([1]), REQUEST, None, 0.1, Followers()))
+    told = asyncio.run(answer(Lost([1]), REQUEST, None, 0.1, hurried()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"

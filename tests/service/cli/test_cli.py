@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from support.campaigns import shared
+from support.shared_data import shared
 from typer.testing import CliRunner
 
 from jointstiff.schemas.comparison import Comparison
@@ -97,16 +97,16 @@ def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
     assert "-1.86" in run("identify", path, "--unconstrained").stdout
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
-    assert "cannot tell it from rigid" in constrained
+    assert "cannot distinguish it from rigid" in constrained
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
         ("", "Invalid JSON"),
-        ("{}", "robot: Field required"),
+        ("{}", "robot: required field is missing"),
         ("[1, 2", "Invalid JSON"),
-        ('{"robot": {}, "measurement_set": {}}', "robot.name: Field required"),
+        ('{"robot": {}, "measurement_set": {}}', "robot.name: required field is missing"),
     ],
 )
 def test_files_that_are_no_campaign(run, tmp_path, text, expected):
@@ -153,42 +153,6 @@ def test_serve_on_a_port_in_use(run, tmp_path):
         shown = run("serve", "--port", port, "--database", f"sqlite:///{tmp_path / 'x.db'}")
     assert shown.exit_code == 2
     assert f"cannot listen on 127.0.0.1:{port}" in shown.stderr
-
-
-def test_demo_shows_the_whole_path_and_ends(tmp_path):
-    command = [sys.executable, "-m", "jointstiff", "demo", "--once", "--port", "0"]
-    done = subprocess.run(
-        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Joint stiffness, partial pose" in done.stdout
-    assert "DPP ≥ 0" in done.stdout
-
-
-def test_demo_leaves_the_service_running_until_interrupted(tmp_path):
-    command = [sys.executable, "-m", "jointstiff", "demo", "--port", "0"]
-    process = subprocess.Popen(
-        [*command, "--database", f"sqlite:///{tmp_path / 'x.db'}"],
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
-    try:
-        for line in process.stdout:
-            if "The service runs at" in line:
-                break
-        else:
-            pytest.fail("it ended")
-        os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C does
-        assert process.wait(timeout=30) == 0
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def test_compare_shows_the_warnings_of_the_set(run, campaign):
@@ -255,8 +219,10 @@ def test_post_to_nobody(run, campaign):
     shown = run("post", campaign, "--server", "http://127.0.0.1:9")
     assert shown.exit_code == 2
     assert "jointstiff serve" in shown.stderr
+    assert "--server" in shown.stderr
 
 
+@pytest.mark.process
 def test_the_database_is_one_file_after_the_service_ends(tmp_path):
     path = tmp_path / "x.db"
     process = subprocess.Popen(

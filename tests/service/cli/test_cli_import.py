@@ -50,9 +50,9 @@ def test_shows_what_was_understood_and_writes_nothing(folder):
         "joints.csv: utf-8, comma between cells, decimal point, 2 rows",
         "J2 [deg]",
         "position x",
-        "assumed: there is no header",
+        "assumed: no header found",
         "2 observations (c01, c02), 2 joints, 2 complete readings; targets: P10",
-        "missing: which encoders",
+        "missing: the encoders",
         "missing: the load point",
     ):
         assert words in shown.stdout, words
@@ -119,13 +119,13 @@ def test_names_made_up_otherwise(folder):
     [
         (("-20.25", "x"), (), "table.csv:3:3: 'x' is not a number"),
         (("J2 [deg]", "elbow"), (), "table.csv:2:3: "),
-        (("", ""), ("--units", "length=inch,angle=deg,force=N"), "units.length"),
-        (("", ""), ("--point-name", ""), "point_name"),
-        (("", ""), ("--state-word", "a=heavy"), "state_words.a"),
+        (("", ""), ("--units", "length=inch,angle=deg,force=N"), "--units length"),
+        (("", ""), ("--point-name", ""), "--point-name"),
+        (("", ""), ("--state-word", "a=heavy"), "--state-word a"),
         (("", ""), ("--robot", "table.csv"), "JSON"),
         (("", ""), ("--robot", "empty.json"), "name"),
         (("", ""), ("--load-point", "1,2"), "0,0,120.5"),
-        (("", ""), ("--flange-target", "P10"), "has no ="),
+        (("", ""), ("--flange-target", "P10"), "has no '='"),
     ],
 )
 def test_refused_with_place_and_remedy(folder, change, arguments, words):

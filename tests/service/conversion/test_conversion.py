@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.campaigns import estimate, prepare
+from support.examples import examples
 
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.service.conversion import ReadingArrays, content_hash
@@ -71,7 +72,7 @@ def observations(draw):
     ]
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(observations())
 def test_what_is_stored_comes_back_bit_for_bit(sent):
     arrays = ReadingArrays.from_observations([Observation.model_validate(o) for o in sent])

@@ -63,21 +63,21 @@ def test_columns_in_another_order():
     commented = "# y[mm] name z[mm] x[mm]\n" + "".join(f"{y} {n} {z} {x}\n" for n, x, y, z in LINES)
     imported = read(("a.txt", commented))
     assert points_of(imported) == READ_POINTS
-    assert "the comment in line 1 is the header" in imported.preview.files[0].assumptions
+    assert "the comment in line 1 was used as the header" in imported.preview.files[0].assumptions
 
 
 def test_a_list_without_header_needs_units():
     error = refused(("a.txt", POINTS), reason="position x has no unit", file="a.txt", column=2)
     assert "`units`" in error.remedy
     imported = read(("a.txt", POINTS), units=MM)
-    assert "there is no header: the columns are name, x, y, z" in imported.preview.files[0].assumptions
+    assert "no header found; assumed columns: name, x, y, z" in imported.preview.files[0].assumptions
     assert imported.units == {"length": "mm"}
 
 
 @pytest.mark.parametrize("row", ["c01 1 2 3.5 0.01", "A c01 1 2 3 0.01", "c01 1 2 3 1 0", "1 1 2 3.5 0.01"])
 def test_more_numbers_than_three_need_a_header(row):
     """`name x y z rms` is not `group point x y z`, even if x is a whole number."""
-    with pytest.raises(ImportFileError, match="where the name of a point must be"):
+    with pytest.raises(ImportFileError, match="where a point's name must be"):
         read(("loaded.txt", row), units=MM)
 
 
@@ -95,7 +95,7 @@ def test_a_file_for_each_target_and_state():
     assert points_of(imported) == READ_POINTS
     assert points_of(read(*by_target_and_state("{state}_{target}.xyz"), units=MM)) == READ_POINTS
     named = by_target_and_state("2026-11-20 {target} {state}.txt")
-    refused(*named, reason="neither the table nor the names", file=named[0][0], units=MM)
+    refused(*named, reason="given neither by the table nor", file=named[0][0], units=MM)
     assert points_of(read(*named, units=MM, file_name="{any} {target} {state}")) == READ_POINTS
 
 
@@ -124,32 +124,32 @@ def test_joints_and_points_in_different_files():
 def test_labels_must_agree():
     other = JOINTS.replace("c02", "c03")
     refused(("j.csv", other), ("p.txt", POINTS), units=MM,
-            reason="there is no joint for 'c02', but for other labels", file="p.txt", line=3)  # fmt: skip
+            reason="'c02' has no joint, but other labels have", file="p.txt", line=3)  # fmt: skip
     fewer = "\n".join(JOINTS.splitlines()[:2])
-    refused(("j.csv", fewer), ("p.txt", POINTS), units=MM, reason="no joint for 'c02'", file="p.txt", line=3)
+    refused(("j.csv", fewer), ("p.txt", POINTS), units=MM, reason="'c02' has no joint", file="p.txt", line=3)
     more = JOINTS + "c04,1,2,0,0,-1471.5\n"
-    refused(("j.csv", more), ("p.txt", POINTS), units=MM, reason="c04: target P10 was not read",
+    refused(("j.csv", more), ("p.txt", POINTS), units=MM, reason="c04: target P10 has no reading",
             file="j.csv", line=4)  # fmt: skip
     imported = read(("j.csv", more), ("p.txt", POINTS), units=MM, allow_missing=True)
     assert imported.preview.observation_count == 2
-    assert "c04: no reading is complete; the observation was left out" in imported.preview.assumptions
+    assert "c04: no reading is complete; the observation was skipped" in imported.preview.assumptions
 
 
 @pytest.mark.parametrize(
     ("old", "new", "reason", "line", "column"),
     [
-        ("c02_P10_loaded", "c01_P10_loaded", "P10 loaded of 'c01' is there twice", 4, 2),
-        ("c02_P10_loaded", "c02_P11_loaded", "c02: target P10 was read unloaded only", 3, 2),
-        ("c02_P10_loaded", "c02_P10_laoded", "it is not clear which", 4, 1),
-        ("c02_P10_loaded", "c02_P10_1_loaded", "it is not clear which", 4, 1),
-        ("c02_P10_loaded", "c02__loaded", "neither the table nor the names", None, None),
-        ("c02_P10_loaded", "c02", "neither the table nor the names", None, None),
-        ("c02_P10_loaded", "loaded_u_P10", "it is not clear which", 4, 1),
-        ("c02_P10_loaded", "2.5", "where the name of a point must be", 4, 1),
-        ("c02_P10_loaded", "name", "where the name of a point must be", 4, 1),
-        ("c02_P10_loaded", "", "an empty name", 4, 1),
+        ("c02_P10_loaded", "c01_P10_loaded", "P10 loaded of 'c01' occurs twice", 4, 2),
+        ("c02_P10_loaded", "c02_P11_loaded", "c02: target P10 was read only unloaded", 3, 2),
+        ("c02_P10_loaded", "c02_P10_laoded", "does not show which", 4, 1),
+        ("c02_P10_loaded", "c02_P10_1_loaded", "does not show which", 4, 1),
+        ("c02_P10_loaded", "c02__loaded", "given neither by the table nor", None, None),
+        ("c02_P10_loaded", "c02", "given neither by the table nor", None, None),
+        ("c02_P10_loaded", "loaded_u_P10", "does not show which", 4, 1),
+        ("c02_P10_loaded", "2.5", "where a point's name must be", 4, 1),
+        ("c02_P10_loaded", "name", "where a point's name must be", 4, 1),
+        ("c02_P10_loaded", "", "name is empty", 4, 1),
         ("1102.4127", "1102.4.127", "not a number", 4, 2),
-        (";1102.4127", "", "3 cells, where line 1 has 4", 4, 4),
+        (";1102.4127", "", "3 cells, but line 1 has 4", 4, 4),
     ],
 )
 def test_faulty_lists(old, new, reason, line, column):
@@ -160,7 +160,7 @@ def test_faulty_lists(old, new, reason, line, column):
 def test_one_state_alone_is_incomplete():
     alone = "".join(line + "\n" for line in POINTS.splitlines() if "_unloaded" in line)
     preview = read(("points.txt", alone), units=MM).preview
-    assert "positions under load" in preview.missing
+    assert "the positions under load" in preview.missing
     assert preview.reading_count == 0
 
 
@@ -206,7 +206,7 @@ def test_names_that_do_not_fit(template, name):
     "template", ["", "c01", "{any}", "{label}{target}", "{label}_{label}", "{x}", "{label}_{", "{}"]
 )
 def test_templates_that_are_refused(template):
-    with pytest.raises(Fault, match="cannot be used"):
+    with pytest.raises(Fault, match="is invalid"):
         Template(template)
 
 
@@ -214,7 +214,7 @@ def test_names_of_the_caller_for_states():
     content = POINTS.replace("unloaded", "0kg").replace("loaded", "150kg")
     words = {"0kg": "unloaded", "150kg": "loaded"}
     assert points_of(read(("a", content), units=MM, state_words=words)) == READ_POINTS
-    refused(("a", content), units=MM, reason="it is not clear which", file="a", line=1, column=1)
+    refused(("a", content), units=MM, reason="does not show which", file="a", line=1, column=1)
 
 
 def test_names_that_contradict():
@@ -233,4 +233,4 @@ def test_too_many_targets_show_a_wrong_template():
 def test_units_of_all_files_agree():
     files = [(name, f"name x[{unit}] y[{unit}] z[{unit}]\n{content}")
              for (name, content), unit in zip(by_target_and_state(), ("mm", "m"), strict=True)]  # fmt: skip
-    refused(*files, reason="length in m, in other files in mm", file="P10_loaded.txt")
+    refused(*files, reason="length is m, but mm in other files", file="P10_loaded.txt")

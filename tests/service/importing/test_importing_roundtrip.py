@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 
 import openpyxl
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.examples import examples
 from support.importing_samples import Dialect, points_of, read, values_of
 
 from jointstiff.service.importing import ImportFileError
@@ -59,7 +60,7 @@ def expected(vectors, table):
 
 
 @given(campaigns(), DIALECTS)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_text(campaign, dialect):
     header, vectors, table = campaign
     rows = [
@@ -72,7 +73,7 @@ def test_text(campaign, dialect):
     try:
         imported = read(("a.csv", content))
     except ImportFileError as error:
-        if "separator of thousands" not in error.reason:
+        if "thousands separator" not in error.reason:
             raise
         imported = read(("a.csv", content), decimal_mark="comma")
     assert (values_of(imported), points_of(imported)) == expected(vectors, table)
@@ -82,7 +83,7 @@ def test_text(campaign, dialect):
 
 
 @given(campaigns())
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_excel(campaign):
     header, vectors, table = campaign
     book = openpyxl.Workbook()
@@ -104,7 +105,7 @@ def test_excel(campaign):
                     st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=8),
     DIALECTS, st.sampled_from(["_", "::"]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_points(points, dialect, separator):
     rows = [[separator.join(key), *map(repr, vector)] for key, vector in points.items()]
     options = {"units": {"length": "mm", "angle": "deg", "force": "N"}, "allow_missing": True}
@@ -116,7 +117,7 @@ def test_points(points, dialect, separator):
     try:
         imported = read(("a.txt", dialect.write(rows)), **options)
     except ImportFileError as error:
-        if "separator of thousands" not in error.reason:
+        if "thousands separator" not in error.reason:
             if complete or "no observation has a reading" not in error.reason:
                 raise
             return

@@ -137,7 +137,7 @@ c01,0.1,0.2,0,0,-150,1,2,3,0.1,0.2,0.3,P11,0.0002,0.0003,-0.0012,
     error = refused(content.replace("-150,1,2,3,0.1,0.2,0.3,P11", "-151,1,2,3,0.1,0.2,0.3,P11"),
                     reason="the force of 'c01' differs", line=3)  # fmt: skip
     assert "label" in error.remedy
-    refused(content.replace("P11", "P10"), reason="P10 deflection of 'c01' is there twice", line=3, column=14)
+    refused(content.replace("P11", "P10"), reason="P10 deflection of 'c01' occurs twice", line=3, column=14)
 
 
 def test_a_row_for_each_target_and_state():
@@ -150,7 +150,7 @@ c01 P10 Loaded 1.5 2 3
         ("c01", "P10", "unloaded"): (1, 2, 3.5),
         ("c01", "P10", "loaded"): (1.5, 2, 3),
     }
-    refused(content.replace("Loaded", "warm"), reason="'warm' is no word for a state",
+    refused(content.replace("Loaded", "warm"), reason="'warm' is not a known state",
             line=3, column=3, name="a.txt")  # fmt: skip
     assert read(("a.txt", content.replace("Loaded", "warm")), state_words={"Warm": "loaded"}).preview.states
 
@@ -173,7 +173,10 @@ def test_units_are_never_guessed():
     refused(CAMPAIGN, reason="in mm by its header, but in m by `units`", line=2, column=8,
             units=UNITS | {"length": "m"})  # fmt: skip
     refused(
-        changed("P10 loaded z [mm]", "P10 loaded z [m]"), reason="P10 loaded z in m, while", line=2, column=13
+        changed("P10 loaded z [mm]", "P10 loaded z [m]"),
+        reason="P10 loaded z is in m, but",
+        line=2,
+        column=13,
     )
 
 
@@ -182,7 +185,7 @@ def test_units_are_never_guessed():
 )
 def test_unknown_units(unit, column):
     old = "Fx [N]" if column == 5 else "J1 [deg]"
-    refused(changed(old, unit), reason="is no unit of", line=2, column=column)
+    refused(changed(old, unit), reason="is not a known unit of", line=2, column=column)
 
 
 @pytest.mark.parametrize(
@@ -192,8 +195,8 @@ def test_unknown_units(unit, column):
         ("nan", "not a number"),
         ("inf", "not a number"),
         ("-Infinity", "not a number"),
-        ("1e999", "beyond"),
-        ("1e13", "beyond"),
+        ("1e999", "is outside"),
+        ("1e13", "is outside"),
         ("1_000", "not a number"),
         ("0x10", "not a number"),
         ("1 000.5", "not a number"),
@@ -205,9 +208,9 @@ def test_unknown_units(unit, column):
         ("1.5 # bumped", "not a number"),
         ("1e", "not a number"),
         (".", "not a number"),
-        ("", "empty cell"),
+        ("", "cell is empty"),
         ("9" * 50, "not a number"),
-        ("1245,7134", "decimal point, others a comma"),
+        ("1245,7134", "decimal points and decimal commas"),
     ],
 )
 def test_faulty_numbers(text, reason):
@@ -217,27 +220,27 @@ def test_faulty_numbers(text, reason):
 @pytest.mark.parametrize(
     ("old", "new", "reason", "line", "column"),
     [
-        ("c02;", "c01;", "the label 'c01' is there twice", 4, None),
-        ("c02;", ";", "an empty name", 4, 1),
-        ("c02;-15", "c02;-15;0", "14 cells, where line 2 has 13", 4, 14),
-        ("c02;-15;", "c02;", "12 cells, where line 2 has 13", 4, 13),
+        ("c02;", "c01;", "the label 'c01' occurs twice", 4, None),
+        ("c02;", ";", "name is empty", 4, 1),
+        ("c02;-15", "c02;-15;0", "14 cells, but line 2 has 13", 4, 14),
+        ("c02;-15;", "c02;", "12 cells, but line 2 has 13", 4, 13),
         (";J2 [deg]", ";J1 [deg]", "a second column for joint 1", 2, 3),
-        (";J2 [deg]", ";J4 [deg]", "there is no column joint 2", 2, 2),
-        (";J2 [deg]", ";J0 [deg]", "counted from 1", 2, 3),
+        (";J2 [deg]", ";J4 [deg]", "column joint 2 is missing", 2, 2),
+        (";J2 [deg]", ";J0 [deg]", "numbered from 1", 2, 3),
         (";Fy [N]", ";Fx [N]", "a second column for force x", 2, 6),
         ("P10 loaded z", "P10 loaded x", "a second column for P10 loaded x", 2, 13),
-        ("P10 loaded z", "P11 loaded z", "there is no column P10 loaded z", 2, 11),
-        ("P10 loaded z", "P10 loded z", "there is no column P10 loaded z", 2, 11),
-        ("P10 loaded z", "P10 loaded w", "is not understood", 2, 13),
-        ("label", "labl", "is not understood", 2, 1),
+        ("P10 loaded z", "P11 loaded z", "column P10 loaded z is missing", 2, 11),
+        ("P10 loaded z", "P10 loded z", "column P10 loaded z is missing", 2, 11),
+        ("P10 loaded z", "P10 loaded w", "unknown column header", 2, 13),
+        ("label", "labl", "unknown column header", 2, 1),
         ("label", "comment", "no column names the observations", 2, None),
-        ("label", "", "is not understood", 2, 1),
+        ("label", "", "unknown column header", 2, 1),
         ("label", '"label', "quotation marks", 2, None),
-        ("label", 'la"bel', "a quotation mark within", 2, 1),
-        ("c02;", "c\x002;", "a control character", 4, None),
-        ("c02;", "c\u20282;", "no name", 4, 1),
-        ("c02;", "c" * 201 + ";", "is no name", 4, 1),
-        ("c02;", "c" * (MAX_CELL_LENGTH + 1) + ";", "a cell of more than", 4, 1),
+        ("label", 'la"bel', "quotation mark occurs within", 2, 1),
+        ("c02;", "c\x002;", "the control character", 4, None),
+        ("c02;", "c\u20282;", "is not a valid name", 4, 1),
+        ("c02;", "c" * 201 + ";", "is not a valid name", 4, 1),
+        ("c02;", "c" * (MAX_CELL_LENGTH + 1) + ";", "a cell has more than", 4, 1),
     ],
 )
 def test_faulty_tables(old, new, reason, line, column):
@@ -250,14 +253,14 @@ def test_faulty_tables(old, new, reason, line, column):
         (b"", "empty", None),
         (b" \n\n", "empty", None),
         (b"# only\n// comments\n", "no row of data", None),
-        (b"label;x [mm]\n", "a header, and no row of data", 1),
+        (b"label;x [mm]\n", "a header but no row of data", 1),
         (b"\xff\xfe\x00", "not valid UTF-16", None),
-        (b"\xd0\xcf\x11\xe0rest", "an old Excel file", None),
-        (b"\x89PNG\r\n\x1a\n", "a control character", 1),
+        (b"\xd0\xcf\x11\xe0rest", "an old Office document", None),
+        (b"\x89PNG\r\n\x1a\n", "a picture (PNG)", None),
         ("pos\u00e9;1;2;3\n".encode() + b"b\xff;1;2;3", "not UTF-8 from byte", 2),
-        (b"1.5 2.5 3.5\n", "3 cells without a header", 1),
-        (b"1.5;1.5;2.5;3.5\n", "'1.5' where the name of a point must be", 1),
-        (b"a;1;2;3;4;5;6;7\n", "8 cells without a header", 1),
+        (b"1.5 2.5 3.5\n", "3 cells, and there is no header", 1),
+        (b"1.5;1.5;2.5;3.5\n", "'1.5' is where a point's name must be", 1),
+        (b"a;1;2;3;4;5;6;7\n", "8 cells, and there is no header", 1),
     ],
 )
 def test_files_that_are_no_tables(content, reason, line):
@@ -270,30 +273,28 @@ def test_files_that_are_no_tables(content, reason, line):
 def test_a_comma_of_thousands_or_decimals():
     """1,234 is both; the file decides, or it is refused."""
     table = "label;J1 [deg];Fx [N];Fy [N];Fz [N]\nc01;{};0;0;-1500\n"
-    error = refused(
-        table.format("1,234"), reason="decimal comma or a separator of thousands", line=2, column=2
-    )
+    error = refused(table.format("1,234"), reason="decimal comma or a thousands separator", line=2, column=2)
     assert "decimal_mark" in error.remedy
     assert values_of(read(("a", table.format("1,234")), decimal_mark="comma"))["c01", "joint"] == (1.234,)
     refused(table.format("1,234"), reason="not a number with a decimal point", line=2, column=2,
             decimal_mark="point")  # fmt: skip
     decided = read(("a", table.format("1,234") + "c02;0,5;0;0;-1500\n"))
     assert values_of(decided)["c01", "joint"] == (1.234,)
-    assert "the comma is the decimal mark" in decided.preview.files[0].assumptions
+    assert "the comma was used as the decimal mark" in decided.preview.files[0].assumptions
     assumed = read(("a", table.format("1.234")))
     assert values_of(assumed)["c01", "joint"] == (1.234,)
-    assert "separates no thousands" in assumed.preview.files[0].assumptions[0]
+    assert "not a thousands separator" in assumed.preview.files[0].assumptions[0]
 
 
 def test_both_marks_in_one_number():
-    refused(changed("1102.5518", "1,102.5518"), reason="a decimal point, others a comma", line=4, column=8)
+    refused(changed("1102.5518", "1,102.5518"), reason="decimal points and decimal commas", line=4, column=8)
 
 
 def test_a_comma_between_cells_or_in_numbers():
     whitespace = "label J1[deg] Fx[N] Fy[N] Fz[N]\nc01 1,5 0 0 -1500,25\n"
     assert values_of(read(("a", whitespace)))["c01", "force"] == (0, 0, -1500.25)
     commas = "label,J1[deg],Fx[N],Fy[N],Fz[N]\nc01,1,5,0,0,-1500,25\n"
-    refused(commas, reason="7 cells, where line 1 has 5", line=2, column=6)
+    refused(commas, reason="7 cells, but line 1 has 5", line=2, column=6)
 
 
 def test_trailing_delimiters_of_the_whole_file():
@@ -311,13 +312,13 @@ def test_empty_rows_of_spreadsheets_are_skipped():
 
 def test_readings_that_are_missing():
     content = changed("1102.5518;402.9017;318.4406", ";;")
-    refused(content, reason="target P10 was read loaded only", line=4, column=8)
+    refused(content, reason="target P10 was read only loaded", line=4, column=8)
     imported = read(("a.csv", content), allow_missing=True)
     assert [one.label for one in imported.assembly.observations] == ["c01", "c03"]
-    assert "c02: target P10 was read loaded only; left out" in imported.preview.assumptions
-    refused(changed("1102.5518;402.9017", ";402.9017"), reason="empty cell", line=4, column=8,
+    assert "c02: target P10 was read only loaded; skipped" in imported.preview.assumptions
+    refused(changed("1102.5518;402.9017", ";402.9017"), reason="cell is empty", line=4, column=8,
             allow_missing=True)  # fmt: skip
-    refused(changed("c02;-15;-35.125;42.75", "c02;;;"), reason="no joint in this row", line=4, column=2)
+    refused(changed("c02;-15;-35.125;42.75", "c02;;;"), reason="this row has no joint", line=4, column=2)
 
 
 def test_columns_to_leave_out():
@@ -325,7 +326,7 @@ def test_columns_to_leave_out():
         line if line.startswith(("#", "label")) else line.replace(";", ";night;", 1)
         for line in CAMPAIGN.replace("label;", "label;shift;").splitlines()
     )
-    refused(content, reason="the header 'shift' is not understood", line=2, column=2)
+    refused(content, reason="unknown column header 'shift'", line=2, column=2)
     imported = read(("a.csv", content), ignore=["shift"])
     assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
     assert imported.preview.files[0].columns[1].meaning == "ignored"
@@ -335,14 +336,14 @@ def test_a_header_of_the_caller():
     body = "".join(CAMPAIGN.splitlines(keepends=True)[2:])
     assert points_of(read(("a.csv", body), header=ROWS[0])) == points_of(read(("a.csv", CAMPAIGN)))
     refused(CAMPAIGN, reason="not a number", line=2, column=2, header=ROWS[0])
-    refused(body, reason="13 cells, but the header has 12", line=1, column=13, header=ROWS[0][:-1])
+    refused(body, reason="13 cells, but the header 12", line=1, column=13, header=ROWS[0][:-1])
 
 
 def test_what_is_missing_is_told_and_refused():
     imported = read(("a.csv", "label;J1 [deg]\nc01;1.5\n"))
     assert not imported.complete
     assert [text.split()[0] for text in imported.preview.missing] == ["the", "readings:", "the"]
-    with pytest.raises(ImportFileError, match="no measurement set yet") as caught:
+    with pytest.raises(ImportFileError, match="do not make a complete measurement set") as caught:
         imported.document("a", "motor")
     assert "Fx" in caught.value.remedy
 
@@ -355,11 +356,11 @@ def test_limits():
     for files in ([], [SourceFile(str(index), b"a") for index in range(65)]):
         with pytest.raises(ImportFileError, match="1 to 64 files"):
             read_files(files)
-    with pytest.raises(ImportFileError, match="two files of this name"):
+    with pytest.raises(ImportFileError, match="two files have this name"):
         read_files([SourceFile("a", b"a")] * 2)
     refused(b"a\n" * (MAX_ROWS + 1), reason="more than 320000 rows", line=MAX_ROWS + 1)
     refused(";".join("a" * (MAX_COLUMNS + 1)), reason="more than 256 columns", line=1)
-    refused(b"a" * 70_000, reason="a line of more than", line=1)
+    refused(b"a" * 70_000, reason="a line has more than", line=1)
     refused(b'"' + b"a" * 20_000, reason="quotation marks", line=1)
 
 

@@ -86,6 +86,7 @@ def test_joints_have_their_number_and_its_spread(given):
     for joint in given.result.joints:
         assert joint.compliance >= 0.0
         assert joint.status == ("identified" if joint.compliance else "at_bound")
+        assert joint.compliance == 0.0 or "link's rotation" in joint.reason
         assert joint.standard_uncertainty >= 0.0
         assert joint.compliance_interval is None
 
@@ -119,8 +120,8 @@ def test_joints_alone_have_no_links(store, set_id):
 
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
     """A worker computes each step from the stored request, and its result travels as text."""
-    announced = []
-    parts = Parts.of(store, lambda _, kind, job_id: announced.append((kind, job_id)))
+    enqueued = []
+    parts = Parts.of(store, lambda _, kind, job_id: enqueued.append((kind, job_id)))
     jobs = parts.jobs["run"]
     request = RunRequest.model_validate(
         {
@@ -131,7 +132,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
         }
     )
     record = jobs.create(request, None)
-    assert announced == [("run", record.id)]
+    assert enqueued == [("run", record.id)]
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 3 * 11
@@ -183,7 +184,7 @@ def test_a_pair_compares_joints_alone(store, set_id):
     request = PairRequest.model_validate(
         {"first": side, "second": side, "options": {"elasticity": "joints_and_links"}}
     )
-    with pytest.raises(RequestError, match="joints alone"):
+    with pytest.raises(RequestError, match="joints only"):
         Parts.of(store).jobs["pair"].create(request, None)
 
 
@@ -192,7 +193,7 @@ def test_a_pair_compares_joints_alone(store, set_id):
     [{"links": ["joint_2"]}, {"link_penalty": 0.1}, {"elasticity": "coupled_joints", "links": ["joint_2"]}],
 )
 def test_options_of_links_go_with_links(options):
-    with pytest.raises(ValidationError, match="goes with an elasticity"):
+    with pytest.raises(ValidationError, match="needs an elasticity"):
         RunOptions.model_validate(options)
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
-from support.campaigns import shared
+from support.shared_data import shared
 from typer.testing import CliRunner
 
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -198,7 +198,7 @@ def test_other_robots_are_refused(memory):
     _, first = stored(memory, document, usual_robot(memory))
     document["robot"]["model"]["urdf"] = document["robot"]["model"]["urdf"].replace("joint_3", "elbow")
     _, second = stored(memory, document)
-    with pytest.raises(RequestError, match="joints differ"):
+    with pytest.raises(RequestError, match="have different joints"):
         memory.jobs["pair"].create(request(first, second), None)
 
 

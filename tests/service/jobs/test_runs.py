@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+
 import pytest
 from support.jobs import request, runs_of, stored_set
 
@@ -19,22 +22,22 @@ def store(database_url):
 
 
 @pytest.fixture
-def announced():
+def enqueued():
     return []
 
 
 @pytest.fixture
-def runs(store, announced):
-    """Runs whose long ones are announced to a list instead of an engine."""
-    return runs_of(store, lambda _connection, kind, run_id: announced.append((kind, run_id)))
+def runs(store, enqueued):
+    """Runs whose long ones are enqueued to a list instead of an engine."""
+    return runs_of(store, lambda _connection, kind, run_id: enqueued.append((kind, run_id)))
 
 
-def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, announced):
+def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, enqueued):
     set_id = stored_set(store)
     key = IdempotencyKey("key", "hash")
     first, second = (runs.create(request(set_id), key) for _ in range(2))
     assert first.id == second.id
-    assert announced == [("run", first.id)]
+    assert enqueued == [("run", first.id)]
     assert runs.current(first.id).state == "queued"
 
     def broken(_connection, _kind, _run_id):
@@ -42,10 +45,10 @@ def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, r
 
     with pytest.raises(RuntimeError, match="not there"):
         runs_of(store, broken).create(request(set_id), IdempotencyKey("other", "hash"))
-    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == announced[-1][1]
+    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == enqueued[-1][1]
 
 
-def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, announced):
+def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enqueued):
     set_id = stored_set(store)
     run = runs.create(request(set_id), None)
     work = runs.work(run.id)
@@ -83,11 +86,11 @@ def test_a_failure_of_the_steps_is_the_end_of_the_run(store, runs):
     assert (failed.error.detail, failed.error.where) == ("no", "method")
 
 
-def test_refused_before_anything_is_stored(store, runs, announced):
+def test_refused_before_anything_is_stored(store, runs, enqueued):
     set_id = stored_set(store, targets={"P10": (0.1, 0.1, 0.0)})
     with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
         runs.create(request(set_id, method="complete_pose"), None)
-    with pytest.raises(RequestError, match="draws of 13 configurations from 12") as refused:
+    with pytest.raises(RequestError, match="a draw of 13 configurations exceeds the set's 12") as refused:
         runs.create(request(set_id, resampling={"size": 13}), None)
     assert refused.value.where == "resampling.size"
     for option in (
@@ -99,7 +102,7 @@ def test_refused_before_anything_is_stored(store, runs, announced):
         with pytest.raises(UnsupportedMethodError, match="resampling") as refused:
             runs.create(request(set_id, **option), None)
         assert refused.value.where == "resampling"
-    assert announced == []
+    assert enqueued == []
 
 
 def test_unknown_runs(runs):
@@ -117,12 +120,28 @@ def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
     assert len(spans) > 2
 
 
-def test_as_many_as_may_wait_and_no_more(store, runs, announced, monkeypatch):
+def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
     monkeypatch.setattr(module, "MAX_OPEN", 2)
     set_id = stored_set(store)
     first, _ = (runs.create(request(set_id), None) for _ in range(2))
-    with pytest.raises(TooManyJobsError, match="have not ended"):
+    with pytest.raises(TooManyJobsError, match="are queued or running"):
         runs.create(request(set_id), None)
     runs.cancel(first.id)
     runs.create(request(set_id), None)
-    assert len(announced) == 3
+    assert len(enqueued) == 3
+
+
+def test_a_run_does_not_begin_before_it_was_posted_nor_end_before_it_began(tmp_path):
+    """The clock was set back by centuries after the post."""
+    path = tmp_path / "jointstiff.db"
+    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
+        runs = runs_of(store, lambda *_: None)
+        run = runs.create(request(stored_set(store)), None).id
+        other.execute(
+            "UPDATE jobs SET document = json_set(document, '$.provenance.created_at', '2999-01-01T00:00:00Z')"
+        )
+        other.commit()
+        runs.start(run)
+        runs.cancel(run)
+        times = runs.current(run).provenance
+        assert times.created_at <= times.started_at <= times.ended_at

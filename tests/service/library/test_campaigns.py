@@ -13,7 +13,7 @@ from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.pair import PairOptions, PairRequest
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run import RunOptions, RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.library import CampaignError, campaigns
 from jointstiff.service.store import Store
@@ -27,6 +27,7 @@ def campaign(seed=1, **changes):
     return Campaign.model_validate_json(json.dumps(document | changes))
 
 
+@pytest.mark.process
 def test_nothing_of_the_service_is_imported():
     program = (
         "import sys; from jointstiff.service.library import campaigns; "
@@ -63,6 +64,25 @@ def test_a_job_is_the_message_of_a_service():
     assert found.id != found.request.measurement_set_id
     assert type(found).model_validate_json(found.model_dump_json()) == found
     assert found.provenance.created_at <= found.provenance.ended_at
+
+
+def test_a_run_of_other_readings_does_not_predict():
+    """Its robot has the same joints."""
+    table = (
+        "J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\n" + "0," * 8 + "-100\n"
+    )
+    one, other = campaign(1), campaign(2)
+    run = campaigns.identify(one, RunOptions(complementary_stiffness="included"))
+    found = campaigns.predict(one, table, run, load_point=(0.0, 0.0, 0.1))
+    assert len(found.cases) == 1
+    with pytest.raises(CampaignError) as caught:
+        campaigns.predict(other, table, run, load_point=(0.0, 0.0, 0.1))
+    assert caught.value.problem.where == "prediction.run_id"
+    assert "other readings" in caught.value.problem.detail
+    label = one.measurement_set.observations[0].label
+    left_out = run.model_copy(update={"request": run.request.model_copy(update={"leave_out": [label]})})
+    with pytest.raises(CampaignError):
+        campaigns.predict(one, table, left_out, load_point=(0.0, 0.0, 0.1))
 
 
 def test_stored_resources_are_refused_with_their_place():

@@ -113,7 +113,7 @@ ALIEN = {
 def test_an_answer_that_is_not_the_services_is_refused(answer):
     transport = httpx.MockTransport(lambda _: answer)
     with Client("http://nowhere", transport=transport) as client:
-        with pytest.raises(RefusedError, match="an answer that is not Jointstiff's") as refused:
+        with pytest.raises(RefusedError, match="the answer is not from Jointstiff") as refused:
             client.runs.create({})
         assert refused.value.problem.remedy
 
@@ -154,6 +154,7 @@ def test_nobody_at_the_address_is_told_at_once():
     assert time.monotonic() - began < module.PATIENCE_SECONDS / 2
 
 
+@pytest.mark.process
 def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, campaign):
     database, port = f"sqlite:///{tmp_path / 'x.db'}", 0
     process = serve(database, port)
@@ -223,3 +224,9 @@ def test_a_key_is_sent_as_a_bearer_token(key, sent):
     with Client("http://nowhere", key, transport=httpx.MockTransport(answer)) as client:
         client.ping()
     assert seen == [sent]
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:9199", "localhost", "ftp://localhost", ""])
+def test_an_address_needs_its_scheme(address):
+    with pytest.raises(RefusedError, match=r"no address of a service; remedy: .*http://"):
+        Client(address)

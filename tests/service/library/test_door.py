@@ -20,6 +20,7 @@ def document():
     return simulate_campaign(default_arm(), load="pull", configurations=30, seed=3)
 
 
+@pytest.mark.process
 def test_the_package_by_itself_imports_nothing():
     program = f"import sys, jointstiff; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

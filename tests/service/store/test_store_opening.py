@@ -124,9 +124,10 @@ def test_a_migration_locks_others_out_by_the_database_alone(
     assert calls == ["head"]
 
 
+@pytest.mark.process
 def test_processes_open_a_fresh_database_together(database_url: str) -> None:
     program = (
-        "import sys, time; from service.store import Store; print('ready', flush=True);"
+        "import sys, time; from jointstiff.service.store import Store; print('ready', flush=True);"
         "sys.stdin.readline(); Store.open(sys.argv[1]).close(); print('opened')"
     )
     processes = [

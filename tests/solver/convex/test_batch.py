@@ -6,9 +6,9 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
+from reference.exact_nnls import exact_nnls
+from reference.exact_problems import Problem, random_problem, tied_problem
 
-from benchmarks.exact_nnls import exact_nnls
-from benchmarks.exactness import Problem, random_problem, tied_problem
 from jointstiff.solver.convex import Bounds, IdentificationProblem, solve, solve_batch
 from jointstiff.solver.convex import batch as module
 from jointstiff.solver.convex.batch import LEAST_EIGENVALUE

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
+from support.examples import examples
 
 from jointstiff.solver.convex import (
     Cone,
@@ -46,7 +47,7 @@ def objective(program, x):
     return float(np.square(program.fit.R @ x - program.fit.z).sum() + program.weight * traces)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(arrays(float, (4, 4), elements=st.floats(-1e3, 1e3)), arrays(float, (4, 4), elements=st.floats(-1, 1)))
 def test_vectors_have_the_inner_product_of_the_matrices(A, B):
     A, B = A + A.T, B + B.T
@@ -54,7 +55,7 @@ def test_vectors_have_the_inner_product_of_the_matrices(A, B):
     np.testing.assert_allclose(to_matrix(to_vector(A), 4), A)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 10**6), st.integers(1, 6), st.floats(-12, 3))
 def test_a_raised_block_has_no_computed_eigenvalue_below_zero(seed, size, decade):
     half = np.random.default_rng(seed).standard_normal((size, 1)) * 10.0**decade
@@ -140,17 +141,17 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     assert certify_cone(program, wrong, 0.0).gap >= 0.99 * np.sqrt(excess)
     monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: wrong)
     monkeypatch.setattr(semidefinite, "polished", lambda *_: None)
-    with pytest.raises(SolverError, match="its gap is"):
+    with pytest.raises(SolverError, match=r"its gap is \S+, above"):
         solve_cone(program, gap=GAP)
 
 
 def test_a_failure_of_the_solver_is_an_error(monkeypatch):
     monkeypatch.setattr(semidefinite, "_clarabel", lambda *_: None)
-    with pytest.raises(SolverError, match="not solved"):
+    with pytest.raises(SolverError, match="did not converge"):
         solve_cone(random_program(0), gap=GAP)
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.integers(0, 10**6), st.floats(-3, 3))
 def test_the_bound_of_the_dual_is_below_every_objective(seed, decade):
     """For any feasible point: the objective less the gap squared is below the objective at the optimum."""

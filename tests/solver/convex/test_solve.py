@@ -10,13 +10,14 @@ from itertools import pairwise, product
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from reference.exact_nnls import exact_nnls
 from scipy.optimize import isotonic_regression, lsq_linear
 from support.campaigns import METHODS, estimate, prepare
+from support.examples import examples
 
-from benchmarks.exact_nnls import exact_nnls
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import (
     Bounds,
@@ -43,12 +44,13 @@ def random_problem(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return A * 10.0 ** rng.uniform(-6, 6, n), rng.standard_normal(n + 1)
 
 
+@pytest.mark.parametrize("count", [2_000, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("solver", [solve, solve_step])
-def test_ten_thousand_problems_against_exact_arithmetic(solver):
+def test_thousands_of_problems_against_exact_arithmetic(solver, count):
     """Single answers come through cvxpy, Clarabel and the polish; steps of many by pivoting."""
     rng = np.random.default_rng(20171)
     worst, active, finders = 0.0, Counter(), Counter()
-    for _ in range(10_000):
+    for _ in range(count):
         A, b = random_problem(rng)
         exact = np.array([float(x.p) / float(x.q) if x else 0.0 for x in exact_nnls(A, b)])
         found = solver(IdentificationProblem(A, b, Bounds.positive(len(exact))))
@@ -60,10 +62,10 @@ def test_ten_thousand_problems_against_exact_arithmetic(solver):
         active[int((~free).sum())] += 1
         finders[found.certificate.solved_by] += 1
     assert worst <= 1e-8
-    assert all(active[k] > 100 for k in range(5)), active
+    assert all(active[k] > count / 100 for k in range(5)), active
     expected = {"clarabel"} if solver is solve else {"least_squares", "pivoting", "clarabel"}
     assert expected <= set(finders), finders
-    assert finders["clarabel"] > 9_990 or solver is solve_step, finders
+    assert finders["clarabel"] > 0.999 * count or solver is solve_step, finders
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 1])
@@ -112,7 +114,7 @@ numbers = st.integers(-1000, 1000).map(float)
 
 
 @pytest.mark.parametrize("solver", [solve, solve_step])
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(
     A=arrays(np.float64, (6, 4), elements=numbers),
     b=arrays(np.float64, 6, elements=numbers),
@@ -143,7 +145,7 @@ def test_bounds_of_every_kind(solver, A, b, lower, width):
 
 
 def test_bounds_that_cross_are_refused():
-    with pytest.raises(RequestError, match="not below"):
+    with pytest.raises(RequestError, match="not less than"):
         Bounds(np.array([1.0]), np.array([1.0]))
 
 
@@ -151,7 +153,7 @@ def test_bounds_that_cross_are_refused():
 def test_data_that_are_not_finite_are_refused(bad):
     A = np.eye(2)
     A[0, 1] = bad
-    with pytest.raises(SolverError, match="overflows"):
+    with pytest.raises(SolverError, match="too large"):
         IdentificationProblem(A, np.ones(2), Bounds.positive(2))
 
 
@@ -257,7 +259,7 @@ class TestOrder:
             solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS)))
 
     def test_an_inequality_that_says_nothing_is_refused(self):
-        with pytest.raises(SolverError, match="says nothing"):
+        with pytest.raises(SolverError, match="only zero coefficients"):
             Inequalities(np.zeros((1, 2)), np.zeros(1))
 
 
@@ -283,19 +285,19 @@ class TestConstraints:
         assert (told.bounds.lower.tolist(), told.bounds.upper.tolist(), told.order) == ([1.0], [3.0], ())
 
     def test_known_joints_that_leave_no_room(self):
-        with pytest.raises(RequestError, match="no room"):
+        with pytest.raises(RequestError, match="no feasible compliance"):
             Constraints(Bounds.positive(3), ((0, 2), (2, 1))).given(
                 np.array([0, 1]), np.array([1.0, 1.0]), np.array([2])
             )
 
     @pytest.mark.parametrize("order", [((0, 0),), ((0, 1), (1, 0)), ((0, 1), (1, 2), (2, 0))])
     def test_circles_are_refused(self, order):
-        with pytest.raises(RequestError, match="circle"):
+        with pytest.raises(RequestError, match="form a cycle"):
             Constraints(Bounds.positive(3), order)
 
     def test_an_order_against_the_bounds_is_refused(self):
         bounds = Bounds(np.array([1.0, 0.0]), np.array([2.0, 0.5]))
-        with pytest.raises(RequestError, match="no room"):
+        with pytest.raises(RequestError, match="bounds contradict"):
             Constraints(bounds, ((0, 1),))
 
 
@@ -312,7 +314,7 @@ def test_an_order_that_the_readings_contradict(method):
     for j, other in ((4, "joint_6"), (5, "joint_5")):
         joint = held.joints[j]
         assert joint.status == "at_bound"
-        assert f"holds it to the stiffness of {other}" in joint.reason
+        assert f"holds it at the stiffness of {other}" in joint.reason
         assert joint.compliance_interval[0] <= joint.compliance <= joint.compliance_interval[1]
     across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
     assert across.compliance[5] == across.compliance[1]
@@ -334,7 +336,7 @@ def test_an_order_through_a_joint_that_no_load_twists():
     assert joints[1].compliance == joints[4].compliance
     for j, other in ((1, "joint_5"), (4, "joint_2")):
         assert joints[j].status == "at_bound"
-        assert f"holds it to the stiffness of {other}" in joints[j].reason
+        assert f"holds it at the stiffness of {other}" in joints[j].reason
 
 
 def test_what_is_solved_is_what_cvxpy_stated():

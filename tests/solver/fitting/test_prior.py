@@ -125,9 +125,9 @@ def test_a_combination_that_the_prior_tells_apart():
     assert found.compliance[1] == pytest.approx(1e-7, rel=1e-6)
     assert found.compliance[0] == pytest.approx(whole.compliance[0] - 1e-7, rel=1e-6)
     assert found.joints[1].prior_to_data == np.inf
-    message = message_of(JointResult, found.joints[1])
+    message = message_of(JointResult, found.joints[1], verdict="use")
     assert message.prior_to_data is None
-    assert "its prior alone tells them apart" in message.reason
+    assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
     findings = judge(found, predict(*twins, found.compliance))
     assert "prior_dominates" in {finding.code for finding in findings}
@@ -168,13 +168,13 @@ class TestRefusals:
 
     def test_without_sigma_and_degrees_of_freedom(self, pulls):
         robot, measurements = pulls
-        with pytest.raises(UnsupportedMethodError, match="weighed against sigma"):
+        with pytest.raises(UnsupportedMethodError, match="a prior needs sigma"):
             estimate(robot, _one_target(replace(measurements[:2], sigma=None)), priors=PRIORS)
 
     @pytest.mark.parametrize("options", [{"priors": PRIORS}, {"stiffness_order": [["joint_2", "joint_3"]]}])
     def test_resampling(self, pulls, options):
         robot, measurements = pulls
-        with pytest.raises(UnsupportedMethodError, match="resampling goes with neither"):
+        with pytest.raises(UnsupportedMethodError, match="resampling supports neither"):
             gram_blocks(robot, measurements, to_settings(RunOptions(**options), robot))
 
     def test_of_a_joint_that_the_robot_does_not_have(self, pulls):

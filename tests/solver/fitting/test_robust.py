@@ -7,10 +7,11 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.campaigns import METHODS, estimate, prepare
+from support.examples import examples
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run import RunOptions
@@ -378,7 +379,7 @@ class TestProperties:
         uncertainty = np.sqrt(np.diag(clean.covariance))
         assert (np.abs(solutions[2].compliance - clean.compliance) < 2 * uncertainty).all()
 
-    @settings(max_examples=25, deadline=None)
+    @examples(25)
     @given(
         seed=st.integers(0, 2**32 - 1),
         threshold=st.floats(0.1, 100.0),
@@ -446,7 +447,7 @@ class TestRefusals:
             deflection=few.deflection[:, :1],
             present=few.present[:, :1],
         )
-        with pytest.raises(UnsupportedMethodError, match="good reading"):
+        with pytest.raises(UnsupportedMethodError, match="needs sigma"):
             estimate(robot, few, loss="huber")
 
     def test_large_sets_start_elsewhere_and_end_at_the_same_optimum(self, pulls, monkeypatch):
@@ -464,7 +465,7 @@ class TestRefusals:
         bad, _ = spoilt(noisy(exact, 2), 2)
         monkeypatch.setattr(robust, "_ROUNDS", 2)
         monkeypatch.setattr(robust, "_STATED", 0)
-        with pytest.raises(SolverError, match="no optimum"):
+        with pytest.raises(SolverError, match="did not converge to an optimum"):
             estimate(robot, bad, loss="huber")
 
     def test_exact_readings_have_no_scale_and_are_fitted_all_the_same(self, pulls):

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+from support.examples import examples
 from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, imperfect_arm
 
 from jointstiff.solver.errors import MeasurementError
@@ -129,7 +130,7 @@ def test_a_target_near_the_axis_does_not_spoil_it(joint: int) -> None:
     assert np.mean(np.square(with_it)) < 1.05 * np.mean(np.square(without))
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(
     st.tuples(*[st.floats(-3.0, 3.0)] * 6),
     st.floats(-2.0, 2.0),

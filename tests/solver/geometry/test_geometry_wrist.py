@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from support.geometry_truth import HOME, SIGMA, Cell, chi_square, imperfect_arm
+from support.examples import examples
+from support.geometry_truth import HOME, SIGMA, Cell, axes_of_noisy_sweeps, chi_square, imperfect_arm
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
@@ -34,7 +35,7 @@ def test_table_1_of_the_paper() -> None:
     assert np.round(printed, 2) == pytest.approx([0.06, 0.06, 0.01])
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(coordinates, coordinates, coordinates, coordinates)
 def test_trilateration_finds_the_point_and_its_mirror_image(
     p: tuple[float, ...], q: tuple[float, ...], r: tuple[float, ...], c: tuple[float, ...]
@@ -90,11 +91,11 @@ def test_impossible_trilaterations_are_refused(targets: list[list[float]], dista
 
 
 def test_each_way_states_its_uncertainty_and_the_combination_is_not_worse() -> None:
-    cell, truth = Cell(), true_centre(Cell())
+    truth = true_centre(Cell())
     squares: dict[str, list[float]] = {}
     errors: dict[str, list[float]] = {}
     for seed in range(30):
-        wrist = find_wrist_centre(identify_axes(cell.sweeps(np.random.default_rng(seed))))
+        wrist = find_wrist_centre(axes_of_noisy_sweeps(seed))
         for estimate in (*wrist.estimates, wrist.combined):
             error = estimate.centre - truth
             squares.setdefault(estimate.way, []).append(chi_square(error, estimate.covariance))

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flint import fmpq_mat
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from support.campaigns import estimate, prepare, shared, straight_wrist
+from support.campaigns import estimate, prepare, straight_wrist
+from support.examples import examples
+from support.shared_data import shared
 
 from jointstiff.service.conversion.results import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -24,7 +26,7 @@ from jointstiff.solver.robot import Configurations, KinematicChain, Robot
 
 
 class TestPrecision:
-    @settings(max_examples=100, deadline=None)
+    @examples(100)
     @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
     def test_is_that_of_the_exact_inverse(self, seed, n):
         rows = np.random.default_rng(seed).integers(-9, 10, (n + 3, n))
@@ -211,8 +213,8 @@ class TestMessages:
         (advice,) = message.advice
         direction = ", ".join(f"{abs(x) / 1500:.2f}" for x in advice.force)
         assert advice.message == (
-            f"in the posture of {advice.observation} pull 1500 N along ({direction}): "
-            f"u(joint_1) becomes {advice.standard_uncertainty:.2g} rad/(N.m)"
+            f"in posture {advice.observation} apply 1500 N along ({direction}): "
+            f"u(joint_1) falls to {advice.standard_uncertainty:.2g} rad/(N.m)"
         )
         assert advice.joints == pytest.approx(
             document["measurement_set"]["observations"][labels.index(advice.observation)]["joints"]
@@ -238,7 +240,7 @@ class TestMessages:
         kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
         assert kept == same
         (first, *_) = to_identifiability(found, pieces, [f"c0{i}" for i in range(4)]).advice
-        assert ("by the partial pose u(joint_1)" in first.message) != same
+        assert ("with method partial_pose u(joint_1)" in first.message) != same
 
     def test_of_a_new_posture(self):
         robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
@@ -246,8 +248,8 @@ class TestMessages:
         labels = ["c01", "c02", "c03"]
         pieces = to_identifiability(found, advise(robot, measurements, found), labels).advice
         (new, *_) = (piece for piece in pieces if piece.observation is None)
-        assert "if it is clear, load with 1500 N as before" in new.message
-        assert f", {new.uncertainty_ratio:.2g} of what it is" in new.message
+        assert "if it is free of collisions, apply the load of 1500 N as before" in new.message
+        assert f", {new.uncertainty_ratio:.2g} times its present value" in new.message
 
     def test_without_sigma_the_torque_is_told(self):
         robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=1))
@@ -257,7 +259,7 @@ class TestMessages:
             found, advise(robot, measurements, found), ["c01", "c02", "c03"]
         ).advice
         assert first.joint == "joint_1"
-        assert "that twists joint_1 with" in first.message
+        assert "about the axis of joint_1" in first.message
         assert first.standard_uncertainty is None
 
 

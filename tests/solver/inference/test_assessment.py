@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, prepare, shared
+from support.campaigns import METHODS, only_deflections, prepare
+from support.shared_data import shared
 
-from benchmarks.mistakes import only_deflections
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -142,6 +142,19 @@ class TestAlternatives:
         assert action.kind == "apply_joint_map"
         np.testing.assert_array_equal(action.joint_map, np.eye(6))
 
+    @pytest.mark.parametrize(("joint", "turn"), [(0, 0.5), (1, -0.5), (2, 0.5), (4, 1.0)])
+    def test_another_zero_of_a_joint_is_corrected_in_the_joint_map(self, deflections, joint, turn):
+        right, measurements = deflections
+        joints = measurements.joints.copy()
+        joints[:, joint] += turn * np.pi
+        assessment, _ = assessed(right, replace(measurements, joints=joints), findings=())
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert action.kind == "apply_joint_map"
+        mended = Robot(right.chain, JointMap(np.array(action.joint_map), np.array(action.offset)))
+        assessment, found = assessed(mended, replace(measurements, joints=joints), findings=())
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
     def test_load_and_target_are_exchanged_back(self, deflections):
         robot, measurements = deflections
         position, place = measurements.position.copy(), measurements.position[:, 1].copy()
@@ -256,6 +269,12 @@ class TestFit:
         assert reason_of(assessment, "prior_dominates").where == Place(joint=robot.joint_names[3])
         assert assessment.verdict == "use_with_care"
         assert assessment.joints == ("use", "use", "use", "use_with_care", "use", "use")
+
+    @pytest.mark.parametrize(("postures", "few"), [([0, 0, 0, 0], True), ([0, 1], True), ([0, 1, 2], False)])
+    def test_few_postures(self, pulls, postures, few):
+        robot, measurements = pulls
+        assessment, _ = assessed(robot, measurements[np.array(postures)], findings=())
+        assert ("few_postures" in {reason.code for reason in assessment.reasons}) == few
 
     def test_no_residual_freedom(self, deflections):
         robot, measurements = deflections

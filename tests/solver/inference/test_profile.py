@@ -9,10 +9,11 @@ from math import sqrt
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq, lsq_linear
 from support.campaigns import METHODS, estimate, prepare
+from support.examples import examples
 
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import to_settings
@@ -140,7 +141,7 @@ class TestIndependently:
 
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "_ROUNDS", 0)
-        with pytest.raises(SolverError, match="end of an interval"):
+        with pytest.raises(SolverError, match="end of a confidence interval"):
             ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2))
 
 
@@ -219,7 +220,7 @@ def problems(draw):
 
 
 class TestInvariances:
-    @settings(max_examples=30, deadline=None)
+    @examples(30)
     @given(problem=problems(), exponent=st.floats(-8, 8))
     def test_unit_of_compliance(self, problem, exponent):
         R, centre, rng = problem
@@ -230,7 +231,7 @@ class TestInvariances:
         scale = np.abs(expected).max(axis=(0, 2), keepdims=True)
         np.testing.assert_allclose(found / factor / scale, expected / scale, rtol=1e-7, atol=1e-9)
 
-    @settings(max_examples=30, deadline=None)
+    @examples(30)
     @given(problem=problems())
     def test_order_of_joints_and_rotation_of_rows(self, problem):
         R, centre, rng = problem
@@ -245,7 +246,7 @@ class TestInvariances:
         scale = np.abs(expected).max(axis=(0, 2), keepdims=True)
         np.testing.assert_allclose(found[:, place] / scale, expected / scale, rtol=1e-7, atol=1e-9)
 
-    @settings(max_examples=30, deadline=None)
+    @examples(30)
     @given(problem=problems())
     def test_they_nest_and_stay_within_what_is_allowed(self, problem):
         R, centre, _ = problem

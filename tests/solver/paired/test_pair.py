@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from support.campaigns import METHODS, prepare, shared
+from support.campaigns import METHODS, prepare
 from support.encoders import with_encoders
+from support.shared_data import shared
 
 from jointstiff.schemas.run import RunOptions
 from jointstiff.service.conversion import to_settings
@@ -171,7 +172,7 @@ def test_ordered_intervals_contain_estimates_that_are_not_of_maximum_likelihood(
         (
             {"stiffness_bounds": {"joint_2": [4e6, None]}},
             {"stiffness_bounds": {"joint_2": [None, 3e6]}},
-            "no room",
+            "bounds contradict",
         ),
         (ACROSS, ACROSS, "arm and wrist"),
     ],
@@ -420,7 +421,7 @@ def test_robots_whose_joints_do_not_correspond_are_refused():
     first, second = simulated()
     chain = first.robot
     renamed = replace(second, robot=_renamed(chain))
-    with pytest.raises(RequestError, match="joints differ"):
+    with pytest.raises(RequestError, match="have different joints"):
         pair_of(first, renamed)
 
 

@@ -212,7 +212,7 @@ def test_predicted_deflections_are_those_of_springs_under_a_small_load():
     [("partial_pose", "uniform"), ("complete_pose", "characteristic_length"), ("complete_pose", "uniform")],
 )
 def test_other_weightings_are_refused(method, weighting):
-    with pytest.raises(UnsupportedMethodError, match="encoders") as refusal:
+    with pytest.raises(UnsupportedMethodError, match="encoder") as refusal:
         estimate(*prepare(campaign()[0]), method=method, weighting=weighting)
     assert refusal.value.where == "weighting"
 
@@ -248,7 +248,7 @@ def test_readings_without_their_worth_are_refused(change, where):
         (
             [{"joint": "joint_2", "unloaded": 0.0, "loaded": 0.0}] * 2,
             "observations[2].encoder_readings[1].joint",
-            "twice",
+            "two readings",
         ),
     ],
 )

@@ -77,9 +77,9 @@ class TestInstrument:
             instrument((1.0, 0.0, 0.0), a=1e-5, c=1e-5).covariance(np.array([[1.0, 0.001, 0.0]]))
 
     def test_impossible_sheets_are_refused(self):
-        with pytest.raises(MeasurementError, match="no tracker's"):
+        with pytest.raises(MeasurementError, match="implausible"):
             instrument(a=1e-5, c=1e-16).covariance(np.zeros((1, 3)))
-        with pytest.raises(MeasurementError, match="no tracker's"):
+        with pytest.raises(MeasurementError, match="implausible"):
             instrument(a=1e2, c=1e-6).covariance(np.zeros((1, 3)))
 
     @pytest.mark.parametrize(

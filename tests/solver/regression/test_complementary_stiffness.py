@@ -124,7 +124,7 @@ class TestDeflectedRegressor:
 
     def test_a_load_that_buckles_the_arm_is_refused(self):
         robot, measurements = exact()
-        with pytest.raises(SolverError, match="no balance"):
+        with pytest.raises(SolverError, match="no equilibrium"):
             next(regressor_blocks(robot, measurements, 1e3 * ARM.compliances))
 
 

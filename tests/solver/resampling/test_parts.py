@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from support.campaigns import estimate, prepare, shared
+from support.campaigns import estimate, prepare
+from support.examples import examples
+from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
@@ -61,12 +63,12 @@ class TestConfigurations:
 
     @pytest.mark.parametrize("q", [np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.nan)])
     def test_refuses(self, campaign, q):
-        with pytest.raises(MeasurementError, match="joint angles of shape"):
+        with pytest.raises(MeasurementError, match="joint angles have shape"):
             Configurations(campaign[0], q)
 
 
 class TestCompression:
-    @settings(max_examples=50, deadline=None)
+    @examples(50)
     @given(cuts=st.lists(st.integers(0, 40), max_size=4), seed=st.integers(0, 2**32 - 1))
     def test_any_partition_keeps_every_residual(self, cuts, seed):
         rng = np.random.default_rng(seed)
@@ -83,7 +85,7 @@ class TestCompression:
 
 
 class TestPose:
-    @settings(max_examples=30, deadline=None)
+    @examples(30)
     @given(seed=st.integers(0, 2**32 - 1), targets=st.integers(3, 6))
     def test_recovers_a_rigid_displacement_exactly(self, seed, targets):
         rng = np.random.default_rng(seed)

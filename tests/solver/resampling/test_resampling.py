@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, prepare, shared
+from support.campaigns import METHODS, prepare
+from support.shared_data import shared
 
-from benchmarks.campaigns import default_settings, large_campaign, small_campaign
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import Bounds, batch
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
@@ -48,11 +48,14 @@ METHODS_AND_WEIGHTS = [
 ]
 
 
+def pulled(configurations: int, **options: float) -> tuple[Robot, Measurements]:
+    return prepare(simulate_campaign(default_arm(), load="pull", configurations=configurations, **options))
+
+
 @pytest.fixture(scope="module")
 def noisy() -> tuple[Robot, Measurements]:
     """19 configurations with noise that drives some compliances below zero."""
-    campaign = small_campaign(sigma=6e-4)
-    return campaign.robot, campaign.measurements
+    return pulled(19, sigma=6e-4)
 
 
 @pytest.fixture(scope="module")
@@ -263,6 +266,7 @@ class TestSameNumbers:
         monkeypatch.setattr("jointstiff.solver.resampling.blocks._TILE_RESIDUALS", 600)
         assert _bytes(resample(blocks, plan, POSITIVE)) == _bytes(whole)
 
+    @pytest.mark.process
     def test_whatever_the_threads(self):
         folder = Path(__file__).parent
         paths = [str(path) for path in (folder, folder.parents[1], folder.parents[2])]
@@ -342,11 +346,11 @@ def test_fanuc_ten_of_thirty():
 
 
 def test_bootstrap_agrees_with_the_covariance():
-    campaign = large_campaign(400)
-    options = default_settings(campaign.robot)
-    blocks = gram_blocks(campaign.robot, campaign.measurements, options)
+    robot, measurements = pulled(400)
+    options = settings("partial_pose")
+    blocks = gram_blocks(robot, measurements, options)
     found = summarise(resample(blocks, ResamplingPlan(400, 1000, 0, replacement=True), FREE))
-    estimate = identify(campaign.robot, campaign.measurements, options)
+    estimate = identify(robot, measurements, options)
     uncertainty = np.sqrt(estimate.covariance.diagonal())
     np.testing.assert_allclose(found.compliance_deviation, uncertainty, rtol=0.15)
     np.testing.assert_array_less(np.abs(found.compliance_mean - estimate.compliance), 0.2 * uncertainty)
@@ -354,8 +358,7 @@ def test_bootstrap_agrees_with_the_covariance():
 
 def digest() -> str:
     """Of the numbers of a plan, by both paths, for another process to compare."""
-    campaign = large_campaign(500)
-    blocks = gram_blocks(campaign.robot, campaign.measurements, default_settings(campaign.robot))
+    blocks = gram_blocks(*pulled(500), settings("partial_pose"))
     plan = ResamplingPlan(250, 100, 0)
     together = resample(blocks, plan, POSITIVE)
     batch.LEAST_EIGENVALUE = np.inf

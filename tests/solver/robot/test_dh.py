@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.shared_data import shared
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot import DhRow, Robot, dh_chain
 from jointstiff.solver.robot.chain import UNLIMITED_ANGLE
-
-FANUC = Path(__file__).parents[4] / "shared/data/fanuc_r2000ic/campaign.json"
 
 
 def standard(row: DhRow, q: float) -> np.ndarray:
@@ -81,9 +78,7 @@ def test_flange_is_the_last_frame_of_the_table(convention: str, rows: list[DhRow
 
 
 def test_fanuc_as_modified_dh() -> None:
-    if not FANUC.exists():
-        pytest.skip("../shared/data is absent")
-    campaign = json.loads(FANUC.read_text())
+    campaign = shared("fanuc_r2000ic/campaign")
     model = campaign["robot"]["model"]
     rows = [DhRow(**row) for row in model["rows"]]
     robot = Robot(dh_chain(rows, model["convention"], campaign["robot"]["name"]))

@@ -8,8 +8,9 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from support.examples import examples
 from support.urdf_documents import BRANCHED, SMALL, changed, inertial, serial
 
 from jointstiff.solver.errors import RobotError
@@ -168,7 +169,7 @@ NASTY = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(st.lists(st.tuples(st.sampled_from(VALUES), NASTY), min_size=1, max_size=3))
 def test_other_values_in_a_sound_document(changes: list[tuple[tuple[int, int], str]]) -> None:
     text = BRANCHED
@@ -180,7 +181,7 @@ def test_other_values_in_a_sound_document(changes: list[tuple[tuple[int, int], s
 TAGS = re.findall(r"<[^<>]+>", BRANCHED)
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(st.data())
 def test_a_sound_document_cut_and_pasted(data: st.DataObject) -> None:
     start = data.draw(st.integers(0, len(BRANCHED)))

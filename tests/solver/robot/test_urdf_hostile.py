@@ -69,6 +69,7 @@ print(Path("/proc/self/status").read_text())
 """
 
 
+@pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the peak of memory as Linux tells it")
 def test_hostile_documents_are_refused_in_bounded_memory_and_time() -> None:
     run = subprocess.run(

@@ -1,0 +1,124 @@
+"""Clean elastic campaigns, all of which must be answered: exact beams, sizes, stiffnesses and noise drawn."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from benchmarks.campaigns import default_robot
+from benchmarks.report import Figure, Section
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
+from jointstiff.simulator.experiment import TARGETS, plan_experiment
+from jointstiff.solver.arrays import BoolArray
+from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.links import (
+    WEIGHTS,
+    ElasticColumns,
+    ElasticModel,
+    Folds,
+    Plan,
+    first_certified,
+    fit_fold,
+    select_model,
+)
+from jointstiff.solver.links.cross_validation import chosen_weight
+from jointstiff.solver.links.effective import effective_rows
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.robot import Robot
+
+_COLUMNS = ElasticColumns(6, tuple(range(6)))
+_PLAN = Plan(folds=3, weights=WEIGHTS[::2])
+
+
+def beams(seed: int) -> tuple[Robot, Measurements]:
+    """A campaign of 8 to 60 pulls on an arm whose links are beams, 2 to 50 µm of noise."""
+    rng = np.random.default_rng([seed, 61])
+    elastic = beam_arm(default_arm(), bending=6e6 * 10.0 ** rng.uniform(-0.3, 1.0))
+    count, sigma = int(rng.integers(8, 61)), 10.0 ** rng.uniform(-5.7, -4.3)
+    return _campaign(elastic, count, seed, sigma, known=bool(rng.random() < 0.7))
+
+
+def _campaign(
+    elastic: ElasticArm, count: int, seed: int, sigma: float, *, known: bool
+) -> tuple[Robot, Measurements]:
+    experiment = plan_experiment(elastic.arm, configurations=count, load="pull", seed=seed)
+    unloaded, loaded = elastic_positions(elastic, experiment, TARGETS, sigma=sigma, seed=seed)
+    present = np.ones(unloaded.shape[:2], dtype=np.bool_)
+    return default_robot(elastic.arm), Measurements(
+        joints=experiment.joints,
+        force=experiment.forces,
+        moment=experiment.moments,
+        load_point=np.array(experiment.load_points),
+        position=unloaded,
+        in_flange=~present,
+        deflection=loaded - unloaded,
+        present=present,
+        sigma=sigma if known else None,
+    )
+
+
+def answered_section(*, quick: bool) -> Section:
+    """Choose the penalty by cross-validation and fit the whole set, joints and links."""
+    count = 5 if quick else 500
+    ends: Counter[str] = Counter()
+    gaps = []
+    for seed in range(count):
+        robot, measurements = beams(seed)
+        try:
+            gaps.append(_gap(robot, measurements))
+            ends["answered"] += 1
+        except JointstiffError as error:
+            ends[error.reason] += 1
+    return Section(
+        title=f"Clean campaigns on beams: {count}, 8 to 60 configurations, 2 to 50 µm of noise",
+        columns=("end", "campaigns"),
+        rows=tuple((end, str(number)) for end, number in ends.items()),
+        figures=(
+            Figure("clean elastic campaigns without an answer", count - ends["answered"], "at most", 0),
+            Figure("clean elastic campaigns: greatest gap", max(gaps), "at most", 1e-2, " sigma"),
+        ),
+    )
+
+
+def coverage_section(*, quick: bool) -> Section:
+    """Count how often the 95 % intervals of the effective compliances hold what the beams have."""
+    campaigns, rows, figures = 2 if quick else 60, [], []
+    for count in (20, 40, 100):
+        held = np.array([_held(count, seed) for seed in range(campaigns)])
+        rows.append((str(count), *(f"{100 * share:.0f}" for share in held.mean(axis=0))))
+        share = 100 * float(held.mean())
+        figures.append(
+            Figure(f"effective stiffness, {count} postures: coverage", share, "at least", 93, " %")
+        )
+    return Section(
+        title=f"Effective stiffness about each axis: coverage of 95 % intervals, {campaigns} campaigns",
+        columns=("postures", *(f"joint {joint + 1}, %" for joint in range(6))),
+        rows=tuple(rows),
+        figures=tuple(figures),
+    )
+
+
+def _held(count: int, seed: int) -> BoolArray:
+    """Return which intervals (n,) hold the truth, for a penalty chosen by cross-validation."""
+    bending = 6e6 * 10.0 ** np.random.default_rng([seed, 62]).uniform(0.0, 1.0)
+    elastic, model = beam_arm(default_arm(), bending=bending), ElasticModel("joints_and_links", _COLUMNS)
+    robot, measurements = _campaign(elastic, count, seed, 2e-5, known=True)
+    plan, axes = Plan(), elastic.arm.axis_directions
+    folds = Folds(robot, measurements, _COLUMNS, np.ones(6, dtype=np.bool_), plan)
+    fits = {model.name: [fit_fold(folds, model, fold, plan.weights) for fold in range(len(folds))]}
+    found = select_model(robot, measurements, folds, fits, plan).of(model.name)
+    weights = plan.weights[plan.weights.index(found.penalty or plan.weights[0]) :]
+    entries = first_certified(robot, measurements, folds, model, weights).entries
+    truth = elastic.arm.compliances + np.einsum("ji,jik,jk->j", axes, elastic.links[:, 3:, 3:], axes)
+    apart = np.abs(effective_rows(robot, _COLUMNS) @ entries - truth)
+    return np.asarray(apart <= found.effective.half_width(0.95))
+
+
+def _gap(robot: Robot, measurements: Measurements) -> float:
+    model = ElasticModel("joints_and_links", _COLUMNS)
+    folds = Folds(robot, measurements, _COLUMNS, np.ones(6, dtype=np.bool_), _PLAN)
+    fits = [fit_fold(folds, model, fold, _PLAN.weights) for fold in range(len(folds))]
+    place = chosen_weight(np.array([fit.error for fit in fits]), _PLAN.rule)
+    return first_certified(robot, measurements, folds, model, _PLAN.weights[place:]).certificate.gap

@@ -1,0 +1,82 @@
+/** The arm with a slider for each joint: mistakes in the kinematics show at once. */
+import { useEffect, useMemo, useState } from "preact/hooks";
+import type { RobotSource } from "../api/types";
+import { fixed } from "../lib/format";
+import { degrees, radians } from "../lib/units";
+import { ArmView, roomOf } from "../scene/view";
+import { ARM_ALONE } from "../scene/show";
+import { useKinematics } from "../state/posture";
+import { text } from "../i18n";
+import { Busy, ProblemNote } from "./basics";
+
+const TURNED: number[] = [-0.9, 0.8];
+
+/** `start`: angles of the first look, rad. */
+export function Arm({
+  source,
+  start,
+  sliders = true,
+}: {
+  source: RobotSource;
+  start: number[] | null;
+  sliders?: boolean;
+}) {
+  const [angles, setAngles] = useState<number[] | null>(start);
+  const startKey = JSON.stringify(start);
+  useEffect(() => setAngles(start), [startKey]);
+  const { kinematics, problem } = useKinematics(source, angles ? [angles] : []);
+  const names = kinematics?.joints ?? [];
+  const posture = kinematics?.postures[0];
+  const room = useMemo(() => {
+    // a sphere that the arm does not leave, so that the view stays still while it moves
+    const points = posture ? roomOf([posture]) : [];
+    const reach = Math.max(0.3, ...points.map((p) => Math.hypot(...p)));
+    return [...points, ...TURNED.map((f) => [f * reach, f * reach * 0.6, 0] as const)];
+  }, [JSON.stringify(source), startKey, posture === undefined]);
+  const show = useMemo(() => posture && { posture, ...ARM_ALONE, names }, [posture, names.join()]);
+  const current = names.map((_, i) => angles?.[i] ?? 0);
+  return (
+    <div class="arm">
+      {problem && <ProblemNote problem={problem} />}
+      {!show && !problem && <Busy label={text.scene.loading} />}
+      {show && <ArmView show={show} room={room} label={text.scene.canvasPlain} />}
+      {show && sliders && (
+        <details class="sliders">
+          <summary>{text.robots.sliders}</summary>
+          {names.map((name, i) => (
+            <Slider
+              name={name}
+              value={current[i] ?? 0}
+              change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
+            />
+          ))}
+          <button type="button" class="button" onClick={() => setAngles(names.map(() => 0))}>
+            {text.robots.zero}
+          </button>
+        </details>
+      )}
+    </div>
+  );
+}
+
+function Slider({ name, value, change }: { name: string; value: number; change: (value: number) => void }) {
+  const shown = fixed(degrees(value), 0);
+  return (
+    <label class="slider">
+      <bdi>{name}</bdi>
+      <input
+        type="range"
+        min={-180}
+        max={180}
+        step={1}
+        value={Math.round(degrees(value))}
+        aria-label={text.robots.angle(name)}
+        onInput={(event) => change(radians(Number(event.currentTarget.value)))}
+      />
+      <output>
+        {shown}
+        {text.units.deg}
+      </output>
+    </label>
+  );
+}

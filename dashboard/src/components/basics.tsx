@@ -1,0 +1,305 @@
+/** The small parts all views are made of. */
+import type { ComponentChildren } from "preact";
+import { useEffect, useId, useRef } from "preact/hooks";
+import type { Problem, QualityWarning, RunState } from "../api/types";
+import type { Loading } from "../state/load";
+import { hasNavigated } from "../state/router";
+import { text } from "../i18n";
+
+/** A name that someone else chose: text, isolated from what is around it. */
+export function Name({ children }: { children: string }) {
+  return <bdi class="name">{children}</bdi>;
+}
+
+/** Text of the service or of ours; what stands between backticks is code. */
+export function Prose({ text: prose }: { text: string }) {
+  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : part))}</>;
+}
+
+/** The heading of a view; it takes the focus when one comes to the view, and names the browser's tab. */
+export function Title({ kind, children, plain }: { kind?: string; children: ComponentChildren; plain: string }) {
+  const heading = useRef<HTMLHeadingElement>(null);
+  useEffect(() => {
+    document.title = `${plain} · ${text.app.name}`;
+  }, [plain]);
+  useEffect(() => {
+    const free = document.activeElement === document.body || document.activeElement === null;
+    if (free && hasNavigated()) heading.current?.focus({ preventScroll: true });
+  }, []);
+  return (
+    <div class="title">
+      {kind !== undefined && <p class="kind">{kind}</p>}
+      <h1 ref={heading} tabIndex={-1}>
+        {children}
+      </h1>
+    </div>
+  );
+}
+
+export function Busy({ label = text.app.loading }: { label?: string }) {
+  return (
+    <p class="busy" role="status">
+      <span class="spinner" aria-hidden="true" />
+      {label}
+    </p>
+  );
+}
+
+/** A refusal: what, where, what to do. */
+export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () => void }) {
+  return (
+    <div class="note bad" role="alert">
+      <h3>{problem.title}</h3>
+      <p>
+        <Prose text={problem.detail} />
+      </p>
+      {problem.where && (
+        <p>
+          <b>{text.errors.where}:</b> <code>{problem.where}</code>
+        </p>
+      )}
+      {problem.remedy && (
+        <p>
+          <b>{text.errors.remedy}:</b> <Prose text={problem.remedy} />
+        </p>
+      )}
+      {problem.errors && problem.errors.length > 0 && (
+        <ul>
+          {problem.errors.slice(0, 8).map((fault) => (
+            <li>
+              <code>{fault.where}</code> <Prose text={fault.reason + (fault.remedy ? `: ${fault.remedy}` : "")} />
+            </li>
+          ))}
+        </ul>
+      )}
+      {retry && (
+        <button type="button" class="button" onClick={retry}>
+          {text.app.retry}
+        </button>
+      )}
+    </div>
+  );
+}
+
+/** Of one kind, this many are said before the rest is folded away. */
+const SAID = 2;
+
+/** Findings and warnings: those of one kind together, with their remedy once. */
+export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
+  const kinds = new Map<string, QualityWarning[]>();
+  for (const warning of warnings) {
+    const kind = `${warning.code}\n${warning.remedy}`;
+    kinds.set(kind, [...(kinds.get(kind) ?? []), warning]);
+  }
+  return (
+    <ul class="warnings">
+      {[...kinds.values()].map((kind) => (
+        <li class="note warn">
+          {kind.slice(0, SAID).map((warning) => (
+            <Seen warning={warning} />
+          ))}
+          {kind.length > SAID && (
+            <details>
+              <summary>{text.files.moreOfKind(kind.length - SAID)}</summary>
+              {kind.slice(SAID).map((warning) => (
+                <Seen warning={warning} />
+              ))}
+            </details>
+          )}
+          <p class="remedy">
+            <b>{text.errors.remedy}:</b> <Prose text={kind[0]?.remedy ?? ""} />
+          </p>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+const Seen = ({ warning }: { warning: QualityWarning }) => (
+  <p>
+    {warning.where && <code>{warning.where}</code>} <Prose text={warning.message} />
+  </p>
+);
+
+export function Empty({ title, hint, children }: { title: string; hint: string; children?: ComponentChildren }) {
+  return (
+    <div class="empty">
+      <h3>{title}</h3>
+      <p>{hint}</p>
+      {children}
+    </div>
+  );
+}
+
+/** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
+export function Show<Value>({
+  of,
+  title,
+  children,
+}: {
+  of: Loading<Value>;
+  title?: string;
+  children: (value: Value) => ComponentChildren;
+}) {
+  if (of.state === "ready") return <>{children(of.value)}</>;
+  return (
+    <>
+      {title !== undefined && <Title plain={title}>{title}</Title>}
+      {of.state === "loading" ? <Busy /> : <ProblemNote problem={of.problem} retry={of.reload} />}
+    </>
+  );
+}
+
+export function State({ state }: { state: RunState }) {
+  return <span class={`state ${state}`}>{text.states[state]}</span>;
+}
+
+export interface Fact {
+  label: ComponentChildren;
+  value: ComponentChildren;
+}
+
+export function Facts({ facts, wide = false }: { facts: Fact[]; wide?: boolean }) {
+  return (
+    <dl class={wide ? "facts wide" : "facts"}>
+      {facts.map(({ label, value }) => (
+        <div>
+          <dt>{label}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}
+
+interface ChoiceOption<Value extends string> {
+  value: Value;
+  label: string;
+  hint?: string;
+  disabled?: boolean;
+}
+
+/** One of a few, all in view: radio buttons that look like what they are for. */
+export function Choice<Value extends string>({
+  label,
+  options,
+  value,
+  change,
+  cards = false,
+}: {
+  label: string;
+  options: ChoiceOption<Value>[];
+  value: Value;
+  change: (value: Value) => void;
+  cards?: boolean;
+}) {
+  const name = useId();
+  return (
+    <fieldset class={cards ? "choice cards" : "choice"}>
+      <legend>{label}</legend>
+      <div class="options">
+        {options.map((option) => (
+          <label class="option">
+            <input
+              type="radio"
+              name={name}
+              value={option.value}
+              checked={option.value === value}
+              disabled={option.disabled ?? false}
+              onChange={() => change(option.value)}
+            />
+            <span>
+              <b>{option.label}</b>
+              {option.hint !== undefined && <small>{option.hint}</small>}
+            </span>
+          </label>
+        ))}
+      </div>
+    </fieldset>
+  );
+}
+
+export function Toggle({
+  label,
+  checked,
+  change,
+}: {
+  label: string;
+  checked: boolean;
+  change: (checked: boolean) => void;
+}) {
+  return (
+    <label class="toggle">
+      <input type="checkbox" checked={checked} onChange={(event) => change(event.currentTarget.checked)} />
+      <span>{label}</span>
+    </label>
+  );
+}
+
+export function Select({
+  label,
+  value,
+  change,
+  options,
+  hint,
+}: {
+  label: string;
+  value: string;
+  change: (value: string) => void;
+  options: { value: string; label: string }[];
+  hint?: string;
+}) {
+  const id = useId();
+  return (
+    <div class="field">
+      <label for={id}>{label}</label>
+      <select id={id} value={value} onChange={(event) => change(event.currentTarget.value)}>
+        {options.map((option) => (
+          <option value={option.value} selected={option.value === value}>
+            {option.label}
+          </option>
+        ))}
+      </select>
+      {hint !== undefined && <small>{hint}</small>}
+    </div>
+  );
+}
+
+/** Links between the parts of a view. */
+export function Tabs({
+  label,
+  tabs,
+  current,
+}: {
+  label: string;
+  tabs: { href: string; label: string; id: string }[];
+  current: string;
+}) {
+  return (
+    <nav class="tabs" aria-label={label}>
+      {tabs.map((tab) => (
+        <a href={tab.href} aria-current={tab.id === current ? "page" : undefined}>
+          {tab.label}
+        </a>
+      ))}
+    </nav>
+  );
+}
+
+/** A time as people of this device write it. */
+export function When({ time }: { time: string }) {
+  const date = new Date(time);
+  const thisYear = date.getFullYear() === new Date().getFullYear();
+  const shown = date.toLocaleString(undefined, {
+    ...(thisYear ? {} : { year: "numeric" }),
+    month: "short",
+    day: "numeric",
+    hour: "numeric",
+    minute: "2-digit",
+  });
+  return (
+    <time dateTime={time} title={date.toLocaleString()}>
+      {shown}
+    </time>
+  );
+}

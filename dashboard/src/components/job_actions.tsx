@@ -1,0 +1,71 @@
+/** What can be done with any job that is shown: its link, its file, its end. */
+import type { ComponentChildren } from "preact";
+import { problemOf } from "../api/client";
+import { fileName } from "../lib/csv";
+import { useAction } from "../state/action";
+import { go } from "../state/router";
+import { toast } from "../state/toasts";
+import { text } from "../i18n";
+import { ProblemNote } from "./basics";
+import { save } from "./download";
+
+export function JobActions({
+  kind,
+  job,
+  name,
+  remove,
+  restore,
+  list,
+  children,
+}: {
+  /** Of the file that is downloaded. */
+  kind: string;
+  job: { id: string };
+  name: string;
+  /** Null while it goes on. */
+  remove: (() => Promise<unknown>) | null;
+  restore: () => Promise<unknown>;
+  /** Address of the list that it stands in. */
+  list: string;
+  children?: ComponentChildren;
+}) {
+  const here = location.hash;
+  const share = () => {
+    if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
+    void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
+  };
+  const bringBack = () =>
+    void restore().then(
+      () => go(here),
+      (error: unknown) => toast(problemOf(error).detail),
+    );
+  const deletion = useAction(async () => {
+    await remove?.();
+    go(list);
+    toast(text.runs.deleted(name), { label: text.runs.undo, run: bringBack });
+  });
+  return (
+    <>
+      <div class="actions">
+        {children}
+        <button type="button" class="button" onClick={share}>
+          {text.run.share}
+        </button>
+        <button
+          type="button"
+          class="button"
+          title={text.run.downloadHint}
+          onClick={() => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"))}
+        >
+          {text.run.download}
+        </button>
+        {remove && (
+          <button type="button" class="button quiet" disabled={deletion.busy} onClick={deletion.run}>
+            {text.run.delete}
+          </button>
+        )}
+      </div>
+      {deletion.problem && <ProblemNote problem={deletion.problem} />}
+    </>
+  );
+}

@@ -1,0 +1,64 @@
+/** Tables of numbers: right-aligned, in tabular figures, scrollable on their own where they are wide. */
+import type { ComponentChildren } from "preact";
+import { significant } from "../lib/format";
+import type { Cell } from "../lib/csv";
+
+export interface Column {
+  title: string;
+  unit?: string;
+  /** How a number is shown; the CSV has all its digits. */
+  show?: (value: number) => string;
+}
+
+export interface Table {
+  columns: Column[];
+  rows: Cell[][];
+}
+
+export const heading = (column: Column): string =>
+  column.unit === undefined ? column.title : `${column.title} [${column.unit}]`;
+
+export function DataTable({ table, caption }: { table: Table; caption: string }) {
+  return (
+    <Scroll label={caption}>
+      <table>
+        <caption class="hidden">{caption}</caption>
+        <thead>
+          <tr>
+            {table.columns.map((column, i) => (
+              <th scope="col" class={numeric(table, i) ? "number" : undefined}>
+                {heading(column)}
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>
+          {table.rows.map((row) => (
+            <tr>
+              {row.map((cell, i) => (
+                <td class={numeric(table, i) ? "number" : undefined}>{shown(cell, table.columns[i])}</td>
+              ))}
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </Scroll>
+  );
+}
+
+/** Whether a column has numbers; what is missing among them stands where they do. */
+const numeric = (table: Table, column: number): boolean => table.rows.some((row) => typeof row[column] === "number");
+
+/** A box that scrolls sideways by itself, by keyboard too. */
+export function Scroll({ label, children }: { label: string; children: ComponentChildren }) {
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label={label}>
+      {children}
+    </div>
+  );
+}
+
+function shown(cell: Cell, column: Column | undefined): string {
+  if (cell === null || cell === undefined) return "–";
+  return typeof cell === "number" ? (column?.show ?? ((value) => significant(value, 4)))(cell) : cell;
+}

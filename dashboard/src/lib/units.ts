@@ -1,0 +1,67 @@
+/** Units the page shows, and those a file may come in. */
+import type { Units } from "../api/types";
+
+export type StiffnessUnit = "MNm" | "kNmDeg" | "NmArcmin" | "Nm" | "compliance";
+
+interface Unit {
+  /** Of a stiffness in N·m/rad; of its inverse where `inverse`. */
+  factor: number;
+  inverse?: true;
+  label: string;
+  /** In the heading of a CSV column. */
+  column: string;
+}
+
+const DEGREE = Math.PI / 180;
+
+/** Units people choose from: as the literature prints, per angle as data sheets do, and the compliance. */
+export const STIFFNESS_UNITS: Record<StiffnessUnit, Unit> = {
+  MNm: { factor: 1e-6, label: "10⁶ N·m/rad", column: "1e6 N.m/rad" },
+  kNmDeg: { factor: DEGREE / 1e3, label: "kN·m/°", column: "kN.m/deg" },
+  NmArcmin: { factor: DEGREE / 60, label: "N·m/arcmin", column: "N.m/arcmin" },
+  Nm: { factor: 1, label: "N·m/rad", column: "N.m/rad" },
+  compliance: { factor: 1e6, inverse: true, label: "µrad/(N·m)", column: "urad/(N.m)" },
+};
+
+export const UNIT_NAMES = Object.keys(STIFFNESS_UNITS) as StiffnessUnit[];
+
+/** A stiffness [N·m/rad] in a unit. */
+export function inUnit(stiffness: number, unit: StiffnessUnit): number {
+  const { factor, inverse } = STIFFNESS_UNITS[unit];
+  return inverse ? factor / stiffness : factor * stiffness;
+}
+
+/** The same of what may be missing. */
+export const maybeInUnit = (stiffness: number | null | undefined, unit: StiffnessUnit): number | null =>
+  stiffness === null || stiffness === undefined ? null : inUnit(stiffness, unit);
+
+/** An interval [N·m/rad] in a unit, low end first; null for an end that is open. */
+export function intervalIn(
+  interval: readonly [number, number | null] | null | undefined,
+  unit: StiffnessUnit,
+): [number | null, number | null] {
+  if (!interval) return [null, null];
+  const ends: [number | null, number | null] = [maybeInUnit(interval[0], unit), maybeInUnit(interval[1], unit)];
+  return STIFFNESS_UNITS[unit].inverse ? [ends[1] ?? 0, ends[0]] : ends;
+}
+
+/** A small change of a stiffness [N·m/rad] in a unit, to first order. */
+export function changeIn(change: number, stiffness: number, unit: StiffnessUnit): number {
+  const { factor, inverse } = STIFFNESS_UNITS[unit];
+  return inverse ? (factor * change) / stiffness ** 2 : factor * change;
+}
+
+const LENGTH = { m: 1, mm: 1e-3 } as const;
+const ANGLE = { rad: 1, deg: DEGREE } as const;
+const FORCE = { N: 1, kN: 1e3, kgf: 9.80665 } as const;
+const MOMENT = { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 } as const;
+
+/** Factors to SI of a file's units. */
+export function factors(units: Units): { length: number; angle: number; force: number; moment: number } {
+  const length = LENGTH[units.length];
+  const force = FORCE[units.force];
+  return { length, angle: ANGLE[units.angle], force, moment: units.moment ? MOMENT[units.moment] : force * length };
+}
+
+export const degrees = (radians: number): number => radians / DEGREE;
+export const radians = (angle: number): number => angle * DEGREE;

@@ -1,0 +1,38 @@
+/** What the 3D view shows; without its drawing code, which is loaded later. */
+import type { Posture } from "../api/types";
+import type { Arrow } from "./arrows";
+
+/** What is shown. Lengths in m, R0. */
+export interface Show {
+  posture: Posture;
+  measured: Arrow[];
+  predicted: Arrow[];
+  load: Arrow | null;
+  /** By how much deflections are exaggerated. */
+  factor: number;
+  axes: boolean;
+  /** Names of the joints; none: no labels. */
+  names: string[];
+  /** Names of the targets of the measured arrows. */
+  targets: string[];
+  /** Lengths of the residuals of the measured arrows [m]. */
+  residuals: number[];
+  /** Greatest residual of the set [m], if arrows are coloured by their residual. */
+  byResidual: number | null;
+  /** Angles by which the joints give way [rad]. */
+  bend: number[];
+}
+
+/** What a view without a result shows: the arm alone. */
+export const ARM_ALONE = {
+  measured: [],
+  predicted: [],
+  load: null,
+  factor: 1,
+  axes: true,
+  names: [],
+  targets: [],
+  residuals: [],
+  byResidual: null,
+  bend: [],
+} satisfies Omit<Show, "posture">;

@@ -1,0 +1,7 @@
+/** Robots and measurement sets, which never change once stored: each is asked for once. */
+import { api } from "../api/client";
+import type { MeasurementSet, Robot } from "../api/types";
+import { cached } from "./cache";
+
+export const storedSet = (id: string): Promise<MeasurementSet> => cached(`set/${id}`, () => api.set(id));
+export const storedRobot = (id: string): Promise<Robot> => cached(`robot/${id}`, () => api.robot(id));

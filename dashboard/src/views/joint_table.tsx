@@ -1,0 +1,263 @@
+/** The joints of a run as one table and chart: stiffness on a logarithmic axis, in digits, its verdict, its part. */
+import { Fragment } from "preact";
+import type { Contribution, JointResult, Run, RunResult } from "../api/types";
+import { type IntervalRow, Intervals, intervalAxis, RowAxis, RowMarks } from "../charts/intervals";
+import { Figure } from "../charts/figure";
+import { Name, Prose } from "../components/basics";
+import { Term } from "../components/term";
+import { fixed, percent } from "../lib/format";
+import { axisStiffness, shownStiffness } from "../lib/stiffness";
+import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
+import { capOf, stiffnessUncertainty, verdictOf } from "../lib/verdict";
+import { useWidth } from "../state/size";
+import { useSettings } from "../state/settings";
+import { text } from "../i18n";
+import { markOf } from "./joint_marks";
+import { NextMeasurement, useAdvice } from "./next_measurement";
+import { isElastic, type RunContext } from "./run_context";
+
+const words = text.run;
+
+export function JointTable({
+  context: { run, set, robot },
+  result,
+  beside,
+  bare,
+  tools,
+}: {
+  context: RunContext;
+  result: RunResult;
+  beside: Run | null;
+  /** Without an axis: there is nothing to draw on it. */
+  bare: boolean;
+  tools: preact.ComponentChildren;
+}) {
+  const { unit } = useSettings();
+  const positive = run.request.positive;
+  const others = new Map(beside?.result?.joints.map((joint) => [joint.name, joint]));
+  const rows: IntervalRow[] = result.joints.map((joint) => {
+    const other = others.get(joint.name);
+    return {
+      name: joint.name,
+      marks: [
+        markOf(joint, positive ? "positive" : "free", unit),
+        ...(other ? [markOf(other, positive ? "free" : "positive", unit)] : []),
+      ],
+    };
+  });
+  const legend = beside
+    ? [
+        { label: `${words.chosen}: ${words.other(positive)}`, mark: positive ? "positive" : "free" },
+        { label: words.other(!positive), mark: positive ? "free" : "positive" },
+      ]
+    : [];
+  const advice = useAdvice(robot, isElastic(run) ? [] : result.identifiability.advice);
+  const chart = (width: number) => (
+    <Intervals
+      rows={rows}
+      width={width}
+      label={words.stiffness}
+      unit={STIFFNESS_UNITS[unit].label}
+      format={axisStiffness(unit)}
+    />
+  );
+  return (
+    <Figure
+      title={words.stiffness}
+      note={words.stiffnessNote(percent(run.request.confidence))}
+      legend={legend}
+      tools={tools}
+      drawing={chart}
+      table={stiffnessTable(
+        [
+          [words.other(positive), result.joints],
+          ...(beside?.result ? [[words.other(!positive), beside.result.joints] as [string, JointResult[]]] : []),
+        ],
+        unit,
+        new Map(result.contributions.map((one) => [one.joint, one])),
+      )}
+    >
+      {() => (
+        <Rows
+          rows={rows}
+          joints={result.joints}
+          contributions={result.contributions}
+          level={percent(run.request.confidence)}
+          unit={unit}
+          bare={bare}
+          after={(joint) => (
+            <NextMeasurement
+              pieces={advice.filter((one) => one.advice.joint === joint.name)}
+              joint={joint}
+              run={run}
+              set={set}
+            />
+          )}
+        />
+      )}
+    </Figure>
+  );
+}
+
+function Rows({
+  rows,
+  joints,
+  contributions,
+  level,
+  unit,
+  bare,
+  after,
+}: {
+  rows: IntervalRow[];
+  joints: JointResult[];
+  contributions: Contribution[];
+  level: string;
+  unit: StiffnessUnit;
+  bare: boolean;
+  after: (joint: JointResult) => preact.ComponentChildren;
+}) {
+  const [head, width] = useWidth<HTMLDivElement>();
+  const axis = intervalAxis(rows, Math.max(60, width), 10);
+  const parts = new Map(contributions.map((one) => [one.joint, one]));
+  const shares = !bare && contributions.some(({ mean }) => mean !== 0);
+  const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
+  const format = axisStiffness(unit);
+  return (
+    <div class={shares ? "joints shares" : bare ? "joints bare" : "joints"} role="table" aria-label={words.stiffness}>
+      <div class="joint-head" role="row">
+        <span role="columnheader">{words.joint}</span>
+        <div role="columnheader" class="bar" ref={head}>
+          {width > 0 && !bare && (
+            <RowAxis axis={axis} width={width} format={format} label={STIFFNESS_UNITS[unit].label} />
+          )}
+        </div>
+        <span role="columnheader" class="number">
+          {words.quantity(unit === "compliance")} <small>{STIFFNESS_UNITS[unit].label}</small>
+        </span>
+        <span role="columnheader" class="number">
+          <Term of="interval">{words.interval(level)}</Term>
+        </span>
+        <span role="columnheader">{words.verdict}</span>
+        {shares && <span role="columnheader">{words.contribution}</span>}
+      </div>
+      {joints.map((joint, i) => (
+        <Fragment key={joint.name}>
+          <Row
+            joint={joint}
+            unit={unit}
+            part={shares ? (parts.get(joint.name) ?? null) : undefined}
+            most={most}
+            bar={width > 0 && !bare && <RowMarks row={rows[i] as IntervalRow} axis={axis} width={width} />}
+          />
+          {after(joint)}
+        </Fragment>
+      ))}
+    </div>
+  );
+}
+
+function Row({
+  joint,
+  unit,
+  bar,
+  part,
+  most,
+}: {
+  joint: JointResult;
+  unit: StiffnessUnit;
+  bar: preact.ComponentChildren;
+  /** Undefined where no joint contributes. */
+  part: Contribution | null | undefined;
+  most: number;
+}) {
+  const shown = shownStiffness(joint, unit);
+  const verdict = verdictOf(joint);
+  const cap = capOf(joint);
+  const limited = verdict === "lower_limit" && shown.limit !== null;
+  const { interval } = shown;
+  return (
+    <div class={`joint ${verdict}`} role="row">
+      <span role="rowheader">
+        <Name>{joint.name}</Name>
+      </span>
+      <div role="cell" class="bar">
+        {bar}
+      </div>
+      <span role="cell" class="number value">
+        <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
+        {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+      </span>
+      <span role="cell" class="number interval-text">
+        {interval === null || limited ? "–" : `${interval.low} … ${interval.high ?? "∞"}`}
+      </span>
+      <span role="cell" class="verdict" title={text.verdictHints[verdict]}>
+        <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
+        {cap ? text.usability[cap] : text.verdicts[verdict]}
+      </span>
+      {part !== undefined && (
+        <span role="cell" class="part">
+          {part && part.mean !== 0 ? <Share part={part} most={most} /> : <span class="soft">–</span>}
+        </span>
+      )}
+      {joint.reason !== null && (
+        <span role="cell" class="reason soft">
+          <Prose text={joint.reason} />
+        </span>
+      )}
+    </div>
+  );
+}
+
+const SHARE_WIDTH = 64;
+
+function Share({ part: { share, mean }, most }: { part: Contribution; most: number }) {
+  return (
+    <>
+      <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
+        <rect class="share-bar" width={most > 0 ? (Math.abs(share) / most) * SHARE_WIDTH : 0} height={10} rx={2} />
+      </svg>
+      <b>{percent(share)}</b>
+      <span class="soft">
+        {fixed(mean * 1e3, 3)} {text.units.mm}
+      </span>
+    </>
+  );
+}
+
+export function stiffnessTable(
+  sets: [string, JointResult[]][],
+  unit: StiffnessUnit,
+  parts: Map<string, Contribution> = new Map(),
+) {
+  const u = { unit: STIFFNESS_UNITS[unit].column };
+  return {
+    columns: [
+      { title: words.joint },
+      { title: words.verdict },
+      { title: text.options.constrained },
+      { title: words.quantity(unit === "compliance"), ...u },
+      { title: words.standardUncertainty, ...u },
+      { title: words.low, ...u },
+      { title: words.high, ...u },
+      ...(parts.size > 0
+        ? [{ title: words.contributionShare }, { title: words.contributionMean, unit: text.units.mm }]
+        : []),
+    ],
+    rows: sets.flatMap(([name, joints]) =>
+      joints.map((joint) => {
+        const k = joint.stiffness;
+        const change = stiffnessUncertainty(joint);
+        const part = parts.get(joint.name);
+        return [
+          joint.name,
+          text.verdicts[verdictOf(joint)],
+          name,
+          k === null ? null : inUnit(k, unit),
+          k === null || change === null ? null : changeIn(change, k, unit),
+          ...intervalIn(joint.stiffness_interval, unit),
+          ...(part ? [part.share, part.mean * 1e3] : []),
+        ];
+      }),
+    ),
+  };
+}

@@ -1,0 +1,163 @@
+/** Several runs beside each other: verdict, what they explain, and each joint. */
+import { api } from "../api/client";
+import type { Run } from "../api/types";
+import { Figure } from "../charts/figure";
+import { Intervals } from "../charts/intervals";
+import { Badge } from "../components/badge";
+import { Empty, Name, ProblemNote, Show, Title } from "../components/basics";
+import { Scroll } from "../components/table";
+import { percent } from "../lib/format";
+import { freshKey } from "../lib/hash";
+import { axisStiffness, shownStiffness } from "../lib/stiffness";
+import { STIFFNESS_UNITS } from "../lib/units";
+import { useAction } from "../state/action";
+import { useLoad } from "../state/load";
+import { go, link } from "../state/router";
+import { useSettings } from "../state/settings";
+import { storedSet } from "../state/stored";
+import { text } from "../i18n";
+import { markOf } from "./joint_marks";
+import { stiffnessTable } from "./joint_table";
+
+const words = text.lists;
+/** As many as there are marks. */
+export const MOST_RUNS = 4;
+
+interface Column {
+  run: Run;
+  name: string;
+}
+
+export function SideBySideView({ ids }: { ids: string[] }) {
+  const loaded = useLoad(
+    async (signal) => {
+      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.run(id, signal)));
+      const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
+      return runs.map((run, i): Column => ({ run, name: sets[i]?.name ?? run.id }));
+    },
+    [ids.join()],
+  );
+  return (
+    <Show of={loaded} title={words.compare}>
+      {(columns) =>
+        columns.length < 2 ? <Empty title={words.compare} hint={words.selectTwo} /> : <Page columns={columns} />
+      }
+    </Show>
+  );
+}
+
+const how = ({ request }: Run): string =>
+  [
+    text.methods[request.method],
+    request.positive ? text.options.constrained : text.options.unconstrained,
+    ...(request.loss === "huber" ? [text.assessment.changed.loss.huber] : []),
+    ...(request.leave_out.length > 0 ? [words.without(request.leave_out)] : []),
+  ].join(", ");
+
+function Page({ columns }: { columns: Column[] }) {
+  const { unit } = useSettings();
+  const [first, second] = columns;
+  const pair = useAction(async () => {
+    if (!first || !second) return;
+    const made = await api.addPair(
+      { first: { run_id: first.run.id }, second: { run_id: second.run.id } },
+      freshKey("pair"),
+    );
+    go(link(["compare", "pairs", made.id]));
+  });
+  const names = [...new Set(columns.flatMap(({ run }) => run.result?.joints.map((joint) => joint.name) ?? []))];
+  const jointOf = (column: Column, name: string) => column.run.result?.joints.find((joint) => joint.name === name);
+  const title = columns.map((column) => column.name).join(" · ");
+  return (
+    <>
+      <div class="head">
+        <Title kind={text.compare.title} plain={title}>
+          {words.sideBySide(columns.length)}
+        </Title>
+        {columns.length === 2 && (
+          <div class="actions">
+            <button type="button" class="button" disabled={pair.busy} onClick={pair.run}>
+              {words.test}
+            </button>
+          </div>
+        )}
+      </div>
+      {pair.problem && <ProblemNote problem={pair.problem} />}
+      <section class="card">
+        <Scroll label={title}>
+          <table class="side-by-side">
+            <thead>
+              <tr>
+                <th scope="col" />
+                {columns.map(({ run, name }) => (
+                  <th scope="col">
+                    <a href={link(["runs", run.id])}>
+                      <Name>{name}</Name>
+                    </a>
+                    <small class="soft">{how(run)}</small>
+                  </th>
+                ))}
+              </tr>
+            </thead>
+            <tbody>
+              <tr>
+                <th scope="row">{words.verdict}</th>
+                {columns.map(({ run }) => (
+                  <td>{run.result ? <Badge verdict={run.result.assessment.verdict} /> : "–"}</td>
+                ))}
+              </tr>
+              <tr>
+                <th scope="row">{words.explainedTitle}</th>
+                {columns.map(({ run }) => (
+                  <td>{run.result?.compensation == null ? "–" : percent(run.result.compensation)}</td>
+                ))}
+              </tr>
+              {names.map((name) => (
+                <tr>
+                  <th scope="row">
+                    <Name>{name}</Name> <small class="soft">{STIFFNESS_UNITS[unit].label}</small>
+                  </th>
+                  {columns.map((column) => {
+                    const joint = jointOf(column, name);
+                    const shown = joint && shownStiffness(joint, unit);
+                    return (
+                      <td>
+                        <b>{shown?.value ?? shown?.limit ?? "–"}</b>
+                        {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+                      </td>
+                    );
+                  })}
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </Scroll>
+      </section>
+      <Figure
+        title={text.run.stiffness}
+        note={text.run.stiffnessNote(percent(first?.run.request.confidence ?? 0.95))}
+        legend={columns.map(({ run, name }, i) => ({ label: `${name}: ${how(run)}`, mark: `method-${i}` }))}
+        table={stiffnessTable(
+          columns.map(({ run, name }) => [`${name}: ${how(run)}`, run.result?.joints ?? []]),
+          unit,
+        )}
+      >
+        {(width) => (
+          <Intervals
+            rows={names.map((name) => ({
+              name,
+              marks: columns.flatMap((column, i) => {
+                const joint = jointOf(column, name);
+                return joint ? [markOf(joint, `method-${i}`, unit)] : [];
+              }),
+            }))}
+            width={width}
+            label={text.run.stiffness}
+            unit={STIFFNESS_UNITS[unit].label}
+            format={axisStiffness(unit)}
+          />
+        )}
+      </Figure>
+    </>
+  );
+}

@@ -1,0 +1,106 @@
+/** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
+import type { Action, Assessment, Reason } from "../api/types";
+import { Badge } from "../components/badge";
+import { ProblemNote, Prose } from "../components/basics";
+import { exchangeable } from "../lib/corrections";
+import { useAction } from "../state/action";
+import { go, link } from "../state/router";
+import { text } from "../i18n";
+import type { RunContext } from "./run_context";
+import { variantBy } from "./variants";
+
+const words = text.assessment;
+
+export function VerdictCard({ assessment, context }: { assessment: Assessment; context: RunContext | null }) {
+  const { verdict, reasons } = assessment;
+  return (
+    <section class={`verdict-card ${verdict}`} aria-label={words.title}>
+      <h2>
+        <Badge verdict={verdict} large />
+        <span>{words.sentence[verdict]}</span>
+      </h2>
+      {reasons.length > 0 && (
+        <ul>
+          {grouped(reasons).map((group) => (
+            <ReasonItem reasons={group} context={context} />
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}
+
+/** The label of an observation, of a place in what was posted. */
+const placeName = (where: string): string => /^observations\[\d+\] '(.+)'$/.exec(where)?.[1] ?? where;
+
+/** Reasons of one kind stand together. */
+function grouped(reasons: Reason[]): Reason[][] {
+  const groups = new Map<string, Reason[]>();
+  for (const reason of reasons) {
+    const key = `${reason.code}\n${reason.remedy}`;
+    groups.set(key, [...(groups.get(key) ?? []), reason]);
+  }
+  return [...groups.values()];
+}
+
+function ReasonItem({ reasons, context }: { reasons: Reason[]; context: RunContext | null }) {
+  const [first] = reasons;
+  if (!first) return null;
+  const actions = unique(reasons.flatMap(({ action }) => (action ? [action] : [])));
+  return (
+    <li class={first.weight}>
+      <div>
+        {reasons.map(({ where, message }) => (
+          <p>
+            {where && (
+              <b>
+                <bdi>{placeName(where)}</bdi>:
+              </b>
+            )}{" "}
+            <Prose text={message} />
+          </p>
+        ))}
+        <p class="remedy">
+          <Prose text={first.remedy} />
+        </p>
+      </div>
+      {context && actions.length > 0 && (
+        <div class="actions">
+          {actions.map((action) => (
+            <ActionButtons action={action} context={context} />
+          ))}
+        </div>
+      )}
+    </li>
+  );
+}
+
+function unique(actions: Action[]): Action[] {
+  return [...new Map(actions.map((action) => [JSON.stringify(action), action])).values()];
+}
+
+/** What the action does, and where it is about postures, one to look at it first. */
+function ActionButtons({ action, context }: { action: Action; context: RunContext }) {
+  const start = useAction(async () => {
+    const run = await variantBy(context, action);
+    go(link(["runs", run.id]));
+  });
+  const [shown] = action.observations;
+  const possible = exchangeable(context.set, action);
+  return (
+    <>
+      {action.kind !== "show_posture" && (
+        <button type="button" class="button" disabled={start.busy || !possible} onClick={start.run}>
+          {start.busy ? words.doing : words.actions[action.kind](action)}
+        </button>
+      )}
+      {!possible && <small class="soft">{words.noPlace(action)}</small>}
+      {shown !== undefined && (
+        <a class="button quiet" href={link(["runs", context.run.id, "robot"], { at: shown, from: "result" })}>
+          {words.show(shown)}
+        </a>
+      )}
+      {start.problem && <ProblemNote problem={start.problem} />}
+    </>
+  );
+}

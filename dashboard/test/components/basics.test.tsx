@@ -1,0 +1,116 @@
+// @vitest-environment happy-dom
+import { useState } from "preact/hooks";
+import { describe, expect, it } from "vitest";
+import { ApiError } from "../../src/api/client";
+import type { Problem, QualityWarning } from "../../src/api/types";
+import { Boundary } from "../../src/components/boundary";
+import { ProblemNote, Warnings } from "../../src/components/basics";
+import { useAction } from "../../src/state/action";
+import { cached, forget, useCached } from "../../src/state/cache";
+import { drawn, press, settled } from "./drawn";
+
+const warning = (part: Partial<QualityWarning>): QualityWarning => ({
+  code: "target_moved",
+  severity: "warning",
+  where: null,
+  observation: null,
+  message: "a target moved",
+  remedy: "measure it again",
+  ...part,
+});
+
+describe("warnings", () => {
+  it("says the remedy of one kind once", async () => {
+    const root = await drawn(<Warnings warnings={[warning({ message: "c1" }), warning({ message: "c2" })]} />);
+    expect(root.textContent?.split("measure it again")).toHaveLength(2);
+    expect(root.textContent).toContain("c1");
+    expect(root.textContent).toContain("c2");
+  });
+
+  it("shows what stands between backticks as code", async () => {
+    const root = await drawn(<Warnings warnings={[warning({ message: "omit `noise` or `<b>`", remedy: "a ` b" })]} />);
+    expect([...root.querySelectorAll("code")].map((code) => code.textContent)).toEqual(["noise", "<b>"]);
+    expect(root.textContent).toContain("omit noise or <b>");
+    expect(root.textContent).toContain("a ` b");
+  });
+});
+
+function Starter({ act: given }: { act: () => Promise<unknown> }) {
+  const action = useAction(given);
+  return (
+    <>
+      <button type="button" onClick={action.run}>
+        go
+      </button>
+      {action.problem && <ProblemNote problem={action.problem} />}
+    </>
+  );
+}
+
+describe("an action", () => {
+  it("starts once however often it is tapped", async () => {
+    let starts = 0;
+    const root = await drawn(<Starter act={() => new Promise(() => starts++)} />);
+    await press(root, "go");
+    await press(root, "go");
+    expect(starts).toBe(1);
+  });
+
+  it.each([
+    [new ApiError({ title: "Refused", detail: "no such set" } as Problem), "no such set"],
+    [new TypeError("x is undefined"), "x is undefined"],
+  ])("shows %s", async (error, shown) => {
+    const root = await drawn(<Starter act={() => Promise.reject(error)} />);
+    await press(root, "go");
+    expect(root.querySelector("[role=alert]")?.textContent).toContain(shown);
+  });
+});
+
+describe("a view that fails", () => {
+  it("says so", async () => {
+    function Broken(): never {
+      throw new RangeError("no joints");
+    }
+    const root = await drawn(
+      <Boundary>
+        <Broken />
+      </Boundary>,
+    );
+    expect(root.querySelector("[role=alert]")?.textContent).toContain("no joints");
+  });
+});
+
+function Listing({ asked }: { asked: () => Promise<string> }) {
+  const loaded = useCached("listing", asked);
+  return <p>{loaded.state === "ready" ? loaded.value : loaded.state}</p>;
+}
+
+function Two({ asked }: { asked: () => Promise<string> }) {
+  const [second, show] = useState(false);
+  return (
+    <>
+      <Listing asked={asked} />
+      {second && <Listing asked={asked} />}
+      <button type="button" onClick={() => show(true)}>
+        another
+      </button>
+    </>
+  );
+}
+
+describe("the cache", () => {
+  it("asks once for two views, and again when it has changed", async () => {
+    let asked = 0;
+    const root = await drawn(<Two asked={async () => `answer ${++asked}`} />);
+    await press(root, "another");
+    expect([...root.querySelectorAll("p")].map((p) => p.textContent)).toEqual(["answer 1", "answer 1"]);
+    await settled(() => forget("listing"));
+    expect([...root.querySelectorAll("p")].map((p) => p.textContent)).toEqual(["answer 2", "answer 2"]);
+    expect(asked).toBe(2);
+  });
+
+  it("does not keep a failure", async () => {
+    await expect(cached("failing", () => Promise.reject(new Error("away")))).rejects.toThrow("away");
+    await expect(cached("failing", async () => "back")).resolves.toBe("back");
+  });
+});

@@ -1,0 +1,98 @@
+"""The assessment of a result: one verdict on whether its numbers may be used, with reasons and remedies."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Dimensionless, Message, Name, Radians
+
+Verdict = Literal["use", "use_with_care", "do_not_use"]
+
+
+class Action(Message):
+    """Action that a program can offer at a click; it changes only what is named here."""
+
+    kind: Literal[
+        "leave_out_readings",
+        "use_huber",
+        "include_complementary_stiffness",
+        "omit_noise",
+        "exchange_columns",
+        "apply_joint_map",
+        "exchange_load_and_target",
+        "show_posture",
+    ]
+    observations: list[Name] = Field(description="Labels of the observations to leave out, or to show.")
+    joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
+    joint_map: Dimensionless[list[list[float]]] = Field(
+        description="Rows of the matrix of the corrected joint map; empty for other actions."
+    )
+    offset: Radians[list[float]] = Field(
+        description="Offset of the corrected joint map; empty for other actions."
+    )
+    target: Name | None = Field(
+        description="Target whose place and the load point are exchanged; null for other actions."
+    )
+
+
+class Reason(Message):
+    """One reason not to use the numbers without further ado."""
+
+    code: Literal[
+        "no_joint_identified",
+        "no_residual_freedom",
+        "few_postures",
+        "gross_error",
+        "suspicious_readings",
+        "length_unit_suspect",
+        "residuals_exceed_sigma",
+        "residuals_vanish",
+        "deflection_unexplained",
+        "alternative_explains_better",
+        "load_at_target",
+        "stiffness_implausible",
+        "prior_dominates",
+        "complementary_stiffness_matters",
+        "links_bend_with_joints",
+    ]
+    weight: Literal["use_with_care", "do_not_use"] = Field(
+        description="The best verdict that a result with this reason can have."
+    )
+    where: str | None = Field(
+        description="Which observation, reading or joint; null for all of it. In a pair it begins with the "
+        "side."
+    )
+    message: str = Field(description="What is wrong, with its figure and unit.")
+    remedy: str = Field(description="What to do about it.")
+    action: Action | None = Field(description="What a program can do about it; null where only people can.")
+
+
+class Assessment(Message):
+    """Assessment of a result: may the numbers be used?"""
+
+    verdict: Verdict = Field(description="The least that the reasons allow; `use` where there are none.")
+    reasons: list[Reason] = Field(description="Most severe first.")
+
+
+class ResultSummary(Message):
+    """Summary of a result for listings; all null while there is none."""
+
+    verdict: Verdict | None = Field(
+        default=None, description="Of the result's assessment; the worst where it has several fits."
+    )
+    compensation: Dimensionless[float | None] = Field(
+        default=None,
+        description="Share of the mean deflection that the model predicts: of a comparison the greatest, of "
+        "a pair that of the side with less.",
+    )
+    joints_identified: int | None = Field(
+        default=None,
+        description="Joints of status `identified`: of a comparison in the fit with most, of a pair those "
+        "on both sides; null for geometries.",
+    )
+    joint_count: int | None = Field(default=None, description="All joints; null for geometries.")
+    warning_count: int | None = Field(
+        default=None, description="Warnings of the result; for geometries findings that are no notes."
+    )

@@ -1,0 +1,246 @@
+"""A plan: which postures and loads to measure, with a certificate. SI units throughout."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from jointstiff.schemas.fields import (
+    Compliance,
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Newtons,
+    Point,
+    Quantity,
+    Radians,
+    Stiffness,
+    Timestamp,
+    Vector3,
+)
+from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
+from jointstiff.schemas.measurement.noise import Uncertainty
+from jointstiff.schemas.robot import MAX_JOINTS
+
+MAX_CANDIDATES = 50_000
+MAX_READINGS = 200
+MAX_BOXES = 32
+
+Force = Annotated[float, Field(strict=True, gt=0.0, le=1e6)]
+_Angle = Annotated[float, Field(strict=True, ge=0.0, le=3.2)]
+Box = Annotated[tuple[Vector3, Vector3], Field(description="Least and greatest corner, in R0.")]
+
+
+class DeadWeight(Message):
+    """A weight: it pulls along −z of R0."""
+
+    kind: Literal["dead_weight"] = "dead_weight"
+    force: Newtons[Force]
+
+
+class AnyDirection(Message):
+    """A force in any direction, up to a size."""
+
+    kind: Literal["any_direction"]
+    force: Newtons[Force] = Field(
+        description="Less in postures where torque limits would be exceeded in some direction."
+    )
+
+
+class Cable(Message):
+    """A cable from the load point to one of some anchors."""
+
+    kind: Literal["cable"]
+    force: Newtons[Force]
+    anchors: Metres[Annotated[list[Vector3], Field(min_length=1, max_length=8)]] = Field(description="In R0.")
+
+
+PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable, Field(discriminator="kind")]
+
+
+class PlannedTracker(Message):
+    """A laser tracker at its station, with standard uncertainties along and across its line of sight [m]."""
+
+    station: Metres[Vector3] = Field(description="In R0.")
+    range: Uncertainty
+    transverse: Uncertainty
+
+
+class Surroundings(Message):
+    """Obstacles to postures: links are capsules from joint to joint."""
+
+    floor: Metres[Quantity | None] = Field(default=None, description="Least height, in R0.")
+    inside: Metres[Box | None] = Field(default=None, description="Box in which links and targets stay.")
+    obstacles: Metres[Annotated[list[Box], Field(max_length=MAX_BOXES)]] = Field(
+        default_factory=list, description="Boxes that they stay out of."
+    )
+    link_radius: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None] = Field(
+        default=None, description="Of the capsules; 4 % of the stretched arm if absent."
+    )
+    facing: Dimensionless[dict[Name, Vector3]] = Field(
+        default_factory=dict, description="Direction in which each reflector looks, flange frame."
+    )
+    acceptance: Radians[_Angle] = Field(
+        default=3.2, description="Greatest angle between that and the line of sight."
+    )
+
+
+PlanCriterion = Literal["relative_a", "work_area", "d", "e", "worst_place"]
+
+
+class PlanOptions(Message):
+    """Options of a plan."""
+
+    readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
+        default=20, description="How many, those for validation included."
+    )
+    criterion: PlanCriterion | None = Field(
+        default=None,
+        description="`work_area`: least mean variance of predicted deflections there, the default where a "
+        "work "
+        "area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, `e`: "
+        "volume and "
+        "longest axis of their uncertainty ellipsoid; `worst_place`: greatest variance in the work area.",
+    )
+    work_area: Metres[Box | None] = Field(
+        default=None, description="Box, in R0, in which predictions matter."
+    )
+    load: PlannedLoad | None = Field(
+        default=None, description="Loads that can be applied; with a campaign, its strongest force if absent."
+    )
+    targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
+        default_factory=dict, description="In the flange frame; those of the campaign if empty."
+    )
+    load_point: Metres[Vector3 | None] = Field(
+        default=None, description="In the flange frame; that of the campaign, or the origin, if absent."
+    )
+    sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
+        default=None,
+        description="Standard uncertainty of one coordinate of one reading; that of the campaign, or 20 "
+        "µm, if "
+        "absent.",
+    )
+    tracker: PlannedTracker | None = Field(default=None, description="In place of `sigma`.")
+    torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
+        default_factory=dict, description="Greatest torque of the load about a joint [N.m]."
+    )
+    stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
+        default_factory=dict,
+        description="Guess of joints' stiffness, to which relative uncertainties refer; those of the "
+        "campaign, or "
+        "such that joints move the targets alike, if absent.",
+    )
+    joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list, description="Joints to be determined; all if empty."
+    )
+    candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
+        default=5_000, description="Postures drawn within the joints' limits, in whole degrees."
+    )
+    postures: Radians[
+        Annotated[
+            list[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]],
+            Field(max_length=10_000),
+        ]
+    ] = Field(default_factory=list, description="Postures to choose from instead, controller's angles.")
+    surroundings: Surroundings = Field(default_factory=Surroundings)
+    distinct_angle: Radians[_Angle] = Field(
+        default=0.17453292519943295,
+        description="Two postures differ by at least this in the angle of a joint; 0 lets them be repeated.",
+    )
+    validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.2, description="Share of the readings that are held out from the fit."
+    )
+    elastic_links: bool | None = Field(
+        default=None,
+        description="Whether elastic links are a nuisance; if absent, where the campaign shows lack of fit.",
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = 0
+
+
+class PlanRequest(PlanOptions):
+    """A plan as it is posted: for a robot, or for a campaign to go on with."""
+
+    robot_id: Identifier | None = Field(default=None, description="To begin a campaign.")
+    measurement_set_id: Identifier | None = Field(default=None, description="To go on with a campaign.")
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> PlanRequest:
+        if (self.measurement_set_id is None) == (self.robot_id is None):
+            raise ValueError("give either `robot_id` or `measurement_set_id`")
+        return self
+
+
+class PlannedReading(Message):
+    """One posture with its load."""
+
+    label: Name = Field(description="v… of those held out.")
+    joints: Radians[list[float]] = Field(description="Angles as the controller shows them.")
+    force: Newtons[Point] = Field(description="On the robot, axes of R0.")
+    anchor: int | None = Field(description="Of the cable, counted from 0.")
+    validation: bool = Field(description="Whether it is held out from the fit, to judge the model.")
+
+
+class PlannedJoint(Message):
+    """Standard uncertainty of one joint's compliance."""
+
+    name: Name
+    standard_uncertainty: Compliance[float] = Field(description="After the plan.")
+    relative: Dimensionless[float | None] = Field(
+        description="Relative to the compliance; null where nobody knows that."
+    )
+    before: Compliance[float | None] = Field(description="Now; null where it is not determined.")
+    random: Compliance[float | None] = Field(description="By random plans of as many readings.")
+    one_at_a_time: Compliance[float | None] = Field(description="By taking the best next reading each time.")
+
+
+class PlanResult(Message):
+    """The list, and what it promises."""
+
+    readings: list[PlannedReading] = Field(description="In the order of little travel and few load changes.")
+    joints: list[PlannedJoint]
+    criterion: PlanCriterion
+    elastic_links: bool = Field(description="Whether elastic links were a nuisance.")
+    efficiency: Dimensionless[float] = Field(
+        description="Certified: the list has at least this share of the information of the best list of "
+        "as many "
+        "readings from these candidates, in all directions of force where they are free."
+    )
+    efficiencies: Dimensionless[dict[str, float]] = Field(description="The same by other criteria.")
+    weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
+    random_efficiency: Dimensionless[float] = Field(description="Of random plans, relative to this one.")
+    one_at_a_time_efficiency: Dimensionless[float] = Field(
+        description="The same of the best next reading each time."
+    )
+    deflection_uncertainty: Metres[float | None] = Field(
+        description="Standard uncertainty of a predicted deflection in the work area under this load, "
+        "over all "
+        "directions: root mean square."
+    )
+    worst_deflection_uncertainty: Metres[float | None] = Field(description="The same at the worst place.")
+    considered: int = Field(description="Readings that were considered.")
+    feasible: int = Field(description="Those that were left to choose from.")
+    struck_out: dict[str, int] = Field(description="Readings that cannot be taken, by the reason.")
+
+
+class PlanSummary(Message):
+    """A plan in a listing."""
+
+    id: Identifier
+    robot_id: Identifier
+    measurement_set_id: Identifier | None
+    state: JobState
+    created_at: Timestamp
+
+
+class Plan(Job):
+    """A stored plan. It never changes."""
+
+    kind: ClassVar[str] = "plan"
+    collection: ClassVar[str] = "plans"
+
+    request: PlanRequest
+    result: PlanResult | None = Field(description="Present if the planning succeeded.")

@@ -1,0 +1,61 @@
+"""The model that a run identified, complete enough to predict with."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Compliance, Message, Metres, Name, Newtons, SquareCompliance, Torque
+
+
+class ScoreStep(Message):
+    """A step of the distribution of residuals in postures that were left out of the fit."""
+
+    score: Metres[float | None] = Field(
+        description="Length of a residual over the root of its load's size; null where the other postures "
+        "do not determine it."
+    )
+    share: float = Field(
+        description="Share of the readings with that score at most, each posture counting the same, times "
+        "P/(P + 1) for P postures. Dimensionless."
+    )
+
+
+class ModelError(Message):
+    """Residuals in postures left out in turn, which calibrate the bound of the model error."""
+
+    postures: int = Field(description="Number of postures that were left out in turn.")
+    steps: list[ScoreStep] = Field(description="By ascending score, neighbours merged beyond about 500.")
+    force: Newtons[float] = Field(
+        description="Unit of a load's size, the greatest load's being 1; zero if none."
+    )
+    moment: Torque[float] = Field(description="Likewise; zero where no moment was measured.")
+    least_load: float = Field(description="Least size of a load. Dimensionless.")
+    leverage: Metres[float] = Field(
+        description="Greatest standard uncertainty of a target's prediction over the size of its load."
+    )
+
+
+class IdentifiedModel(Message):
+    """Compliances with what is known of their errors, before any constraint, and the constraints."""
+
+    joints: list[Name] = Field(description="All joints, in the order of the robot.")
+    compliance: Compliance[list[float]] = Field(
+        description="Of each joint, as predictions use it; zero where nothing is known."
+    )
+    seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
+    estimate: Compliance[list[float]] = Field(description="Without constraints.")
+    covariance: SquareCompliance[list[list[float]]] = Field(
+        description="Of that estimate, the uncertainty of the force included; empty where sigma is unknown."
+    )
+    information_root: list[list[float]] | None = Field(
+        description="R with R'R the inverse of the covariance on what is determined, in N.m/rad; null where "
+        "the covariance says it all."
+    )
+    lower: Compliance[list[float | None]] = Field(description="Lower bound of each joint; null for none.")
+    upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
+    order: list[tuple[int, int]] = Field(
+        description="Pairs of joints: the first is no softer than the second."
+    )
+    degrees_of_freedom: float | None = Field(description="Of sigma; null where it was given.")
+    error: ModelError | None = Field(description="Null where no posture could be left out: see `no_error`.")
+    no_error: str | None = Field(default=None, description="Reason why no posture could be left out.")

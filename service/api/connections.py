@@ -1,0 +1,174 @@
+"""Bounds on connections: none stays open by saying nothing, and bodies do not fill the memory.
+
+Without them a client that sends half a request, or does not read its answer, is kept for ever: uvicorn only
+ends those that are silent between two requests.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import resource
+from typing import Any, ClassVar, Final, cast
+
+import h11
+from starlette.types import Receive, Scope, Send
+from uvicorn import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+from uvicorn.server import ServerState
+
+from jointstiff.service.api.errors import RETRY_SECONDS
+from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.problems import http_problem
+
+SPARE_DESCRIPTORS: Final = 256
+"""Left to databases, files, and what is accepted before room is made."""
+MOST_CONNECTIONS: Final = 8_192
+ACCEPTED_AT_ONCE: Final = 32
+"""Connections that the event loop accepts in one turn. It takes four turns until room is made for them, in
+which they need spare descriptors."""
+QUEUED_CONNECTIONS: Final = 1_024
+"""Connections that the kernel keeps until they are accepted."""
+
+
+def connection_limit() -> int:
+    """Return the number of connections that the descriptors of this process allow."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return MOST_CONNECTIONS
+    return min(max(soft - SPARE_DESCRIPTORS, soft // 2), MOST_CONNECTIONS)
+
+
+class BoundedProtocol(H11Protocol):
+    """A connection that has to go on: header, body and answer each have their time.
+
+    Attributes:
+        HEADER_SECONDS: for a whole header, from the connection or the end of the answer before.
+        BODY_SECONDS: for a body, and `BODY_RATE` bytes a second beyond it.
+        WRITE_SECONDS: without a byte of the answer taken.
+        LOOK_SECONDS: between two looks at the clock.
+        BODY_BYTES: of all bodies that are received or worked on.
+        CONNECTIONS: open at once; the oldest that waits for a header makes room for a new one.
+    """
+
+    HEADER_SECONDS: ClassVar[float] = 10.0
+    BODY_SECONDS: ClassVar[float] = 30.0
+    BODY_RATE: ClassVar[float] = 64 * 1024
+    WRITE_SECONDS: ClassVar[float] = 30.0
+    LOOK_SECONDS: ClassVar[float] = 2.0
+    BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024
+    CONNECTIONS: ClassVar[int] = connection_limit()
+
+    _held: ClassVar[int] = 0
+    """Bytes of all bodies: the application keeps each until it ends, even if the client has left."""
+
+    _phase: tuple[Any, Any] = (None, None)
+    _since: float = 0.0
+    _received: int = 0
+    _latest: int = 0
+    _unwritten: int = 0
+    _written_at: float = 0.0
+
+    def __init__(
+        self,
+        config: Config,
+        server_state: ServerState,
+        app_state: dict[str, Any],
+        _loop: asyncio.AbstractEventLoop | None = None,
+    ) -> None:
+        super().__init__(config, server_state, app_state, _loop)
+        self._application: Any = self.app
+        self.app = self._answer
+        self._bodies: dict[RequestResponseCycle, int] = {}
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to wait for a header; make room first if there are too many."""
+        super().connection_made(transport)
+        self._since = self._written_at = self.loop.time()
+        self._phase = (self.conn.their_state, None)
+        if len(self.connections) > self.CONNECTIONS:
+            others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
+            silent = (one for one in others if one.awaits_header and not one.transport.is_closing())
+            min(silent, key=lambda one: one._since, default=self).transport.abort()
+        self.loop.call_later(self.LOOK_SECONDS, self._look)
+
+    @property
+    def awaits_header(self) -> bool:
+        """Return whether no request is under way."""
+        return self.conn.their_state is h11.IDLE and self.conn.our_state is h11.IDLE
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came, unless all bodies together are too large."""
+        self._latest = len(data)
+        self._received += self._latest
+        super().data_received(data)
+        if (
+            self.cycle
+            and self.cycle.body
+            and self._held > self.BODY_BYTES
+            and not self.transport.is_closing()
+        ):
+            self._refuse()
+
+    def handle_events(self) -> None:
+        """Follow the request; count its body. A new phase has its own time."""
+        before, taken = self.cycle, len(self.cycle.body) if self.cycle else 0
+        super().handle_events()
+        if self.cycle is not before:
+            self._received, taken = self._latest, 0  # the header may have brought some of it
+        if self.cycle and (arrived := len(self.cycle.body) - taken):
+            self._bodies[self.cycle] = self._bodies.get(self.cycle, 0) + arrived
+            type(self)._held += arrived
+        phase = (self.conn.their_state, self.cycle)
+        if phase != self._phase:
+            self._phase, self._since = phase, self.loop.time()
+
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request to the application, which holds its body until it ends."""
+        cycle = self.cycle
+        try:
+            await self._application(scope, receive, send)
+        finally:
+            type(self)._held -= self._bodies.pop(cycle, 0)
+            cycle.body.clear()
+
+    def _look(self) -> None:
+        """Close the connection if its time is over, else look again later."""
+        if self.transport.is_closing() and not self.transport.get_write_buffer_size():
+            return
+        now = self.loop.time()
+        left = self.transport.get_write_buffer_size()
+        if not left or left < self._unwritten:
+            self._written_at = now
+        self._unwritten = left
+        if self.flow.read_paused:  # it is our turn
+            self._since += self.LOOK_SECONDS
+        if now - self._since > self._allowed() or now - self._written_at > self.WRITE_SECONDS:
+            self.transport.abort()
+        else:
+            self.loop.call_later(self.LOOK_SECONDS, self._look)
+
+    def _allowed(self) -> float:
+        """Return how long the present phase may take [s]."""
+        if self.awaits_header:
+            return self.HEADER_SECONDS
+        if self.conn.their_state is h11.SEND_BODY:
+            return self.BODY_SECONDS + self._received / self.BODY_RATE
+        return float("inf")
+
+    def _refuse(self) -> None:
+        """Answer 503 in place of the application, which sees a client that left."""
+        if not self.cycle.response_started:
+            body = http_problem(
+                503, "too many bodies are being sent or worked on at once", "send it again later"
+            ).model_dump_json()
+            headers = ANSWER_HEADERS | {
+                "Content-Type": "application/problem+json",
+                "Retry-After": str(RETRY_SECONDS[503]),
+                "Content-Length": str(len(body.encode())),
+                "Connection": "close",
+            }
+            lines = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
+            self.transport.write(f"HTTP/1.1 503 Service Unavailable\r\n{lines}\r\n{body}".encode())
+        self.cycle.disconnected = True
+        self.cycle.message_event.set()
+        self.transport.close()

@@ -1,0 +1,120 @@
+"""Who is answered: requests for this service's own names, and changes that no other site's page asks for."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from dataclasses import dataclass
+from typing import Final, Literal
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from jointstiff.service.api.errors import answer_problem
+from jointstiff.service.problems import http_problem
+
+Access = Literal["loopback", "none"]
+
+LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
+_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+_OWN_PAGES: Final = frozenset({"same-origin", "none"})
+"""Values of Sec-Fetch-Site (W3C Fetch Metadata) of our own page, and of what a person entered."""
+_HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Whom the service trusts.
+
+    Attributes:
+        access: `loopback`: programs of this machine; `none`: whoever reaches the address.
+        hosts: names in the Host header that are answered, without port; None answers all.
+    """
+
+    access: Access = "loopback"
+    hosts: frozenset[str] | None = LOOPBACK_NAMES
+
+    @classmethod
+    def of(cls, address: str, allowed: tuple[str, ...], *, access_control: bool) -> Posture:
+        """Return the posture of a service that listens on an address.
+
+        Args:
+            address: that it listens on.
+            allowed: further names that it has; `*` stands for any, where others reach it.
+            access_control: whether the service itself controls who is answered.
+
+        Raises:
+            ValueError: others reach the address, and nothing controls who is answered, or under which name.
+        """
+        named = frozenset(name.strip().rstrip(".").lower() for name in allowed)
+        if is_loopback(address):
+            return cls("loopback", LOOPBACK_NAMES | named | {_bracketed(address)})
+        if access_control:
+            raise ValueError("others reach this address, and the service would answer all of them")
+        if not named:
+            raise ValueError("others reach this address, and no name of the service is given")
+        return cls("none", None if "*" in named else LOOPBACK_NAMES | named)
+
+
+def is_loopback(address: str) -> bool:
+    """Return whether only programs of this machine reach an address."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address.rstrip(".").lower() == "localhost"
+
+
+class PostureGuard:
+    """Middleware that answers 421 to foreign names and 403 to changes that another site's page asks for.
+
+    A name that an attacker lets point to this machine (DNS rebinding) is not one of the service's; a page of
+    another site sends its `Origin`, or says in `Sec-Fetch-Site` that it is another. Programs send neither.
+    """
+
+    def __init__(self, app: ASGIApp, posture: Posture) -> None:
+        """Wrap an application.
+
+        Args:
+            app: the application.
+            posture: whom it trusts.
+        """
+        self._app = app
+        self._posture = posture
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        fault = self._fault(scope) if scope["type"] == "http" else None
+        if fault is None:
+            await self._app(scope, receive, send)
+        else:
+            await answer_problem(http_problem(*fault))(scope, receive, send)
+
+    def _fault(self, scope: Scope) -> tuple[int, str, str] | None:
+        """Return status, reason and remedy of a refusal."""
+        headers = Headers(scope=scope)
+        hosts = headers.getlist("host")
+        parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+        if parsed is None or not self._is_ours(parsed[1]):
+            return 421, "the service has no such name", "name it with --allowed-host where it is started"
+        if scope["method"] not in _SAFE and not _is_own_page(headers, hosts[0]):
+            return 403, "a page of another site asks for a change", "use the service's own page, or a program"
+        return None
+
+    def _is_ours(self, name: str) -> bool:
+        known = self._posture.hosts
+        return known is None or name.rstrip(".").lower() in known
+
+
+def _is_own_page(headers: Headers, host: str) -> bool:
+    if headers.get("sec-fetch-site", "none") not in _OWN_PAGES:
+        return False
+    origins = headers.getlist("origin")
+    try:
+        return all(urlsplit(origin).netloc.lower() == host.lower() for origin in origins)
+    except ValueError:
+        return False
+
+
+def _bracketed(address: str) -> str:
+    return f"[{address.lower()}]" if ":" in address else address.lower()

@@ -1,0 +1,98 @@
+"""The state that /health and /ready answer from, which a thread of its own renews."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from datetime import timedelta
+from typing import Final, Literal, NamedTuple
+
+from anyio.to_thread import run_sync
+
+from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.store import SILENT_SECONDS, Store
+
+LOOK_SECONDS: Final = 0.5
+"""Pause between two looks at the database."""
+STALE_SECONDS: Final = 10.0
+"""A look that takes longer counts as a database that does not answer."""
+
+_logger = logging.getLogger(__name__)
+
+
+class Seen(NamedTuple):
+    """Outcome of a look.
+
+    Attributes:
+        at: monotonic time of its end [s].
+        workers: number of living workers.
+        database: which one it is.
+        error: why there is no answer.
+    """
+
+    at: float
+    workers: int = 0
+    database: Literal["sqlite", "postgresql"] = "sqlite"
+    error: StoreError | None = None
+
+
+class Watch:
+    """Look at the database in a thread of its own, so that who asks for the health never waits for work.
+
+    Used as a context manager, it looks until the block ends; before and after that each question is a look.
+    """
+
+    def __init__(self, store: Store) -> None:
+        """Watch the database of a store.
+
+        Args:
+            store: which stays the caller's to close.
+        """
+        self._store = store
+        self._seen: Seen | None = None
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Watch:
+        self._ended.clear()
+        self._seen = self._look()
+        threading.Thread(target=self._renew, name="health", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._seen = None
+
+    async def latest(self) -> Seen:
+        """Return the outcome of the last look.
+
+        Raises:
+            StoreError: the database did not answer the last look, or has not for `STALE_SECONDS`.
+        """
+        seen = self._seen
+        if seen is None:
+            seen = await run_sync(self._look)
+        if seen.error is not None:
+            raise seen.error.with_traceback(None)
+        if time.monotonic() - seen.at > STALE_SECONDS:
+            raise StoreUnavailableError("the database is slow to answer", "try again; look at its server")
+        return seen
+
+    def _renew(self) -> None:
+        while not self._ended.wait(LOOK_SECONDS):
+            seen = self._look()
+            if not self._ended.is_set():
+                self._seen = seen
+
+    def _look(self) -> Seen:
+        try:
+            database = self._store.ping()
+            workers = len(self._store.heartbeats.living(timedelta(seconds=SILENT_SECONDS)))
+        except StoreError as error:
+            return Seen(time.monotonic(), error=error)
+        except Exception:  # the thread has to go on; it may work again at the next look
+            if self._seen is None or self._seen.error is None:  # not at each look again
+                _logger.exception("unexpected failure of a look at the database")
+            failed = StoreUnavailableError("the look at the database failed", "try again; see the log")
+            return Seen(time.monotonic(), error=failed)
+        return Seen(time.monotonic(), workers, database)

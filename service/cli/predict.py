@@ -1,0 +1,87 @@
+"""The command `predict`: deflections by an identified model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jointstiff.service.cli.answers import refuse_existing, refused, write_text
+from jointstiff.service.cli.options import AsJson, CampaignFile
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.run import Run
+
+_Table = Annotated[
+    Path,
+    typer.Argument(
+        exists=True,
+        dir_okay=False,
+        metavar="POSTURES",
+        help="CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …",
+    ),
+]
+_Point = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Where the forces act, flange frame [m], if the table does not say."),
+]
+
+
+def predict(
+    file: CampaignFile,
+    postures: _Table,
+    *,
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
+        ),
+    ] = None,
+    load_point: _Point = None,
+    place: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Whose deflection is asked for [m]; the load point if absent."),
+    ] = None,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the table there.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace that file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
+    from jointstiff.service.conversion import prediction_csv
+    from jointstiff.service.library import CampaignError, campaigns, read_campaign
+
+    if output is not None:
+        refuse_existing(output, overwrite=overwrite)
+    try:
+        campaign = read_campaign(file)
+        result = campaigns.predict(
+            campaign,
+            postures.read_text(encoding="utf-8-sig", errors="replace"),
+            _run(run),
+            load_point=load_point,
+            place=place,
+            confidence=confidence,
+        )
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    text = result.model_dump_json(indent=2) if as_json else prediction_csv(result).rstrip()
+    for remark in result.remarks:
+        typer.echo(remark, err=True)
+    if output is None:
+        typer.echo(text)
+    else:
+        write_text(output, text)
+
+
+def _run(path: Path | None) -> Run | None:
+    from jointstiff.schemas.run import Run
+    from jointstiff.service.library import campaigns
+
+    return None if path is None else campaigns.read_document(path, Run)

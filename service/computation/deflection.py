@@ -1,0 +1,88 @@
+"""Deflections by the model of a run: quick, and nothing to store."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
+from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.service.conversion import (
+    to_case_results,
+    to_directions,
+    to_joint_model,
+    to_load_cases,
+    to_own_weight,
+)
+from jointstiff.solver.deflection import ModelError, predict_deflections
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import Robot
+
+
+def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
+    """Predict deflections.
+
+    Args:
+        robot: that was measured.
+        run: that succeeded.
+        request: postures, loads and places.
+
+    Raises:
+        RequestError: the run has no model of joints, or the request does not fit the robot.
+    """
+    stored = _model_of(run)
+    model, error = to_joint_model(robot, stored)
+    cases = to_load_cases(request, robot)
+    weight = to_own_weight(request, robot)
+    found = predict_deflections(model, cases, confidence=request.confidence, weight=weight)
+    bound = None if error is None else error.bound(model, found, request.confidence)
+    labels = [case.label or str(i + 1) for i, case in enumerate(request.cases)]
+    return DeflectionResult(
+        confidence=request.confidence,
+        model_error_postures=0 if error is None else error.postures,
+        postures_needed=ModelError.needed(request.confidence),
+        remarks=[
+            *_remarks(run, weight is not None),
+            *_no_bound(error, stored.no_error, request.confidence),
+        ],
+        cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
+    )
+
+
+def _model_of(run: Run) -> IdentifiedModel:
+    if run.result is None:
+        raise RequestError(
+            f"run '{run.id}' has {run.state} and has no model",
+            where="run_id",
+            remedy="name one that succeeded",
+        )
+    if run.result.model is None:
+        elastic = run.request.elasticity != "joints"
+        reason = "lets links bend, and predictions are by joints" if elastic else "holds no model"
+        raise RequestError(
+            f"run '{run.id}' {reason}", where="run_id", remedy="identify the set again with elasticity joints"
+        )
+    return run.result.model
+
+
+def _remarks(run: Run, weighed: bool) -> list[str]:
+    remarks = [] if weighed else ["own weight is left out, as no masses are given"]
+    if run.request.complementary_stiffness == "neglected":
+        remarks.append(
+            "the run neglects the complementary stiffness K_c, which the prediction includes: identify with "
+            "complementary_stiffness included"
+        )
+    return remarks
+
+
+def _no_bound(error: ModelError | None, reason: str | None, confidence: float) -> list[str]:
+    """Return why there is no bound of the model error in any case, if there is none."""
+    level = f"no bound of the model error at {100 * confidence:g} %"
+    if error is None:
+        return [f"no bound of the model error: {reason or 'no posture could be left out'}"]
+    needed = error.needed(confidence)
+    if error.postures < needed:
+        return [f"{level}: it takes {needed} postures, and there are {error.postures}"]
+    if np.isinf(error.quantile(confidence)):
+        return [f"{level}: too many postures twist a joint that the others do not determine"]
+    return []

@@ -1,0 +1,83 @@
+"""Assessments: from the numerical core's reasons to messages, with labels and names of targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jointstiff.schemas import assessment as messages
+from jointstiff.schemas.run import JointResult
+from jointstiff.service.conversion.message import message
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.solver.geometry import GeometryFinding
+from jointstiff.solver.inference import Action, Assessment, JointCompliance, Place, Usability
+
+
+def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.Assessment:
+    """Return verdict and reasons of an identification."""
+    return messages.Assessment(
+        verdict=assessment.verdict,
+        reasons=[
+            message(
+                messages.Reason,
+                reason,
+                where=_where(reason.where, readings),
+                action=None if reason.action is None else _action(reason.action, readings),
+            )
+            for reason in assessment.reasons
+        ],
+    )
+
+
+def to_joints(joints: Sequence[JointCompliance], verdicts: Sequence[Usability]) -> list[JointResult]:
+    """Return the joints, each with its verdict."""
+    return [
+        message(JointResult, joint, verdict=verdict) for joint, verdict in zip(joints, verdicts, strict=True)
+    ]
+
+
+def to_geometry_assessment(findings: Sequence[GeometryFinding]) -> messages.Assessment:
+    """Return verdict and reasons of a geometry, by its findings that are no notes."""
+    reasons = [
+        messages.Reason(
+            code="gross_error" if finding.severity == "error" else "suspicious_readings",
+            weight="do_not_use" if finding.severity == "error" else "use_with_care",
+            where=finding.where,
+            message=finding.message,
+            remedy=finding.remedy,
+            action=None,
+        )
+        for finding in findings
+        if finding.severity != "note"
+    ]
+    return combined([messages.Assessment(verdict=each.weight, reasons=[each]) for each in reasons])
+
+
+def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
+    """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first."""
+    reasons: dict[tuple[str, str | None], messages.Reason] = {}
+    for reason in (reason for assessment in assessments for reason in assessment.reasons):
+        reasons.setdefault((reason.code, reason.where), reason)
+    return messages.Assessment(
+        verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
+        reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
+    )
+
+
+_ORDER: tuple[messages.Verdict, ...] = ("use", "use_with_care", "do_not_use")
+
+
+def _where(place: Place | None, readings: ReadingArrays) -> str | None:
+    if place is None:
+        return None
+    if place.observation is None:
+        return place.joint
+    return readings.place(place.observation)
+
+
+def _action(action: Action, readings: ReadingArrays) -> messages.Action:
+    return message(
+        messages.Action,
+        action,
+        observations=[str(readings.labels[i]) for i in action.observations],
+        target=None if action.target is None else str(readings.targets[action.target]),
+    )

@@ -1,0 +1,195 @@
+"""Deflections: identified models and load cases to the numerical core, and predictions to messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas import deflection as messages
+from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.run.model import IdentifiedModel, ScoreStep
+from jointstiff.schemas.run.model import ModelError as StoredModelError
+from jointstiff.service.conversion.requests import joint_index
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds, Constraints
+from jointstiff.solver.deflection import JointModel, LoadCases, ModelError, OwnWeight
+from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.fitting import Likelihood
+from jointstiff.solver.robot import Robot
+
+MAX_CASE_WORK: Final = 150_000
+"""Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""
+_LIMITS: Final = {"lower": -np.inf, "upper": np.inf}
+
+
+def to_identified_model(model: JointModel, error: ModelError | JointstiffError) -> IdentifiedModel:
+    """Return a model as it is stored with its run, with its model error or the reason why it has none."""
+    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    rows = None if likelihood is None or likelihood.given_rows is None else likelihood.given_rows.tolist()
+    return IdentifiedModel(
+        joints=list(names),
+        compliance=model.compliance.tolist(),
+        seen=[] if likelihood is None else [names[j] for j in likelihood.joints],
+        estimate=[] if likelihood is None else likelihood.centre.tolist(),
+        covariance=[] if likelihood is None else likelihood.covariance.tolist(),
+        information_root=rows,
+        lower=[_finite(value) for value in bounds.lower],
+        upper=[_finite(value) for value in bounds.upper],
+        order=list(model.constraints.order),
+        degrees_of_freedom=model.degrees_of_freedom,
+        error=_stored_error(error) if isinstance(error, ModelError) else None,
+        no_error=error.reason if isinstance(error, JointstiffError) else None,
+    )
+
+
+def _stored_error(error: ModelError) -> StoredModelError:
+    return StoredModelError(
+        postures=error.postures,
+        steps=[
+            ScoreStep(score=_finite(score), share=float(share))
+            for score, share in zip(error.score, error.share, strict=True)
+        ],
+        force=error.force,
+        moment=error.moment,
+        least_load=error.least_load,
+        leverage=error.leverage,
+    )
+
+
+def to_joint_model(robot: Robot, stored: IdentifiedModel) -> tuple[JointModel, ModelError | None]:
+    """Return the model of a run, ready to predict.
+
+    Raises:
+        RequestError: it is of another robot.
+    """
+    if list(robot.joint_names) != stored.joints:
+        raise RequestError(
+            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            where="run_id",
+            remedy="give the robot that was measured",
+        )
+    likelihood = None
+    if stored.covariance:
+        joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+        root = None if stored.information_root is None else np.array(stored.information_root)
+        likelihood = Likelihood(joints, np.array(stored.estimate), np.array(stored.covariance), root)
+    lower, upper = (_bound(getattr(stored, name), limit) for name, limit in _LIMITS.items())
+    model = JointModel(
+        robot,
+        np.array(stored.compliance),
+        likelihood,
+        Constraints(Bounds(lower, upper), tuple(stored.order)),
+        stored.degrees_of_freedom,
+    )
+    return model, None if stored.error is None else _model_error(stored.error)
+
+
+def _model_error(stored: StoredModelError) -> ModelError:
+    return ModelError(
+        postures=stored.postures,
+        score=_bound([step.score for step in stored.steps], np.inf),
+        share=np.array([step.share for step in stored.steps], dtype=np.float64),
+        force=stored.force,
+        moment=stored.moment,
+        least_load=stored.least_load,
+        leverage=stored.leverage,
+    )
+
+
+def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCases:
+    """Return load cases in SI units.
+
+    Raises:
+        RequestError: too many cases for the joints, angles for another number of joints, no load point, or a
+            moment without a unit.
+    """
+    most = MAX_CASE_WORK // robot.n**2
+    if len(request.cases) > most:
+        raise RequestError(
+            f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
+            f"{MAX_CASE_WORK:,}",
+            where="cases",
+            remedy=f"ask for at most {most} at a time",
+        )
+    units, length = request.units, LENGTH[request.units.length]
+    for i, case in enumerate(request.cases):
+        if len(case.joints) != robot.n:
+            raise RequestError(
+                f"{len(case.joints)} joint angles for a robot with {robot.n} joints",
+                where=f"cases[{i}].joints",
+                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            )
+    points = [case.load_point or request.load_point for case in request.cases]
+    if None in points:
+        raise RequestError(
+            "it is not said where the force acts",
+            where=f"cases[{points.index(None)}].load_point",
+            remedy="give load_point, in the flange frame, for all cases or for each",
+        )
+    places = [case.place or request.place or point for case, point in zip(request.cases, points, strict=True)]
+    moments = _vectors([case.moment or (0.0, 0.0, 0.0) for case in request.cases])
+    return LoadCases(
+        joints=ANGLE[units.angle] * np.array([case.joints for case in request.cases], dtype=np.float64),
+        force=FORCE[units.force] * _vectors([case.force for case in request.cases]),
+        moment=_moment_factor(request, moments) * moments,
+        load_point=length * _vectors(points),
+        place=length * _vectors(places),
+    )
+
+
+def to_directions(request: messages.DeflectionOptions, cases: LoadCases) -> FloatArray:
+    """Return unit vectors (B, 3) along which stiffness is asked for; NaN where there are none."""
+    asked = np.array(
+        [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
+    )
+    size = np.linalg.norm(asked, axis=1, keepdims=True)
+    return np.where(size > 0.0, asked / np.where(size > 0.0, size, 1.0), np.nan)
+
+
+def to_own_weight(request: messages.DeflectionOptions, robot: Robot) -> OwnWeight | None:
+    """Return the own weight of the links; None where no masses are given.
+
+    Raises:
+        RequestError: the robot has no such joint, or one has two masses.
+    """
+    if not request.masses:
+        return None
+    mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
+    for i, link in enumerate(request.masses):
+        j = joint_index(robot, link.joint, f"masses[{i}].joint")
+        if link.joint in (other.joint for other in request.masses[:i]):
+            raise RequestError(
+                f"'{link.joint}' has a mass already",
+                where=f"masses[{i}].joint",
+                remedy="give each joint one mass, at the common centre of what it carries",
+            )
+        mass[j], centre[j] = link.mass, LENGTH[request.units.length] * np.array(link.centre)
+    return OwnWeight(mass, centre)
+
+
+def _vectors(rows: Sequence[Vector3 | None]) -> FloatArray:
+    return np.array(rows, dtype=np.float64)
+
+
+def _moment_factor(request: messages.DeflectionOptions, moments: FloatArray) -> float:
+    """Return N·m in the unit of moments, to be stated where the others do not imply it."""
+    if request.units.moment is not None:
+        return MOMENT[request.units.moment]
+    if request.units.length == "m" or not moments.any():
+        return FORCE[request.units.force]
+    raise RequestError(
+        "a case has a moment, whose unit is not clear when lengths are in mm",
+        where="units.moment",
+        remedy=f"state units.moment, one of {', '.join(MOMENT)}",
+    )
+
+
+def _bound(values: list[float | None], limit: float) -> FloatArray:
+    return np.array([limit if value is None else value for value in values], dtype=np.float64)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

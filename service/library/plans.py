@@ -1,0 +1,110 @@
+"""Plans from files: of a robot, or of a campaign to go on with, and the campaign file to fill in."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from pydantic import ValidationError
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.computation import Planned, plan_work, prepare_robot
+from jointstiff.service.library.campaigns import (
+    as_campaign_error,
+    carried_out,
+    prepared_campaign,
+    read_document,
+)
+from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.problems import invalid_request
+
+
+def read_planned(path: Path) -> RobotDocument | Campaign:
+    """Read a robot, or a campaign.
+
+    Raises:
+        CampaignError: the file is too large, or neither.
+    """
+    try:
+        is_campaign = "measurement_set" in json.loads(path.read_bytes())
+    except (ValueError, TypeError):
+        is_campaign = True  # whose reader says what is wrong
+    return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)
+
+
+def plan(source: RobotDocument | Campaign, options: PlanOptions) -> Plan:
+    """Carry out one plan.
+
+    Args:
+        source: the robot, or the campaign so far.
+        options: how to plan.
+
+    Raises:
+        CampaignError: the robot, the readings or the request cannot be used.
+    """
+    name = uuid4().hex
+    if isinstance(source, Campaign):
+        prepared = prepared_campaign(source)
+        planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
+        request = PlanRequest(measurement_set_id=name, **options.model_dump())
+    else:
+        with as_campaign_error("robot"):
+            robot = prepare_robot(source)
+        planned = Planned(robot.robot, name, robot.content_hash)
+        request = PlanRequest(robot_id=name, **options.model_dump())
+    return carried_out(Plan, request, lambda: plan_work(planned, request))
+
+
+def changed(options: PlanOptions, changes: dict[str, Any]) -> PlanOptions:
+    """Return options with some of them changed.
+
+    Raises:
+        CampaignError: they do not go together.
+    """
+    try:
+        return PlanOptions.model_validate({**options.model_dump(exclude_unset=True), **changes})
+    except ValidationError as error:
+        raise CampaignError(invalid_request(error.errors())) from None
+
+
+def campaign_to_fill_in(source: RobotDocument | Campaign, found: Plan) -> dict[str, Any]:
+    """Return a campaign file with the planned readings, whose positions are still null.
+
+    Args:
+        source: the robot, or the campaign so far.
+        found: a plan that succeeded.
+    """
+    options, robot = found.request, source.robot if isinstance(source, Campaign) else source
+    targets = list(options.targets)
+    measured: dict[str, Any] = {"encoders": "motor"}
+    if isinstance(source, Campaign):
+        header = source.measurement_set
+        measured = {"encoders": header.encoders}
+        targets = targets or list(dict.fromkeys(r.target for o in header.observations for r in o.readings))
+    sigma = {} if options.sigma is None else {"noise": {"sigma": options.sigma}}
+    reading = {"unloaded": None, "loaded": None}
+    observations = [
+        {
+            "label": each.label,
+            "joints": each.joints,
+            "force": each.force,
+            "readings": [{"target": target, **reading} for target in targets],
+        }
+        for each in (found.result.readings if found.result else [])
+    ]
+    return {
+        "robot": robot.model_dump(mode="json", exclude_none=True),
+        "measurement_set": {
+            "name": f"planned for {robot.name}"[:200],
+            "units": {"length": "m", "angle": "rad", "force": "N"},
+            **measured,
+            **sigma,
+            "load_point": options.load_point or (0.0, 0.0, 0.0),
+            "observations": observations,
+        },
+        "run": {"method": "partial_pose"},
+    }

@@ -1,0 +1,111 @@
+"""Cutter locations (APT-CLS): GOTO/ x, y, z, i, j, k of CAM systems, linear moves only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from typing import Final
+
+from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.notation import MM, Notation, Orientation
+from jointstiff.service.programs.program import FrameName, Motion, Program, Source
+from jointstiff.service.programs.reader import NUMBER, NUMBER_PATTERN, Reader, words
+
+AXIS: Final = Notation(Orientation.TOOL_AXIS, angle=1, length_decimals=6, angle_decimals=9)
+POSITION: Final = Notation(Orientation.NONE, angle=1, length_decimals=6, angle_decimals=9)
+_INCH: Final = 0.0254
+_GOTO: Final = re.compile(rf"(GOTO|FROM)\s*/\s*({NUMBER}(?:\s*,\s*{NUMBER})*)\s*,?\s*$", re.IGNORECASE)
+_WORD: Final = re.compile(r"([A-Z][\w-]*(?: PATH)?)\s*(?:/\s*(.*))?$", re.IGNORECASE)
+_STILL: Final = words(
+    """
+    PARTNO PPRINT MACHIN UNITS MULTAX LOADTL LOAD SELCTL TOOLNO SPINDL FEDRAT RAPID COOLNT CUTTER
+    END FINI STOP OPSTOP DELAY INTOL OUTTOL TOLER TLAXIS AUXFUN PREFUN INSERT SEQNO OPNAME CUTCOM
+    CYCLE TOOL MSYS ORIGIN MODE PAINT CLDATA REWIND DISPLY TPRINT HEAD SET CLEARP LEADER END-OF-PATH
+    TLDATA PLABEL GOHOME SAFETY CLRSRF SAFPOS PIVOTZ SPINDLE ARCSLP LINTOL
+    """
+) | {"TOOL PATH"}
+_OFF: Final = {"CUTCOM", "CYCLE", "ARCSLP"}
+
+
+def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
+    """Read a file of cutter locations.
+
+    Raises:
+        ProgramError: part of it is not understood.
+    """
+    reader = Reader("apt", sources, allowed)
+    frames = (FrameName("part"), FrameName("cutter"))
+    unit = MM
+    for line, start, text in _statements(sources[0]):
+        body = text.strip()
+        if goto := _GOTO.match(body):
+            offset = start + len(text) - len(text.lstrip())
+            numbers = [
+                (offset + m.start(), offset + m.end())
+                for m in NUMBER_PATTERN.finditer(body, goto.start(2), goto.end(2))
+            ]
+            _goto(reader, line, numbers, unit, frames)
+            continue
+        word = _WORD.match(body)
+        name = word[1].upper() if word else ""
+        rest = ((word[2] if word else "") or "").strip().upper()
+        if name == "UNITS":
+            unit = _unit(reader, line, rest)
+        elif name in _OFF and rest.partition(",")[0].strip() not in {"OFF", ""}:
+            reader.refuse(
+                line,
+                f"{name}/{shown(rest)}: the controller would move the targets",
+                "let the CAM system compute it",
+            )
+        elif name not in _STILL and name not in reader.allowed:
+            reader.refuse(
+                line,
+                f"the word {shown(body)} is not known",
+                f"let the CAM system write linear moves only, or name it in `leave_alone`: [{name!r}]",
+            )
+    return reader.program()
+
+
+def _unit(reader: Reader, line: int, name: str) -> float:
+    units = {"MM": MM, "INCHES": _INCH, "INCH": _INCH}
+    if name not in units:
+        reader.refuse(line, f"the unit {shown(name)} is not known", "write UNITS/MM or UNITS/INCHES")
+    return units.get(name, MM)
+
+
+def _goto(
+    reader: Reader,
+    line: int,
+    numbers: list[tuple[int, int]],
+    unit: float,
+    frames: tuple[FrameName, FrameName],
+) -> None:
+    notations = {3: POSITION, 6: AXIS}
+    if len(numbers) not in notations:
+        reader.refuse(line, f"GOTO with {len(numbers)} numbers", "give x, y, z or x, y, z, i, j, k")
+        return
+    notation = notations[len(numbers)]
+    notation = notation if unit == MM else replace(notation, length=unit)
+    target = reader.target("", (0, line), notation, numbers, frames)
+    reader.move(line, Motion.LINEAR, (target,))
+
+
+def _statements(source: Source) -> Iterator[tuple[int, int, str]]:
+    """Yield statements without comments; a line that ends in `$` goes on, its `$` and line end as blanks."""
+    held: tuple[int, int, str] | None = None
+    for line, start, text in source.lines():
+        cut = text.find("$$")
+        body = text if cut < 0 else text[:cut]
+        if held is not None:
+            first, begin, before = held
+            body = before + " " * (start - begin - len(before)) + body
+        else:
+            first, begin = line, start
+        held = None
+        if body.rstrip().endswith("$"):
+            held = (first, begin, body.rstrip()[:-1] + " ")
+        elif body.strip():
+            yield first, begin, body
+    if held is not None:
+        yield held

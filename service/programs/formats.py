@@ -1,0 +1,94 @@
+"""The formats of programs: which reader takes a file, and the limits that hold for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import PurePath
+from types import MappingProxyType
+from typing import Final
+
+from jointstiff.service.programs.apt import read_apt
+from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.fanuc import read_fanuc
+from jointstiff.service.programs.krl import read_krl
+from jointstiff.service.programs.program import Program, Source
+from jointstiff.service.programs.rapid import read_rapid
+from jointstiff.service.programs.table import read_table
+from jointstiff.service.programs.ur import read_ur
+
+MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
+"""All files of a program together."""
+MAX_LINE: Final = 4096
+"""Characters of a line."""
+
+FORMATS: Final[Mapping[str, Callable[[tuple[Source, ...], Collection[str]], Program]]] = MappingProxyType(
+    {
+        "csv": read_table,
+        "apt": read_apt,
+        "krl": read_krl,
+        "fanuc": read_fanuc,
+        "rapid": read_rapid,
+        "ur": read_ur,
+    }
+)
+_SUFFIXES: Final = {
+    ".csv": "csv",
+    ".cls": "apt",
+    ".apt": "apt",
+    ".aptsource": "apt",
+    ".src": "krl",
+    ".dat": "krl",
+    ".ls": "fanuc",
+    ".mod": "rapid",
+    ".prg": "rapid",
+    ".modx": "rapid",
+    ".script": "ur",
+    ".urscript": "ur",
+}
+
+
+def read_program(
+    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
+) -> Program:
+    """Read a program.
+
+    Args:
+        files: names and bytes: one file, or a .src and its .dat.
+        name: name of the format, one of FORMATS; by the first file's name if None.
+        leave_alone: names of routines that neither move the robot nor change its frames.
+
+    Raises:
+        ProgramError: any of it was not understood; then nothing of it is taken.
+    """
+    if not files:
+        _refuse("program", None, "there is no file", "send a program")
+    chosen = name or _SUFFIXES.get(PurePath(files[0][0].lower()).suffix)
+    if chosen not in FORMATS:
+        _refuse(
+            files[0][0], None, "the format is not known by the file's name", f"state it: {', '.join(FORMATS)}"
+        )
+    if len(files) > (2 if chosen == "krl" else 1):
+        _refuse(files[-1][0], None, "one file too many", "send one program; with KUKA's .src its .dat")
+    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
+        _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
+    sources = tuple(_source(name, content) for name, content in files)
+    return FORMATS[str(chosen)](sources, frozenset(name.upper() for name in leave_alone))
+
+
+def _source(name: str, content: bytes) -> Source:
+    if b"\0" in content:
+        _refuse(
+            name,
+            None,
+            "the file is not text in one byte a character",
+            "save it as plain text, not as UTF-16 or binary",
+        )
+    source = Source.of(name, content)
+    for line, _, text in source.lines():
+        if len(text) > MAX_LINE:
+            _refuse(name, line, f"a line of more than {MAX_LINE} characters", "break it into several lines")
+    return source
+
+
+def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
+    raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)

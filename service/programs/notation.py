@@ -1,0 +1,156 @@
+"""Notation of a target: its numbers to a pose in SI units, and back (docs/method.md section 13)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import FloatArray
+
+MM: Final = 1e-3
+DEGREE: Final = float(np.pi / 180)
+
+
+class Orientation(Enum):
+    """Convention by which a format writes the orientation of the tool's frame in the base's."""
+
+    EULER_ZYX = "A, B, C about Z, Y', X''"
+    FIXED_XYZ = "W, P, R about the fixed X, Y, Z"
+    QUATERNION = "quaternion, scalar first"
+    ROTATION_VECTOR = "rotation vector"
+    TOOL_AXIS = "unit vector of the tool's axis, from the tip to the spindle"
+    NONE = "position only"
+    JOINTS = "the controller's joint angles"
+
+
+_Sequence: TypeAlias = Literal["ZYX", "xyz"]
+_COUNT: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
+_EULER: Final[dict[Orientation, _Sequence]] = {Orientation.EULER_ZYX: "ZYX", Orientation.FIXED_XYZ: "xyz"}
+_UNIT: Final = 1e-3
+"""Length of a quaternion beside 1 that is rounding of what a program writes."""
+_GIMBAL: Final = 1e-9
+"""|cos| of the middle angle, under which the two others turn about the same axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """Meaning of the numbers of a target.
+
+    Attributes:
+        orientation: what follows the position; JOINTS where angles stand in place of a pose.
+        length: metres in the unit of position.
+        angle: radians in the unit of angles (1 where there are none).
+        length_decimals: digits behind the point that a changed position gets at least.
+        angle_decimals: the same of a changed angle or component of an orientation.
+    """
+
+    orientation: Orientation
+    length: float = MM
+    angle: float = DEGREE
+    length_decimals: int = 4
+    angle_decimals: int = 5
+
+    @property
+    def count(self) -> int:
+        """Numbers of an orientation."""
+        return _COUNT.get(self.orientation, 3)
+
+    def pose(self, values: Sequence[float]) -> FloatArray:
+        """Return the pose (4, 4) [m] of one target's numbers."""
+        return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
+
+    @property
+    def has_pose(self) -> bool:
+        """Return True if the numbers state position and full orientation."""
+        return self.orientation not in {Orientation.JOINTS, Orientation.TOOL_AXIS, Orientation.NONE}
+
+    def states(self, values: Sequence[float]) -> bool:
+        """Tell whether the numbers of a target are an orientation: a quaternion has to be of unit length."""
+        if self.orientation is not Orientation.QUATERNION:
+            return True
+        return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _UNIT
+
+    def decimals(self, index: int) -> int:
+        """Return the digits behind the point for number `index` of a target."""
+        position = self.orientation is not Orientation.JOINTS and index < 3
+        return self.length_decimals if position else self.angle_decimals
+
+    def poses(self, values: FloatArray) -> FloatArray:
+        """Return poses (m, 4, 4) of targets' numbers (m, 3 + count), tool in base [m].
+
+        Raises:
+            ValueError: the notation states no full pose.
+        """
+        if not self.has_pose:
+            raise ValueError(f"{self.orientation.value} is no full pose")
+        poses = np.tile(np.eye(4), (len(values), 1, 1))
+        poses[:, :3, 3] = values[:, :3] * self.length
+        if len(values):
+            poses[:, :3, :3] = self._rotation(values[:, 3:]).as_matrix()
+        return poses
+
+    def _rotation(self, numbers: FloatArray) -> Rotation:
+        if self.orientation is Orientation.QUATERNION:
+            return Rotation.from_quat(numbers[:, [1, 2, 3, 0]])
+        if self.orientation is Orientation.ROTATION_VECTOR:
+            return Rotation.from_rotvec(numbers * self.angle)
+        return Rotation.from_euler(_EULER[self.orientation], numbers * self.angle)
+
+    def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
+        """Return the numbers (m, 3 + count) of poses (m, 4, 4) [m], the equivalent ones nearest to `near`."""
+        if not len(poses):
+            return near.copy()
+        numbers = np.empty_like(near)
+        numbers[:, :3] = poses[:, :3, 3] / self.length
+        rotation = Rotation.from_matrix(poses[:, :3, :3])
+        old = near[:, 3:]
+        if self.orientation is Orientation.QUATERNION:
+            new = rotation.as_quat()[:, [3, 0, 1, 2]]
+            numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
+        elif self.orientation is Orientation.ROTATION_VECTOR:
+            numbers[:, 3:] = _nearest_vector(rotation.as_rotvec(), old * self.angle) / self.angle
+        else:
+            angles = _nearest_angles(rotation, _EULER[self.orientation], old * self.angle)
+            numbers[:, 3:] = angles / self.angle
+        return numbers
+
+
+def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
+    """Return rotation vectors (m, 3) [rad] of the same rotations, full turns added towards `near`."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    still = angle < 1e-12
+    usual = np.linalg.norm(near, axis=1, keepdims=True)
+    fallback = near / np.where(usual > 0, usual, 1)
+    axis = np.where(still, fallback, vectors / np.where(still, 1, angle))
+    along = np.sum(axis * near, axis=1, keepdims=True)
+    turns = np.round((along - angle) / (2 * np.pi))
+    moved = axis * (angle + 2 * np.pi * turns)
+    return np.where(turns == 0, vectors, moved)
+
+
+def _nearest_angles(rotation: Rotation, sequence: _Sequence, near: FloatArray) -> FloatArray:
+    """Return Euler angles (m, 3) [rad] nearest to `near`: two solutions, full turns, a lock."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # gimbal lock: handled here
+        first = rotation.as_euler(sequence)
+    other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
+    locked = np.abs(np.cos(first[:, 1])) < _GIMBAL
+    if np.any(
+        locked
+    ):  # only a sum or a difference of the outer angles is told: keep the last as it is written
+        free = first[locked]
+        sign = np.where(np.sin(free[:, 1]) > 0, -1.0, 1.0)
+        free[:, 0] += sign * (free[:, 2] - near[locked, 2])
+        free[:, 2] = near[locked, 2]
+        first[locked] = free
+        other[locked] = free
+    candidates = [choice + 2 * np.pi * np.round((near - choice) / (2 * np.pi)) for choice in (first, other)]
+    far = [np.sum((choice - near) ** 2, axis=1) for choice in candidates]
+    nearest: FloatArray = np.where((far[0] <= far[1])[:, None], candidates[0], candidates[1])
+    return nearest

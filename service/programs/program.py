@@ -1,0 +1,211 @@
+"""A robot program: its targets with where their numbers stand, and the same program with other numbers."""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from jointstiff.service.programs.notation import Notation
+from jointstiff.solver.arrays import FloatArray
+
+MOST_BLANKS = 32
+"""Blanks before a number that a column is kept with."""
+_LINE_END = re.compile(r"\r\n|\n|\r")
+
+
+class Motion(Enum):
+    """Motion of the robot to a target."""
+
+    JOINT = "joint"
+    LINEAR = "linear"
+    CIRCULAR = "circular"
+    SPLINE = "spline"
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A file of a program.
+
+    Attributes:
+        name: name of the file.
+        text: its bytes as Latin-1, which gives every byte back.
+        starts: offset of the first character of each line.
+    """
+
+    name: str
+    text: str
+    starts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, name: str, content: bytes) -> Source:
+        """Take the bytes of a file; lines end as they do in it."""
+        text = content.decode("latin-1")
+        return cls(name, text, (0, *(end.end() for end in _LINE_END.finditer(text))))
+
+    def lines(self) -> Iterator[tuple[int, int, str]]:
+        """Yield the lines: number from 1, offset of the first character, text without its end."""
+        for i, start in enumerate(self.starts):
+            end = self.starts[i + 1] if i + 1 < len(self.starts) else len(self.text)
+            yield i + 1, start, self.text[start:end].rstrip("\r\n")
+
+    def line(self, offset: int) -> int:
+        """Return the line of an offset, from 1."""
+        return bisect.bisect_right(self.starts, offset)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameName:
+    """A frame that a program uses: the base of its targets or the tool.
+
+    Attributes:
+        name: as the program calls it, `BASE_DATA[2]` or `wobj1`.
+        pose: (4, 4) [m] where the program states it: base in R0, tool in the flange; else None.
+    """
+
+    name: str
+    pose: FloatArray | None = None
+
+    def same(self, other: FrameName) -> bool:
+        """Compare name and pose."""
+        if self.pose is None or other.pose is None:
+            return self.name == other.name and self.pose is other.pose
+        return self.name == other.name and bool(np.array_equal(self.pose, other.pose))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """A target: numbers that the program states, of one notation.
+
+    Attributes:
+        name: as the program calls it, `P[3]` or `p10`; empty where it has no name.
+        source: index of its file.
+        line: line on which its numbers begin, from 1.
+        notation: what the numbers mean.
+        values: the numbers, as written.
+        spans: first and last + 1 character of each number, one after the other.
+        base: frame of the numbers.
+        tool: frame that is brought there.
+        branch: what the format says of the arm's configuration (`S 2, T 35`); empty if nothing.
+    """
+
+    name: str
+    source: int
+    line: int
+    notation: Notation
+    values: tuple[float, ...]
+    spans: tuple[int, ...]
+    base: FrameName
+    tool: FrameName
+    branch: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """An instruction that moves the robot.
+
+    Attributes:
+        line: its line in the first file, from 1.
+        motion: how.
+        targets: indices of its targets, the last one where it ends.
+    """
+
+    line: int
+    motion: Motion
+    targets: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something that was left as it is: a line and why."""
+
+    line: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program that was understood as a whole.
+
+    Attributes:
+        format: name of its format.
+        sources: its files.
+        targets: each once, in the order of the files.
+        moves: in the order of the program's text.
+        left_alone: moves and calls that nothing is changed in.
+    """
+
+    format: str
+    sources: tuple[Source, ...]
+    targets: tuple[Target, ...]
+    moves: tuple[Move, ...]
+    left_alone: tuple[Remark, ...]
+
+    def by_notation(self) -> Mapping[Notation, list[int]]:
+        """Return indices of targets by how they are written."""
+        groups: dict[Notation, list[int]] = {}
+        for i, target in enumerate(self.targets):
+            groups.setdefault(target.notation, []).append(i)
+        return groups
+
+    def numbers(self, indices: Sequence[int]) -> FloatArray:
+        """Return the numbers (m, k) of targets of one notation, as written."""
+        return np.array([self.targets[i].values for i in indices], dtype=float)
+
+    def rewritten(self, values: Mapping[int, Sequence[float]], *, aligned: bool = False) -> tuple[bytes, ...]:
+        """Return the files with other numbers in targets, by index; every other byte is as it was.
+
+        A number that is the same to the digits it would get keeps its characters. `aligned` takes blanks
+        before a number that grows and gives them to one that shrinks, so that columns stay.
+        """
+        edits: list[list[tuple[int, int, str]]] = [[] for _ in self.sources]
+        for i, new in values.items():
+            target = self.targets[i]
+            text = self.sources[target.source].text
+            for k, (start, end) in enumerate(zip(target.spans[::2], target.spans[1::2], strict=True)):
+                old = text[start:end]
+                number = written(new[k], target.values[k], old, target.notation.decimals(k))
+                if number != old:
+                    edits[target.source].append(
+                        _padded(text, start, end, number) if aligned else (start, end, number)
+                    )
+        return tuple(
+            _edited(source.text, sorted(changes)).encode("latin-1")
+            for source, changes in zip(self.sources, edits, strict=True)
+        )
+
+
+def written(value: float, old: float, text: str, decimals: int) -> str:
+    """Return a number as text: `text` itself, where `value` is `old` to the digits that it would get."""
+    mantissa = text.lower().partition("e")[0]
+    digits = max(decimals, len(mantissa.partition(".")[2]))
+    new = f"{value:.{digits}f}"
+    if float(new) == float(f"{old:.{digits}f}"):
+        return text
+    if float(new) == 0:
+        new = new.removeprefix("-")
+    return f"+{new}" if text.startswith("+") and not new.startswith("-") else new
+
+
+def _padded(text: str, start: int, end: int, number: str) -> tuple[int, int, str]:
+    """Keep the last column of a number where it is, as far as the blanks before it allow."""
+    blanks = 0
+    while blanks < MOST_BLANKS and text[start - blanks - 1 : start - blanks] == " ":
+        blanks += 1
+    longer = len(number) - (end - start)
+    if longer > 0:
+        return start - min(longer, max(blanks - 1, 0)), end, number
+    return start, end, " " * -longer + number if blanks else number
+
+
+def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
+    pieces = []
+    done = 0
+    for start, end, number in edits:
+        pieces += [text[done:start], number]
+        done = end
+    return "".join([*pieces, text[done:]])

@@ -1,0 +1,144 @@
+"""Targets in a table (CSV): a header names the columns and their units, each row is a target."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import Final
+
+import numpy as np
+
+from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
+from jointstiff.service.programs.program import FrameName, Motion, Program, Source
+from jointstiff.service.programs.reader import NUMBER_PATTERN, Reader
+
+_ORIENTATIONS: Final = {
+    ("a", "b", "c"): Orientation.EULER_ZYX,
+    ("w", "p", "r"): Orientation.FIXED_XYZ,
+    ("qw", "qx", "qy", "qz"): Orientation.QUATERNION,
+    ("rx", "ry", "rz"): Orientation.ROTATION_VECTOR,
+    ("i", "j", "k"): Orientation.TOOL_AXIS,
+}
+_JOINTS: Final = (
+    tuple(f"j{i}" for i in range(1, 7)),
+    tuple(f"a{i}" for i in range(1, 7)),
+    tuple(f"q{i}" for i in range(1, 7)),
+)
+_HEADER: Final = re.compile(
+    r"([a-z]+\d?)\s*(?:[\[(_ ]\s*(mm|m|deg|degree|rad|\xb0)\s*[\])]?)?", re.IGNORECASE
+)
+_UNITS: Final = {"mm": MM, "m": 1.0, "deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
+_LENGTHS: Final = {"mm", "m"}
+_REMEDY: Final = (
+    "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), "
+    "or j1 ... j6, with units as in `x [mm]`"
+)
+
+
+def read_table(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
+    """Read a table of targets.
+
+    Raises:
+        ProgramError: part of it is not understood.
+    """
+    reader = Reader("csv", sources, allowed)
+    rows = [row for row in sources[0].lines() if row[2].strip() and not row[2].lstrip().startswith("#")]
+    if not rows:
+        return reader.program()
+    line, _, header = rows[0]
+    delimiter = max(";\t,", key=header.count)
+    columns = _columns(reader, line, header, delimiter)
+    if columns is None:
+        return reader.program()
+    notation, places, width = columns
+    frames = (
+        FrameName("base", np.eye(4)) if notation.orientation is Orientation.JOINTS else FrameName("part"),
+        FrameName("tool"),
+    )
+    for row in rows[1:]:
+        numbers = _numbers(reader, row, delimiter, places, width)
+        if numbers:
+            target = reader.target("", (0, row[0]), notation, numbers, frames)
+            reader.move(
+                row[0],
+                Motion.JOINT if notation.orientation is Orientation.JOINTS else Motion.LINEAR,
+                (target,),
+            )
+    return reader.program()
+
+
+def _columns(
+    reader: Reader, line: int, header: str, delimiter: str
+) -> tuple[Notation, list[int], int] | None:
+    """Return the notation, the columns of its numbers in order, and the number of columns."""
+    cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in header.split(delimiter)]
+    named = [_HEADER.fullmatch(cell) for cell in cells]
+    names = {m[1].lower(): i for i, m in enumerate(named) if m}
+    units = {m[1].lower(): (m[2] or "").lower() for m in named if m}
+    for fields, notation in _notations():
+        if all(f in names for f in fields):
+            given = [[units[f] for f in part if units[f]] for part in (fields[:3], fields[3:])]
+            scaled = _scaled(notation, given)
+            if scaled is None:
+                reader.refuse(
+                    line,
+                    "the columns of the targets have no units, different ones, or those of another quantity",
+                    _REMEDY,
+                )
+                return None
+            return scaled, [names[f] for f in fields], len(cells)
+    reader.refuse(line, f"the header {shown(header)} does not say where the targets are", _REMEDY)
+    return None
+
+
+def _notations() -> list[tuple[tuple[str, ...], Notation]]:
+    poses = [
+        (("x", "y", "z", *names), Notation(kind, length_decimals=6, angle_decimals=9))
+        for names, kind in _ORIENTATIONS.items()
+    ]
+    joints = [(names, Notation(Orientation.JOINTS, length_decimals=9, angle_decimals=9)) for names in _JOINTS]
+    return [*poses, *joints, (("x", "y", "z"), Notation(Orientation.NONE, length_decimals=6))]
+
+
+def _scaled(notation: Notation, given: list[list[str]]) -> Notation | None:
+    lengths, angles = given
+    joints = notation.orientation is Orientation.JOINTS
+    if joints:
+        lengths, angles = [], lengths + angles
+    plain = notation.orientation in {Orientation.QUATERNION, Orientation.TOOL_AXIS, Orientation.NONE}
+    counts = (0, 6) if joints else (3, 0 if plain else 3)
+    if (len(lengths), len(angles)) != counts or len(set(lengths)) > 1 or len(set(angles)) > 1:
+        return None
+    if not set(lengths) <= _LENGTHS or set(angles) & _LENGTHS:
+        return None
+    length = _UNITS[lengths[0]] if lengths else MM
+    angle = _UNITS[angles[0]] if angles else 1.0
+    digits = 9 if length == 1 else notation.length_decimals
+    return Notation(notation.orientation, length, angle, digits, notation.angle_decimals)
+
+
+def _numbers(
+    reader: Reader, row: tuple[int, int, str], delimiter: str, places: list[int], width: int
+) -> list[tuple[int, int]] | None:
+    line, start, text = row
+    cells, offset = [], start
+    for cell in text.split(delimiter):
+        cells.append((offset, cell))
+        offset += len(cell) + len(delimiter)
+    if len(cells) != width:
+        reader.refuse(
+            line, f"{len(cells)} columns instead of {width}", "give every row as many columns as the header"
+        )
+        return None
+    spans = []
+    for place in places:
+        begin, cell = cells[place]
+        inner = cell.strip().strip('"').strip()
+        if not NUMBER_PATTERN.fullmatch(inner):
+            remedy = "write numbers with decimal points" if "," in inner else "write a number"
+            reader.refuse(line, f"{shown(cell)} in column {place + 1} is no number", remedy)
+            return None
+        first = begin + cell.index(inner)
+        spans.append((first, first + len(inner)))
+    return spans

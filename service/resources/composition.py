@@ -1,0 +1,30 @@
+"""The resources of a store, composed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jointstiff.service.resources.measurement_sets import MeasurementSets
+from jointstiff.service.resources.robots import Robots
+from jointstiff.service.store import Store
+
+
+@dataclass(frozen=True, eq=False)
+class Resources:
+    """The resources of a store.
+
+    Attributes:
+        store: the store.
+        robots: its robots.
+        sets: its measurement sets.
+    """
+
+    store: Store
+    robots: Robots
+    sets: MeasurementSets
+
+    @classmethod
+    def of(cls, store: Store) -> Resources:
+        """Compose the resources on a store."""
+        robots = Robots(store)
+        return cls(store, robots, MeasurementSets(store, robots))

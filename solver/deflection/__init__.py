@@ -1,0 +1,33 @@
+"""Deflection and Cartesian compliance by an identified model, with intervals."""
+
+from __future__ import annotations
+
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.compensation import Compensation, CorrectionLimits, compensate
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.loaded import LoadedPosture
+from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound, leave_postures_out
+from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.deflection.paths import PathNodes, ToolAnglePath, best_constant_angle, best_path
+from jointstiff.solver.deflection.prediction import Deflection, predict_deflections
+
+__all__ = [
+    "CartesianCompliance",
+    "Compensation",
+    "CorrectionLimits",
+    "Deflection",
+    "JointModel",
+    "LoadCases",
+    "LoadedPosture",
+    "ModelError",
+    "ModelErrorBound",
+    "OwnWeight",
+    "PathNodes",
+    "ToolAnglePath",
+    "best_constant_angle",
+    "best_path",
+    "compensate",
+    "leave_postures_out",
+    "predict_deflections",
+]

@@ -1,0 +1,51 @@
+"""Load cases: where the robot stands, what pulls where, and which place is asked about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCases:
+    """B load cases. Arrays are checked and made read-only.
+
+    The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
+    the flange.
+
+    Attributes:
+        joints: (B, n) angles without the load, as the controller shows them [rad].
+        force: (B, 3) on the robot, axes of R0 [N].
+        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
+        load_point: (B, 3) where the force acts, flange frame [m].
+        place: (B, 3) whose deflection is asked for, flange frame [m].
+
+    Raises:
+        RequestError: shapes disagree, a number is not finite, or there is no case.
+    """
+
+    joints: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    load_point: FloatArray
+    place: FloatArray
+
+    def __post_init__(self) -> None:
+        count = len(self.joints)
+        for field in fields(self):
+            array: FloatArray = getattr(self, field.name)
+            width = array.shape[-1] if field.name == "joints" else 3
+            if count == 0 or array.shape != (count, width) or not np.isfinite(array).all():
+                raise RequestError(
+                    f"{field.name} has shape {array.shape} where {(count, width)} finite numbers are needed",
+                    where=f"cases.{field.name}",
+                    remedy="give at least one case, and the same fields for each",
+                )
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.joints)

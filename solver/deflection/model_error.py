@@ -1,0 +1,245 @@
+"""Model error: an empirical bound from postures left out, one after the other (method.md §11).
+
+Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005: if a new posture is exchangeable
+with those measured, its score lies among theirs as likely at one place as at another. The targets of a
+posture share its place (Lee, Barber & Willett, *Distribution-free inference with hierarchical data*, 2023).
+Here each score is of a fit of its own, so the argument is no proof: residuals of postures left out in turn
+have no guarantee without assumptions on their distribution (Barber, Candès, Ramdas & Tibshirani, *Predictive
+inference with the jackknife+*, 2021).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.inference import Estimate
+from jointstiff.solver.readings import Measurements
+from jointstiff.solver.regression import regressor_blocks
+from jointstiff.solver.resampling import GramBlocks, blocks_of_identified, fit_subsets
+from jointstiff.solver.robot import Robot
+
+MOST_LEFT_OUT: Final = 200
+"""Postures that are left out, evenly spread over a larger set."""
+MOST_STEPS: Final = 500
+"""Steps of the distribution of scores that are kept: a quantile is rounded up by at most 0.2 %."""
+_SAME_POSTURE: Final = 1e-6
+"""Difference of joint angles [rad] below which two observations share a posture."""
+_SLACK: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ModelErrorBound:
+    """Radii of balls about B predicted displacements, to hold the truth with the model error.
+
+    Attributes:
+        radius: (B,) [m]; inf where nothing can be said.
+        unmeasured: `force` or `moment` if no load of the campaign had one: under one, nothing can be said.
+        load_ratio: (B,) size of the load over the greatest that was measured; above 1 it is extrapolated.
+        leverage_ratio: (B,) how much less the readings say of the place under that load than of the worst
+            target that was read; above 1 it is extrapolated. Both widen the ball.
+    """
+
+    radius: FloatArray
+    unmeasured: str | None
+    load_ratio: FloatArray
+    leverage_ratio: FloatArray
+
+    def interval(self, deflection: Deflection) -> FloatArray:
+        """(B, 3, 2) of the displacements: the balls, and what the readings alone leave open [m]."""
+        half = self.radius[:, None, None] * np.array([-1.0, 1.0])
+        ends: FloatArray = deflection.displacement[..., None] + half
+        if deflection.interval is None:
+            return ends
+        of_readings = deflection.interval[:, :3]
+        lower = np.minimum(ends[..., 0], of_readings[..., 0])
+        return np.stack([lower, np.maximum(ends[..., 1], of_readings[..., 1])], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Residuals of readings in postures that were left out of the fit.
+
+    Attributes:
+        postures: number P of postures that it rests on.
+        score: (S,) ascending: length of a residual over the root of the size of its load [m]; inf where the
+            others do not determine it.
+        share: (S,) of the postures' readings with that score at most, times P/(P + 1).
+        force: unit of the size of a load [N]; zero where none was measured.
+        moment: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
+        least_load: least size of a load.
+        leverage: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m].
+    """
+
+    postures: int
+    score: FloatArray
+    share: FloatArray
+    force: float
+    moment: float
+    least_load: float
+    leverage: float
+
+    @staticmethod
+    def needed(confidence: float) -> int:
+        """Return the least number of postures: below ``⌈1/α⌉ − 1`` no bound holds."""
+        return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
+
+    def load_size(self, force: FloatArray, moment: FloatArray) -> FloatArray:
+        """(B,) ``|F|/force + |M|/moment`` of loads (B, 3); inf for what was not measured."""
+        size = np.zeros(len(force))
+        for vector, greatest in ((force, self.force), (moment, self.moment)):
+            length = np.linalg.norm(vector, axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                size += np.where(length > 0.0, length / greatest, 0.0)
+        return size
+
+    def quantile(self, confidence: float) -> float:
+        """Return the score that a new posture's is to stay below [m]; inf where nothing can be said."""
+        place = int(np.searchsorted(self.share, confidence - _SLACK))
+        return float(self.score[place]) if place < len(self.score) else float("inf")
+
+    def bound(self, model: JointModel, deflection: Deflection, confidence: float) -> ModelErrorBound:
+        """Return the bound at predicted places.
+
+        Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
+        part friction. An extrapolated load or posture widens it in proportion.
+        """
+        cases = deflection.posture.cases
+        load = self.load_size(cases.force, cases.moment)
+        rows = compliance_rows(model, deflection.posture)[:, :3]
+        leverage = _leverage(rows, model.covariance)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(
+                leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
+            )
+        growth = np.maximum(np.sqrt(np.maximum(load, self.least_load)), load) * np.maximum(ratio, 1.0)
+        radius = self.quantile(confidence) * growth
+        unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
+        return ModelErrorBound(radius, unmeasured, load, ratio)
+
+
+def leave_postures_out(
+    robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
+) -> ModelError:
+    """Refit without each posture in turn, and compare what is predicted there with what was read.
+
+    The refits use method, weighting and bounds of the run, and the weights of its robust loss; K_c, priors
+    and an order are left out of them, so that residuals are greater rather than less.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: of the run.
+        estimate: its outcome.
+        model: the same as a model that predicts.
+
+    Raises:
+        RequestError: no posture can be left out.
+        JointstiffError: as the refits do.
+    """
+    force, moment = (np.linalg.norm(v, axis=1) for v in (measurements.force, measurements.moment))
+    groups = _postures(measurements, (force > 0.0) | (moment > 0.0))
+    if len(groups) < 2:
+        raise RequestError("it takes two postures under load", remedy="measure more postures")
+    if estimate.covariance is None:
+        raise RequestError(
+            "no uncertainty of the readings is known", remedy="measure more, or state the noise"
+        )
+    if estimate.robust is not None:
+        measurements = estimate.robust.weigh(measurements)
+    plain = replace(settings, loss="squared", complementary_stiffness=False, prior=None, order=())
+    blocks = blocks_of_identified(robot, measurements, plain, estimate.characteristic_length)
+    fits = _fits_without(blocks, groups, plain)
+    observation = np.nonzero(measurements.present)[0]
+    first = np.searchsorted(observation, np.arange(len(measurements) + 1))
+    units = float(force.max()), float(moment.max())
+    summary = ModelError(0, np.zeros(0), np.zeros(0), *units, 0.0, 0.0)
+    greatest = float(summary.load_size(measurements.force, measurements.moment).max())
+    summary = replace(summary, force=greatest * units[0], moment=greatest * units[1])
+    load = summary.load_size(measurements.force, measurements.moment)
+    postures, scores = [], []
+    for p, (group, compliance) in enumerate(zip(groups, fits, strict=True)):
+        read = np.concatenate([np.arange(first[i], first[i + 1]) for i in group])
+        read = read[load[observation[read]] > 0.0]
+        predicted = np.einsum("v,vim->im", compliance[blocks.visible], blocks.regressor[..., read])
+        length = np.linalg.norm(blocks.deflection[:, read] - predicted, axis=0)
+        length /= np.sqrt(load[observation[read]])
+        postures.append(np.full(len(read), p, dtype=np.intp))
+        scores.append(np.where(np.isnan(length), np.inf, length))
+    posture = np.concatenate(postures)
+    score, share = merged_steps(posture, np.concatenate(scores))
+    return replace(
+        summary,
+        postures=len(np.unique(posture)),
+        score=score,
+        share=share,
+        least_load=float(load[load > 0.0].min()),
+        leverage=_campaign_leverage(robot, measurements, load, model),
+    )
+
+
+def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what quantiles need of the scores, in about `MOST_STEPS` steps.
+
+    Args:
+        posture: (R,) index of each reading's posture.
+        score: (R,) its score.
+
+    Returns:
+        (S,) ascending scores, each the greatest of those that it stands for, and (S,) their shares.
+    """
+    postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
+    order = np.argsort(score, kind="stable")
+    share = np.cumsum(1.0 / counts[index[order]]) / (len(postures) + 1)
+    if len(order) > MOST_STEPS:
+        last = np.diff(np.ceil(MOST_STEPS * share), append=np.inf) > 0.0
+        order, share = order[last], share[last]
+    return score[order], share
+
+
+def _postures(measurements: Measurements, loaded: BoolArray) -> list[IndexArray]:
+    """Observations by posture, at most `MOST_LEFT_OUT` of these; those without load say nothing."""
+    rounded = np.round(measurements.joints / _SAME_POSTURE)
+    _, index = np.unique(rounded, axis=0, return_inverse=True)
+    order = np.argsort(index, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+    groups = [group for group in groups if loaded[group].any()]
+    if len(groups) > MOST_LEFT_OUT:
+        groups = [groups[k] for k in np.linspace(0, len(groups) - 1, MOST_LEFT_OUT).astype(int)]
+    return groups
+
+
+def _fits_without(blocks: GramBlocks, groups: list[IndexArray], settings: Settings) -> FloatArray:
+    """(P, n) compliances without each group of observations; NaN where undetermined."""
+    compliance = np.empty((len(groups), blocks.parameters))
+    sizes = np.array([len(group) for group in groups])
+    everything = np.arange(len(blocks))
+    for size in np.unique(sizes):  # together, as many as have a length in common
+        same = np.flatnonzero(sizes == size)
+        others = np.array([np.delete(everything, groups[p]) for p in same])
+        compliance[same] = fit_subsets(blocks, others, settings.bounds).compliance
+    return compliance
+
+
+def _leverage(rows: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(...) greatest standard uncertainty of a displacement in any direction, of rows (..., 3, n) [m]."""
+    spread = rows @ covariance @ np.swapaxes(rows, -1, -2)
+    greatest = np.linalg.eigvalsh(spread)[..., -1]
+    return np.asarray(np.sqrt(np.maximum(greatest, 0.0)), dtype=np.float64)
+
+
+def _campaign_leverage(
+    robot: Robot, measurements: Measurements, load: FloatArray, model: JointModel
+) -> float:
+    blocks = regressor_blocks(robot, measurements)
+    leverage = np.concatenate([_leverage(block.A, model.covariance) for block in blocks])
+    loaded = measurements.present & (load > 0.0)[:, None]
+    return float((leverage / np.where(load > 0.0, load, 1.0)[:, None])[loaded].max())

@@ -1,0 +1,178 @@
+"""Equipment of a campaign, and the rows of the readings that could be taken with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.links import elastic_rows_of
+from jointstiff.solver.readings import DifferenceNoise, Instrument, Measurements
+from jointstiff.solver.regression import regressor_blocks, whitener
+from jointstiff.solver.robot import Configurations, Robot
+
+LoadKind = Literal["dead_weight", "any_direction", "cable"]
+
+_LARGEST_ANGLE: Final = np.pi
+"""Range of a joint without limits [rad]."""
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Forces that can be applied.
+
+    Attributes:
+        kind: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction.
+        force: its size [N]; in any direction, the greatest.
+        anchors: (A, 3) of the cable, in R0 [m].
+        torque_limit: (n,) greatest torque of the load about each joint [N·m]; inf for none.
+    """
+
+    kind: LoadKind
+    force: float
+    torque_limit: FloatArray
+    anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def choices(self) -> int:
+        """Return how many loads there are for a posture."""
+        return len(self.anchors) if self.kind == "cable" else 1
+
+
+@dataclass(frozen=True, eq=False)
+class Equipment:
+    """Instrument, targets and loads.
+
+    Attributes:
+        targets: (T, 3) flange frame [m].
+        load_point: (3,) where the force acts, flange frame [m].
+        loads: that can be applied.
+        sigma: standard uncertainty of one coordinate of one reading [m].
+        instrument: the tracker at its station; isotropic noise of sigma if None.
+    """
+
+    targets: FloatArray
+    load_point: FloatArray
+    loads: Loads
+    sigma: float
+    instrument: Instrument | None = None
+
+    def measurements(self, robot: Robot, joints: FloatArray, force: FloatArray) -> Measurements:
+        """Return readings still to be taken, with deflections of zero and the covariance that they will have.
+
+        Args:
+            robot: n joints.
+            joints: (N, n) angles as the controller shows them [rad].
+            force: (N, 3) axes of R0 [N].
+        """
+        count, shape = len(joints), (len(joints), *self.targets.shape)
+        plain = Measurements(
+            joints=joints,
+            force=force,
+            moment=np.zeros((count, 3)),
+            load_point=np.broadcast_to(self.load_point, (count, 3)),
+            position=np.broadcast_to(self.targets, shape),
+            in_flange=np.ones(shape[:2], dtype=np.bool_),
+            deflection=np.zeros(shape),
+            present=np.ones(shape[:2], dtype=np.bool_),
+            sigma=self.sigma,
+        )
+        if self.instrument is None:
+            return plain
+        noise = DifferenceNoise.by(self.instrument, robot, plain)
+        # The unit of the covariance is the sigma stated here, whatever that of these places is.
+        return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
+
+    def direction(self, robot: Robot, joints: FloatArray, anchor: int) -> FloatArray:
+        """Return the unit vectors of the force (N, 3) in R0, of a weight or towards an anchor."""
+        if self.loads.kind == "dead_weight":
+            return np.broadcast_to([0.0, 0.0, -1.0], (len(joints), 3))
+        at = self.load_place(robot, joints)
+        towards = self.loads.anchors[anchor] - at
+        unit: FloatArray = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
+        return unit
+
+    def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return where the load acts (N, 3) in R0 [m]."""
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        points = np.broadcast_to(self.load_point, (len(joints), 1, 3))
+        place: FloatArray = now.to_base(points)[:, 0]
+        return place
+
+    def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return the greatest force (N,) [N] whose torques stay within the limits in every direction."""
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        jacobian = now.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
+        lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
+        strength: FloatArray = np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1))
+        return strength
+
+
+def whitened_rows(robot: Robot, measurements: Measurements, *, links: bool) -> FloatArray:
+    """Return the rows of readings, in units of sigma.
+
+    Args:
+        robot: n joints.
+        measurements: N readings of T targets.
+        links: whether the columns of link compliances follow those of the joints.
+
+    Returns:
+        (N, 3 T, P).
+    """
+    if links:
+        blocks = elastic_rows_of(robot, measurements)
+    else:
+        blocks = ((block.A, block.measurements.covariance) for block in regressor_blocks(robot, measurements))
+    parts = [whitener(covariance) @ A for A, covariance in blocks]
+    rows = np.concatenate(parts)
+    return rows.reshape(len(rows), -1, rows.shape[-1])
+
+
+def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
+    """Draw postures evenly within the joints' limits, in whole degrees of the controller's angles.
+
+    Args:
+        robot: n joints.
+        count: how many.
+        seed: of the draw.
+
+    Returns:
+        (N, n) [rad], N at most `count`.
+
+    Raises:
+        RequestError: the limits leave no whole degree.
+    """
+    limits = np.clip(robot.limits, -_LARGEST_ANGLE, _LARGEST_ANGLE)
+    random = np.random.default_rng(seed)
+    model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
+    controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
+    joints: FloatArray = np.radians(np.round(np.degrees(controller)))
+    joints = joints[within_limits(robot, joints)]
+    if not len(joints):
+        raise RequestError(
+            "the joints' limits leave no posture in whole degrees",
+            where="postures",
+            remedy="give the postures, or mend the limits of the robot's model",
+        )
+    return joints
+
+
+def within_limits(robot: Robot, joints: FloatArray) -> BoolArray:
+    """Return which postures (N, n) of the controller lie within the limits of the model's joints (N,)."""
+    model = robot.joint_map.model_angles(joints)
+    inside = (model >= robot.limits[:, 0] - _ROUNDING) & (model <= robot.limits[:, 1] + _ROUNDING)
+    return np.asarray(inside.all(axis=1), dtype=np.bool_)
+
+
+def targets_in_flange(robot: Robot, measurements: Measurements) -> FloatArray:
+    """Return the mean places (T, 3) of targets that were read, flange frame [m]."""
+    now = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    measured = (measurements.position - now.flange_translation[:, None]) @ now.flange_rotation
+    places = np.where(measurements.in_flange[..., None], measurements.position, measured)
+    present = measurements.present[..., None]
+    mean: FloatArray = np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    return mean

@@ -1,0 +1,109 @@
+"""Parameters of a plan: the joints to be determined, and what has to be known beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+
+NUISANCE: Final = 18
+"""Combinations of link compliances: those that move the targets most."""
+_NOT_EXCITED: Final = 1e-9
+"""Root mean square of a joint's rows, relative to the greatest, below which nothing excites it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Linear map from the columns of rows to the p parameters of a plan.
+
+    Attributes:
+        interest: s, the first parameters: relative compliances of the joints to be determined.
+        joints: (s,) these joints.
+        nominal: (n,) compliance that a relative one refers to [rad/(N·m)].
+        known: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the
+            targets alike.
+        basis: (P, p) columns of the parameters.
+        prior: (p, p) information known beforehand, in units of 1/variance of a parameter.
+    """
+
+    interest: int
+    joints: IndexArray
+    nominal: FloatArray
+    known: BoolArray
+    basis: FloatArray
+    prior: FloatArray
+
+    def rows(self, rows: FloatArray) -> FloatArray:
+        """Return rows (..., P) of compliances as rows (..., p) of the parameters."""
+        found: FloatArray = rows @ self.basis
+        return found
+
+
+def parameters_of(
+    rows: FloatArray, names: Sequence[str], wanted: IndexArray | None, nominal: FloatArray, link_share: float
+) -> Parameters:
+    """Choose the parameters of a plan.
+
+    Link compliances, where the rows have their columns, are a nuisance. Before any reading they are
+    taken to move
+    the targets by a share of what the joints do, each matrix entry alike; of their combinations those
+    that move
+    the targets most are kept.
+
+    Args:
+        rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
+        names: of the n joints.
+        wanted: joints to be determined; all if None. Others that the loads excite are a nuisance.
+        nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
+        link_share: root mean square deflection by links, relative to that by joints.
+
+    Raises:
+        RequestError: no candidate excites a wanted joint.
+    """
+    n = len(names)
+    size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
+    excited = size > _NOT_EXCITED * size.max()
+    chosen = np.arange(n) if wanted is None else wanted
+    _refuse_not_excited(chosen[~excited[chosen]], names)
+    known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
+    moved = size[known] * nominal[known]
+    alike = float(np.median(moved)) if known.any() else 1.0
+    unit = np.where(known, np.nan_to_num(nominal), alike / np.where(excited, size, 1.0))
+    others = np.setdiff1d(np.flatnonzero(excited), chosen)
+    columns = np.concatenate([chosen, others])
+    basis = np.zeros((rows.shape[1], len(columns)))
+    basis[columns, np.arange(len(columns))] = unit[columns]
+    links = _link_basis(rows, n, unit * excited, link_share)
+    basis = np.hstack([basis, links])
+    prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(links.shape[1])])
+    return Parameters(len(chosen), chosen, unit, known, basis, prior)
+
+
+def _link_basis(rows: FloatArray, n: int, unit: FloatArray, share: float) -> FloatArray:
+    """Return the combinations of link compliances that move the targets most, scaled to unit prior (P, r)."""
+    links = rows[:, n:]
+    if not links.shape[1]:
+        return np.zeros((rows.shape[1], 0))
+    size = np.sqrt(np.square(links).mean(axis=0))
+    seen = size > _NOT_EXCITED * size.max()
+    by_joints = np.sqrt(np.square(rows[:, :n] * unit).sum(axis=1).mean())
+    deviation = np.where(seen, share * by_joints / np.sqrt(seen.sum()) / np.where(seen, size, 1.0), 0.0)
+    directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))[1][:, ::-1]
+    basis = np.zeros((rows.shape[1], min(NUISANCE, int(seen.sum()))))
+    basis[n:] = deviation[:, None] * directions[:, : basis.shape[1]]
+    return basis
+
+
+def _refuse_not_excited(missing: IndexArray, names: Sequence[str]) -> None:
+    if len(missing):
+        joints = ", ".join(names[j] for j in missing)
+        raise RequestError(
+            f"no candidate load twists {joints}, or no target moves when it turns",
+            where="joints",
+            remedy="allow loads in other directions, or name the joints to be determined, without these",
+        )

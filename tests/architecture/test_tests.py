@@ -1,0 +1,71 @@
+"""The shape of the tests: what they share lies in support/ and reference/."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+FILES = sorted(TESTS.rglob("*.py"))
+STUDIES = TESTS / "studies"
+"""Its tests run the studies of benchmarks/; nobody else knows these."""
+LEFT: set[str] = set()
+"""Tests that still do: none may be added."""
+
+
+def imported(path: Path) -> set[str]:
+    """Return the first parts of the names of the modules that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+def test_tests_import_neither_tests_nor_benchmarks():
+    tests = {path.stem for path in FILES if path.stem.startswith(("test_", "conftest"))} | {"tests"}
+    wrong = {
+        str(path.relative_to(TESTS)): found
+        for path in FILES
+        if (found := imported(path) & (tests if STUDIES in path.parents else tests | {"benchmarks"}))
+    }
+    assert wrong.keys() <= LEFT, wrong
+
+
+PATCHED = {
+    "service/api/test_progress.py": 1,
+    "service/store/test_store_opening.py": 2,
+    "solver/convex/test_batch.py": 2,
+    "solver/convex/test_links_program.py": 2,
+    "solver/convex/test_solve.py": 2,
+    "solver/fitting/test_robust.py": 3,
+    "solver/inference/test_profile.py": 1,
+    "solver/resampling/test_resampling.py": 2,
+}
+"""How often private names are still replaced: the numbers may fall and never rise."""
+
+
+def patches_of_private_names(path: Path) -> int:
+    """Count the calls of `monkeypatch.setattr` and `patch` that name something private."""
+    calls = [
+        node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)
+    ]
+    patching = [
+        call for call in calls if ast.unparse(call.func).endswith((".setattr", "patch", "patch.object"))
+    ]
+    texts = [[a.value for a in call.args[:2] if isinstance(a, ast.Constant)] for call in patching]
+    return sum(any(str(text).split(".")[-1].startswith("_") for text in each) for each in texts)
+
+
+def test_no_further_private_names_are_patched():
+    found = Counter({str(path.relative_to(TESTS)): patches_of_private_names(path) for path in FILES})
+    assert +found == Counter(PATCHED)
+
+
+def test_names_of_test_files_are_unique():
+    """Two of one name cannot be collected together."""
+    names = Counter(path.name for path in FILES if path.name.startswith("test_"))
+    assert [name for name, count in names.items() if count > 1] == []

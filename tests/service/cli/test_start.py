@@ -1,0 +1,88 @@
+"""What each command imports: it pays for what it uses. Counted in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.process
+
+NUMERICS = {"numpy", "scipy", "pinocchio", "cvxpy", "clarabel"}
+DATABASE = {"sqlalchemy", "alembic", "psycopg", "dbos"}
+WEB = {"fastapi", "starlette", "uvicorn"}
+OTHERS = {"httpx", "rich"}
+COMMANDS = (
+    "geometry",
+    "identify",
+    "compare",
+    "pair",
+    "serve",
+    "worker",
+    "post",
+    "demo",
+    "simulate",
+    "import",
+)
+PROGRAM = """
+import json, sys
+from jointstiff.service.cli.entry import main
+sys.argv = ["jointstiff", *sys.argv[1:]]
+try:
+    main()
+finally:
+    print(json.dumps(sorted(sys.modules)), file=sys.stderr)
+"""
+
+
+def imported_by(program: str, *arguments: str) -> set[str]:
+    """Names of the modules that a process has imported at its end."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return set(json.loads(done.stderr.splitlines()[-1]))
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    path = tmp_path_factory.mktemp("start") / "campaign.json"
+    assert not imported_by(PROGRAM, "simulate", str(path)) & (DATABASE | WEB | {"scipy", "cvxpy"})
+    return str(path)
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_the_command_itself_needs_little(option):
+    assert not imported_by(PROGRAM, option) & (NUMERICS | DATABASE | WEB | OTHERS | {"pydantic"})
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_needs_little(command):
+    # Typer itself imports pydantic where it is installed, to read a command's arguments.
+    assert not imported_by(PROGRAM, command, "--help") & (NUMERICS | DATABASE | WEB | OTHERS)
+
+
+@pytest.mark.parametrize("command", ["identify", "compare"])
+def test_identification_needs_no_web_and_no_database(command, campaign):
+    found = imported_by(PROGRAM, command, campaign)
+    assert "clarabel" in found
+    assert not found & (DATABASE | WEB | {"httpx", "jointstiff.schemas.geometry", "jointstiff.solver.paired"})
+
+
+def test_an_import_computes_nothing(tmp_path):
+    table = tmp_path / "readings.csv"
+    table.write_text("point,x [mm],y [mm],z [mm]\nP1_A_unloaded,1,2,3\n")
+    found = imported_by(PROGRAM, "import", str(table), "--point-name", "{label}_{target}_{state}")
+    assert "jointstiff.service.importing.reading" in found
+    assert not found & (NUMERICS | DATABASE | WEB | {"httpx"})
+
+
+def test_a_worker_serves_nothing():
+    program = """
+import json, sys
+import jointstiff.service.workers.worker
+print(json.dumps(sorted(sys.modules)), file=sys.stderr)
+"""
+    assert not imported_by(program) & WEB

@@ -1,0 +1,131 @@
+"""Plans as jobs and as a command: for a robot, and to go on with a campaign."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from typer.testing import CliRunner
+
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
+from jointstiff.schemas.query import PlanQuery
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.cli.app import app
+from jointstiff.service.jobs import Parts
+from jointstiff.service.store import Store
+from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
+from jointstiff.solver.errors import RequestError
+
+CAMPAIGN = simulate_campaign(default_arm(), configurations=6, load="pull", seed=2)
+WEIGHT = simulate_campaign(default_arm(), configurations=6, load="dead_weight", seed=2)
+BEGIN = {
+    "readings": 10,
+    "candidates": 300,
+    "load_point": [-0.06, 0.02, 0.18],
+    "load": {"kind": "any_direction", "force": 1500.0},
+    "targets": {name: list(place) for name, place in TARGETS.items()},
+}
+
+
+@pytest.fixture(scope="module")
+def parts():
+    with Store.open("sqlite://") as store:
+        yield Parts.of(store)
+
+
+@pytest.fixture(scope="module")
+def robot(parts):
+    return parts.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
+
+
+def plan_of(parts, **options) -> Plan:
+    record = parts.jobs["plan"].create(PlanRequest.model_validate(options), None)
+    return Plan.model_validate_json(record.document)
+
+
+class TestPlans:
+    def test_of_a_robot(self, parts, robot):
+        plan = plan_of(parts, robot_id=robot, **BEGIN)
+        result = plan.result
+        assert plan.state == "succeeded", plan.error
+        assert len(result.readings) == 10
+        assert sum(each.validation for each in result.readings) == 2
+        assert {each.label[0] for each in result.readings if each.validation} == {"v"}
+        assert 0.85 < result.efficiency <= 1.0
+        assert result.random_efficiency < 0.8
+        assert all(joint.relative is None and joint.before is None for joint in result.joints)
+        assert result.considered == 300
+        listed = parts.jobs["plan"].page(PlanQuery(robot_id=robot))
+        assert [each.id for each in listed.items] == [plan.id]
+
+    def test_that_goes_on_with_a_campaign(self, parts, robot):
+        posted = MeasurementSetRequest.model_validate(CAMPAIGN["measurement_set"] | {"robot_id": robot})
+        set_id = parts.sets.create(posted, None).id
+        result = plan_of(parts, measurement_set_id=set_id, readings=5, candidates=300).result
+        assert all(joint.standard_uncertainty < joint.before for joint in result.joints)
+        assert all(joint.relative < 0.1 for joint in result.joints)
+        sizes = [np.linalg.norm(each.force) for each in result.readings]
+        np.testing.assert_allclose(sizes, 1500.0, rtol=1e-6)
+
+    def test_the_same_every_time(self, parts, robot):
+        first, second = (plan_of(parts, robot_id=robot, **BEGIN) for _ in range(2))
+        assert first.result == second.result
+        assert first.provenance.input_hash == second.provenance.input_hash
+
+    @pytest.mark.parametrize(
+        ("changes", "where", "message"),
+        [
+            ({"load": None}, "load", "which loads"),
+            ({"targets": {}}, "targets", "where the targets are"),
+            ({"joints": ["joint_9"]}, "joints", "no joint 'joint_9'"),
+            ({"stiffness": {"joint_9": 1e6}}, "stiffness.joint_9", "no joint"),
+            ({"load": {"kind": "dead_weight", "force": 900.0}}, "joints", "twists joint_1"),
+            ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
+            ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "were found"),
+            ({"postures": [[0.0, 1.0]]}, "postures[0]", "2 angles"),
+            ({"surroundings": {"facing": {"P10": [0, 0, 0]}}}, "surroundings.facing", "facing"),
+            ({"criterion": "work_area"}, "work_area", "needs a work area"),
+        ],
+    )
+    def test_refused_with_place_and_remedy(self, parts, robot, changes, where, message):
+        with pytest.raises(RequestError, match=message) as refused:
+            plan_of(parts, robot_id=robot, **(BEGIN | changes))
+        assert refused.value.where == where
+        assert refused.value.remedy
+
+    def test_too_many_candidates_are_refused_before_any_work(self):
+        with pytest.raises(ValidationError, match=str(MAX_CANDIDATES)):
+            PlanRequest(robot_id="r", candidates=10_000_000)
+
+    def test_either_a_robot_or_a_campaign(self):
+        with pytest.raises(ValidationError, match="either `robot_id` or `measurement_set_id`"):
+            PlanRequest(readings=10)
+
+
+class TestCommand:
+    def test_of_a_campaign_of_weights(self, tmp_path):
+        file, options, filled = tmp_path / "c.json", tmp_path / "options.json", tmp_path / "next.json"
+        file.write_text(json.dumps(WEIGHT))
+        options.write_text(json.dumps({"candidates": 300, "joints": [f"joint_{j}" for j in range(2, 7)]}))
+        arguments = ["plan", str(file), "--readings", "5", "--options", str(options)]
+        shown = CliRunner().invoke(app, [*arguments, "--campaign", str(filled)])
+        assert shown.exit_code == 0, shown.output
+        assert "certified: at least" in shown.output
+        campaign = json.loads(filled.read_text())
+        assert len(campaign["measurement_set"]["observations"]) == 5
+        assert [r["target"] for r in campaign["measurement_set"]["observations"][0]["readings"]] == list(
+            TARGETS
+        )
+        table = CliRunner().invoke(app, [*arguments, "--csv"]).output.splitlines()
+        assert table[0].startswith("label,joint_1 [deg],")
+        assert len(table) == 6
+
+    def test_of_a_robot_without_a_load(self, tmp_path):
+        file = tmp_path / "robot.json"
+        file.write_text(json.dumps(robot_document(default_arm())))
+        refused = CliRunner().invoke(app, ["plan", str(file)])
+        assert refused.exit_code == 2
+        assert "remedy" in refused.output

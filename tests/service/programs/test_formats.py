@@ -1,0 +1,303 @@
+"""Robot programs: what is understood, what is refused by line, and that rewriting changes numbers only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from jointstiff.service.programs import FORMATS, Motion, ProgramError, read_program
+
+SAMPLES = Path(__file__).parent / "samples"
+PROGRAMS = {
+    "krl": (["cell.src", "cell.dat"], ["SPINDLE_ON"]),
+    "fanuc": (["CELL.LS"], ["SPINDLE_OFF"]),
+    "rapid": (["cell.mod"], []),
+    "ur": (["cell.script"], []),
+    "apt": (["cell.cls"], []),
+    "csv": (["cell.csv"], []),
+}
+
+
+def files_of(kind):
+    return [(name, (SAMPLES / name).read_bytes()) for name in PROGRAMS[kind][0]]
+
+
+def read(kind):
+    return read_program(files_of(kind), leave_alone=PROGRAMS[kind][1])
+
+
+def refusal(name, content, **options):
+    with pytest.raises(ProgramError) as caught:
+        read_program([(name, content.encode("latin-1"))], **options)
+    return caught.value
+
+
+def test_every_format_has_a_sample():
+    assert set(PROGRAMS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("kind", PROGRAMS)
+def test_identity_gives_identical_bytes(kind):
+    program = read(kind)
+    rewritten = program.rewritten({i: target.values for i, target in enumerate(program.targets)})
+    assert dict(zip([s.name for s in program.sources], rewritten, strict=True)) == dict(files_of(kind))
+
+
+@pytest.mark.parametrize("kind", PROGRAMS)
+def test_nothing_but_numbers_of_targets_changes(kind):
+    program = read(kind)
+    step = 0.125 * (np.arange(7) < 3)  # a quaternion has to stay a unit one
+    moved = {i: np.add(target.values, step[: len(target.values)]) for i, target in enumerate(program.targets)}
+    rewritten = program.rewritten(moved)
+    again = read_program(
+        list(zip([s.name for s in program.sources], rewritten, strict=True)), leave_alone=PROGRAMS[kind][1]
+    )
+    for i, new in enumerate(again.targets):
+        np.testing.assert_allclose(new.values, moved[i], rtol=0, atol=1e-9)
+    for source, other in zip(program.sources, again.sources, strict=True):
+        assert without_numbers(program, source) == without_numbers(again, other)
+
+
+def without_numbers(program, source):
+    index = program.sources.index(source)
+    spans = sorted(
+        span
+        for target in program.targets
+        if target.source == index
+        for span in zip(target.spans[::2], target.spans[1::2], strict=True)
+    )
+    text = source.text
+    for start, end in reversed(spans):
+        text = text[:start] + text[end:]
+    return text
+
+
+def test_krl_targets_frames_and_places_that_the_controller_keeps():
+    program = read("krl")
+    assert [(m.line, m.motion) for m in program.moves] == [
+        (27, Motion.JOINT),
+        (28, Motion.LINEAR),
+        (29, Motion.LINEAR),
+        (31, Motion.CIRCULAR),
+        (37, Motion.LINEAR),
+        (40, Motion.SPLINE),
+    ]
+    declared = program.targets[program.moves[4].targets[0]]
+    assert (declared.name, declared.branch) == ("XP7", "S 2, T 35")
+    assert program.sources[declared.source].name == "cell.dat"
+    assert (declared.base.name, declared.tool.name) == ("BASE_DATA[2]", "TOOL_DATA[3]")
+    np.testing.assert_allclose(program.targets[1].tool.pose[:3, 3], [0, 0, 0.2155])
+    assert [remark.line for remark in program.left_alone] == [20, 30, 46]
+
+
+def test_fanuc_targets_have_their_frames_and_configuration():
+    program = read("fanuc")
+    assert program.moves[-1].motion is Motion.CIRCULAR
+    assert len(program.moves[-1].targets) == 2
+    assert {(t.base.name, t.tool.name) for t in program.targets} == {("UF 2", "UT 3")}
+    assert program.targets[1].branch == "N U T, 0, 0, 0"
+
+
+def test_fanuc_columns_stay_where_they_are():
+    program = read("fanuc")
+    values = {1: np.asarray(program.targets[1].values) + np.array([-9000.1, 0.1, 0, 0, 0, 0])}
+    lines = program.rewritten(values, aligned=True)[0].decode().splitlines()
+    assert lines[32] == "\tX = -7385.358  mm,\tY =   -12.400  mm,\tZ =   507.201  mm,"
+
+
+def test_rapid_frames_are_composed():
+    program = read("rapid")
+    target = program.targets[program.moves[1].targets[0]]
+    np.testing.assert_allclose(target.base.pose[:3, 3], [1.2, -0.3, 0.8])
+    np.testing.assert_allclose(target.tool.pose[:3, 3], [0, 0, 0.2155])
+    assert target.branch == "0,-1,0,1"
+    assert program.moves[-1].targets == program.moves[1].targets  # used twice, corrected once
+
+
+def test_ur_frames_of_pose_trans():
+    program = read("ur")
+    target = program.targets[program.moves[3].targets[0]]
+    np.testing.assert_allclose(target.base.pose[:3, 3], [0.4, -0.3, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line", "words"),
+    [
+        ("a.src", "DEF a()\nLIN_REL {X 10}\nEND", 2, "relative"),
+        ("a.src", "DEF a()\nLIN XP1\nEND", 2, "XP1"),
+        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3}\nEND", 2, "whole pose"),
+        ("a.src", "DEF a()\nLIN {X x1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "numbers"),
+        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}:{X 1}\nEND", 2, "follows"),
+        ("a.src", "DEF a()\nFOO(1)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "FOO"),
+        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z NaN,A 0,B 0,C 0}\nEND", 2, "numbers"),
+        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 1e300,A 0,B 0,C 0}\nEND", 2, "range"),
+        (
+            "a.src",
+            "DEF a()\nIF x THEN\n$BASE=BASE_DATA[2]\nENDIF\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
+            3,
+            "branch",
+        ),
+        (
+            "a.src",
+            "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 0}\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 5}\nEND",
+            3,
+            "external",
+        ),
+        ("a.LS", "/PROG A\n/MN\n   1:L PR[1] 10mm/sec FINE ;\n/POS\n/END\n", 3, "PR[1]"),
+        ("a.LS", "/PROG A\n/MN\n   1:L P[R[1]] 10mm/sec FINE ;\n/POS\n/END\n", 3, "/POS"),
+        (
+            "a.mod",
+            "MODULE a\nPROC main()\nMoveL Offs(p10,0,0,5),v10,fine,tool0;\nENDPROC\nENDMODULE",
+            3,
+            "numbers",
+        ),
+        ("a.mod", "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE", 3, "moves targets"),
+        ("a.script", "def a():\n  movel(pose_add(p1, p[0,0,0.1,0,0,0]))\nend", 2, "numbers"),
+        ("a.script", "def a():\n  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0])\nend", 2, "force_mode"),
+        ("a.script", "def a():\n  x = [d2r(1),0,0,0,0,0]\n  movej(x)\nend", 3, "numbers"),
+        ("a.cls", "GOTO/1,2,3\nGODLTA/0,0,1\n", 2, "GODLTA"),
+        ("a.cls", "CYCLE/DRILL,10\nGOTO/1,2,3\n", 1, "CYCLE"),
+        ("a.csv", "x,y\n1,2\n", 1, "header"),
+        ("a.csv", "x [mm],y [mm],z [mm]\n1,2,a\n", 2, "column 3"),
+        ("a.csv", "x,y,z\n1,2,3\n", 1, "no units"),
+        ("a.csv", 'n,x [mm],y [mm],z [mm]\n"P1,5",1,2,3\n', 2, "columns"),
+        ("a.src", "DEF a()\nLIN {X TRUE,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "numbers"),
+        ("a.src", "DEF a()\nCIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "arc"),
+        (
+            "a.src",
+            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\nEND",
+            3,
+            "changes",
+        ),
+        (
+            "a.mod",
+            "MODULE a\nPROC main()\nMoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tool0;\nENDPROC\nENDMODULE",  # noqa: E501
+            3,
+            "quaternion",
+        ),
+        ("a.LS", "/PROG A\n/MN\n   1:  IF (DI[1]),UFRAME_NUM=(2) ;\n/POS\n/END\n", 3, "frame"),
+        ("a.LS", "/PROG A\n/MN\n   1:L P[1] 10mm/sec " + "SPOT[]" * 600 + "x ;\n/POS\n/END\n", 3, "P[1]"),
+        ("a.csv", "x [deg],y [deg],z [deg]\n1,2,3\n", 1, "units"),
+        ("a.txt", "x", None, "format"),
+        ("a.src", "\0", None, "text"),
+        ("a.src", "x" * 5000, 1, "characters"),
+    ],
+)
+def test_what_is_not_understood_is_refused_by_line(name, content, line, words):
+    error = refusal(name, content)
+    assert error.faults[0].line == line, error
+    assert words in str(error)
+    assert all(fault.remedy for fault in error.faults)
+    assert len(str(error)) < 8000
+
+
+def test_a_point_reassigned_while_the_program_runs_is_no_target():
+    text = "DEF a()\nXP1={X 1,Y 2,Z 3,A 0,B 0,C 0}\nXP1.X=5\nLIN XP1\nEND"
+    assert refusal("a.src", text).faults[0].line == 4
+
+
+def test_one_point_under_two_bases_is_refused():
+    point = "XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}"
+    text = f"DEF a()\n{point}\n$BASE=BASE_DATA[1]\nLIN XP1\n$BASE=BASE_DATA[2]\nLIN XP1\nEND"
+    assert refusal("a.src", text).faults[0].line == 6
+
+
+number = st.floats(-3000, 3000).map(lambda x: round(x, 3))
+text_between = st.text(st.characters(codec="latin-1", exclude_characters="\n\r\0"), max_size=40)
+pose = st.tuples(number, number, number, *[st.floats(-180, 180).map(lambda x: round(x, 3))] * 3)
+
+
+def krl(p):
+    return "LIN {{X {:.3f},Y {:.3f},Z {:.3f},A {:.3f},B {:.3f},C {:.3f}}} C_DIS".format(*p)
+
+
+def apt(p):
+    return "GOTO/{:.3f},{:.3f},{:.3f},0,0,1".format(*p)
+
+
+def ur(p):
+    values = [*(x / 1000 for x in p[:3]), *np.radians(p[3:])]
+    return "movel(p[{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}], a=1, v=0.1)".format(*values)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.tuples(pose, text_between), min_size=1, max_size=8), st.sampled_from(["\n", "\r\n"]))
+@pytest.mark.parametrize(
+    ("name", "line", "comment"), [("a.src", krl, ";"), ("a.cls", apt, "$$"), ("a.script", ur, "#")]
+)
+def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
+    text = end.join(part for p, note in targets for part in (line(p), comment + note)) + end
+    program = read_program([(name, text.encode("latin-1"))])
+    assert len(program.targets) == len(targets)
+    values = {i: target.values for i, target in enumerate(program.targets)}
+    assert program.rewritten(values)[0] == text.encode("latin-1")
+    moved = {i: (*np.asarray(v[:3]) + 1, *v[3:]) for i, v in values.items()}
+    assert program.rewritten(moved)[0].count(comment.encode()) == text.encode("latin-1").count(
+        comment.encode()
+    )
+
+
+@pytest.mark.parametrize(("kind", "sequence"), [("krl", "ZYX"), ("fanuc", "xyz")])
+@pytest.mark.parametrize("middle", [0.0, 37.0, 90.0, -90.0, 89.9999])
+def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
+    """A small rotation of a target changes its angles little, away from the lock, and is exact everywhere."""
+    notation = next(n for n in read(kind).by_notation() if n.has_pose)
+    near = np.array([[100.0, 0, 0, 175.0, middle, -178.0]])
+    poses = notation.poses(near)
+    np.testing.assert_allclose(
+        poses[0, :3, :3], Rotation.from_euler(sequence, near[0, 3:], degrees=True).as_matrix()
+    )
+    poses[0, :3, :3] = Rotation.from_rotvec([1e-4, -2e-4, 5e-5]).as_matrix() @ poses[0, :3, :3]
+    new = notation.values(poses, near)
+    np.testing.assert_allclose(notation.poses(new), poses, atol=1e-8)
+    if abs(middle) < 80:
+        assert np.abs(new - near)[:, 3:].max() < 0.1
+
+
+def test_the_lock_keeps_the_angles_of_an_unchanged_target():
+    notation = next(n for n in read("krl").by_notation() if n.has_pose)
+    near = np.array([[0.0, 0, 0, 20.0, 90.0, -70.0], [0, 0, 0, 20.0, -90.0, -70.0]])
+    np.testing.assert_allclose(notation.values(notation.poses(near), near), near, atol=1e-6)
+
+
+POINT = "P1={X 1,Y 2,Z 3,A 0,B 0,C 0}"
+LITERAL = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line"),
+    [
+        ("a.src", f"DEF a()\n{POINT}\nLOOP\nLIN P1\nP1.X = 10\nENDLOOP\nEND", 4),
+        ("a.src", f"DEF a()\n{POINT}\nLIN P1\nP1={{X 9,Y 2,Z 3,A 0,B 0,C 0}}\nEND", 3),
+        ("a.src", f"DEF a()\n{POINT}\nLIN P1\nmove(P1)\nEND\nDEF move(p:OUT)\nEND", 3),
+        ("a.script", "p1 = p[1,2,3,0,0,0]\ndef f(p1):\n  movel(p1)\nend\n", 3),
+        ("a.mod", f"MODULE a\nCONST robtarget p1:={LITERAL};\nPROC f(robtarget p1)\nMoveL p1,v10,fine,tool0;\nENDPROC\nENDMODULE", 4),  # noqa: E501
+    ],
+)  # fmt: skip
+def test_what_the_program_changes_is_no_target(name, content, line):
+    assert refusal(name, content).faults[0].line == line
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line"),
+    [
+        (
+            "a.src",
+            "DEF a()\n$BASE=BASE_DATA[1]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\ns()\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",  # noqa: E501
+            7,
+        ),
+        ("a.src", "DEF a()\ns()\n$BASE=BASE_DATA[1]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\nDEF s()\nEND", 3),
+        (
+            "a.script",
+            "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  set_tcp(p[0,0,1,0,0,0])\n  movel(p[1,2,3,0,0,0])\nend\n",  # noqa: E501
+            5,
+        ),
+    ],
+)  # fmt: skip
+def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, content, line):
+    assert refusal(name, content).faults[0].line == line

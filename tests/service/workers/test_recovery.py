@@ -1,0 +1,222 @@
+"""Every job ends: what the recovery of a worker does about work that nobody does."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from support.jobs import QueueEngine, request, runs_of, stored_set
+
+from jointstiff.service.store import Store, StoreUnavailableError
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.heartbeats import Heartbeats
+from jointstiff.service.workers.engine import _patient, _until_ended
+from jointstiff.service.workers.queue import VERSION, Outcome
+from jointstiff.service.workers.recovery import Recovery
+
+SILENCE = timedelta(seconds=30)
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def runs(store):
+    return runs_of(store, lambda _connection, _kind, _run_id: None)
+
+
+@pytest.fixture
+def engine():
+    return QueueEngine()
+
+
+def recovery_of(store, runs, engine, executor="alive"):
+    return Recovery(store.heartbeats, {"run": runs}, engine, executor)
+
+
+def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):
+    recovery = recovery_of(store, runs, engine)
+    engine.taken = {"job-1": ("job", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
+    engine.active = ["part-2"]
+    recovery.look()
+    assert sorted(engine.resumed) == [("job-1", "job"), ("part-1", "part")]
+
+
+def test_it_does_not_matter_who_noticed_first_and_died(store, runs, engine):
+    """Nothing is forgotten on the way: whoever looks next finds the same."""
+    engine.taken = {"job-1": ("job", "dead")}
+    store.heartbeats.forget("dead")
+    recovery_of(store, runs, engine, "another").look()
+    assert engine.resumed == [("job-1", "job")]
+
+
+def test_the_living_are_left_alone(store, runs, engine):
+    first, second = (recovery_of(store, runs, engine, name) for name in ("a", "b"))
+    first.look()
+    engine.taken = {"job-1": ("job", "b")}
+    engine.active = ["job-1"]
+    second.look()
+    first.look()
+    assert engine.resumed == []
+
+
+def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store, runs, engine):
+    recovery = recovery_of(store, runs, engine)
+    engine.taken = {"part-1": ("part", "alive")}
+    recovery.look()
+    assert engine.resumed == []  # it may be about to begin
+    recovery.look()
+    assert engine.resumed == [("part-1", "part")]
+
+
+@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
+def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome(status, VERSION)}
+    recovery = recovery_of(store, runs, engine)
+    recovery.look()
+    assert runs.current(run.id).state == "queued"
+    recovery.look()
+    assert runs.current(run.id).state == "failed"
+
+
+def test_a_run_that_the_engine_does_not_know_is_announced_again(store, runs, engine):
+    """Who enqueued it anew may have died between taking the old announcement back and giving the new one."""
+    run = runs.create(request(stored_set(store)), None)
+    recovery = recovery_of(store, runs, engine)
+    recovery.look()
+    assert engine.renewed == []
+    recovery.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).state == "queued"
+
+
+def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
+    store, runs, engine, monkeypatch
+):
+    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
+    runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
+    runs.log.report(waiting.id, 0, 120)
+    recovery = recovery_of(store, runs, engine)
+    for number in range(3):
+        assert {runs.current(run.id).state for run in (poison, waiting, heavy)} == {"queued"}
+        dead = f"dead-{number}"
+        engine.taken = {run.id: ("job", dead) for run in (poison, waiting, heavy)}
+        engine.taken[f"{poison.id}-1"] = ("part", dead)
+        engine.ended = {run.id: Outcome("PENDING", VERSION) for run in (poison, waiting, heavy)}
+        recovery.look()
+    assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
+
+
+def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, engine, monkeypatch):
+    def refuse(_workflows):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(engine, "resume", refuse)
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome("ERROR", VERSION)}
+    engine.taken = {"part-1": ("part", "dead")}
+    recovery = recovery_of(store, runs, engine)
+    for _ in range(2):
+        with pytest.raises(KeyError, match="odd"):
+            recovery.look()
+    assert runs.current(run.id).state == "failed"
+
+
+@pytest.mark.parametrize("status", ["ENQUEUED", "PENDING"])
+def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
+    run = runs.create(request(stored_set(store)), None)
+    engine.ended = {run.id: Outcome(status, VERSION)}
+    recovery = recovery_of(store, runs, engine)
+    for _ in range(3):
+        recovery.look()
+    assert runs.current(run.id).state == "queued"
+
+
+def test_a_run_that_waits_for_a_worker_of_an_earlier_version_is_announced_anew(store, runs, engine):
+    run = runs.create(request(stored_set(store)), None)
+    runs.log.report(run.id, 0, 120)
+    engine.ended = {run.id: Outcome("PENDING", VERSION - 1)}
+    recovery = recovery_of(store, runs, engine)
+    recovery.look()
+    recovery.look()
+    assert engine.renewed == [("run", run.id)]
+    assert runs.current(run.id).progress.done == 0
+    engine.ended = {run.id: Outcome("PENDING", VERSION + 1)}  # this worker is the outdated one
+    recovery.look()
+    assert len(engine.renewed) == 1
+
+
+def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
+    ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    for run in (ended, goes_on):
+        runs.log.report(run.id, 0, 120)
+        engine.ended[run.id] = Outcome("PENDING", VERSION)
+    runs.cancel(ended.id)
+    before = runs.document(ended.id)
+    engine.forgotten = [ended.id]
+    recovery_of(store, runs, engine).look()
+    assert (runs.log.done(ended.id), runs.log.done(goes_on.id)) == (0, 120)
+    assert runs.document(ended.id) == before
+
+
+def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
+    recovery = recovery_of(store, runs, engine)
+    recovery.look()
+    engine.taken = {"part-1": ("part", "alive"), "part-2": ("part", "other")}
+    recovery.hand_over()
+    assert engine.resumed == [("part-1", "part")]
+
+
+@pytest.fixture
+def beats_at(store, database_url):
+    """Call it for the heartbeats of the store as they are at a time."""
+    with closing(Database.open(database_url)) as database:
+        yield lambda time: Heartbeats(database, lambda _: time)
+
+
+NOW = datetime(2026, 11, 20, tzinfo=UTC)
+
+
+def test_a_clock_that_was_set_back_does_not_keep_the_dead_alive(beats_at):
+    beats_at(NOW + timedelta(hours=1)).beat("dead", SILENCE)
+    assert beats_at(NOW).beat("alive", SILENCE) == ["alive"]
+
+
+def test_the_living_are_counted_by_their_beats(beats_at):
+    for executor in ("a", "b"):
+        beats_at(NOW).beat(executor, SILENCE)
+    assert beats_at(NOW).living(SILENCE) == ["a", "b"]
+    assert beats_at(NOW + 2 * SILENCE).living(SILENCE) == []
+
+
+def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():
+    asked = []
+
+    def compute(span):
+        asked.append(span)
+        return "" if span[0] == 2 else "computed"
+
+    spans = [(i, i + 1) for i in range(1000)]
+    assert _until_ended(compute, spans) == ["computed", "computed", ""]
+    assert asked == spans[:3]
+    assert _until_ended(compute, spans[3:]) == ["computed"] * 997
+
+
+def test_a_step_waits_for_the_database(monkeypatch):
+    """An outage is no result of a step."""
+    monkeypatch.setattr("jointstiff.service.workers.engine.time.sleep", lambda _: None)
+    failures = iter([StoreUnavailableError("away", "wait")] * 50)
+
+    @_patient
+    def step(value):
+        for failure in failures:
+            raise failure
+        return value
+
+    assert step(3) == 3

@@ -1,0 +1,99 @@
+"""Compensated commands against springs that balance loads exactly, by code that shares nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointstiff.simulator import default_arm, equilibrium
+from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
+from jointstiff.solver.convex import Bounds, Constraints
+from jointstiff.solver.deflection import CorrectionLimits, JointModel, LoadCases, compensate
+from jointstiff.solver.robot import Robot, read_urdf
+
+ARM = default_arm()
+ROBOT = Robot(read_urdf(urdf_text(ARM), BASE_LINK, FLANGE_LINK))
+MODEL = JointModel(ROBOT, ARM.compliances, None, Constraints(Bounds.positive(6)))
+COUNT = 40
+
+
+def path(force=1500.0):
+    generator = np.random.default_rng(5)
+    low, high = ARM.limits.T
+    joints = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (COUNT, 6))
+    direction = generator.standard_normal((COUNT, 3))
+    point = np.broadcast_to([0.0, 0.05, 0.25], (COUNT, 3)).copy()
+    return LoadCases(
+        joints=joints,
+        force=force * direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        moment=np.zeros((COUNT, 3)),
+        load_point=point,
+        place=point.copy(),
+    )
+
+
+def exact_place(joints, cases):
+    """Place (m, 3) in R0 and axes (m, 3, 3) of the flange once springs balance the load."""
+    q = joints + equilibrium(ARM, joints, cases.force, cases.moment, cases.load_point)
+    posture = ARM.posture(q)
+    return posture.point_to_base(cases.place), posture.flange_rotation
+
+
+def test_the_loaded_tool_is_where_it_is_wanted():
+    wanted = path()
+    found = compensate(MODEL, wanted, CorrectionLimits(1.0, 1.0))
+    still = ARM.posture(wanted.joints)
+    place, axes = exact_place(found.commanded, wanted)
+    np.testing.assert_allclose(place, still.point_to_base(wanted.place), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(axes, still.flange_rotation, rtol=0, atol=1e-12)
+    assert np.abs(found.residual).max() < 1e-12
+    np.testing.assert_allclose(found.share, 1.0)
+
+
+def test_the_mirror_is_worse_by_orders_of_magnitude():
+    """The mirror x − δ(x) of the literature, with the exact deflection at the wanted posture."""
+    wanted = path()
+    found = compensate(MODEL, wanted, CorrectionLimits(1.0, 1.0))
+    deflection = equilibrium(ARM, wanted.joints, wanted.force, wanted.moment, wanted.load_point)
+    mirrored, _ = exact_place(wanted.joints - deflection, wanted)
+    goal = ARM.posture(wanted.joints).point_to_base(wanted.place)
+    assert np.linalg.norm(mirrored - goal, axis=1).max() > 1e-6
+    assert np.linalg.norm(found.residual[:, :3], axis=1).max() < 1e-12
+
+
+def test_uncorrected_is_the_exact_deflection():
+    wanted = path()
+    found = compensate(MODEL, wanted)
+    place, _ = exact_place(wanted.joints, wanted)
+    np.testing.assert_allclose(
+        found.uncorrected[:, :3], place - ARM.posture(wanted.joints).point_to_base(wanted.place), atol=1e-12
+    )
+
+
+def test_limits_hold_corrections_back_and_say_so():
+    found = compensate(MODEL, path(), CorrectionLimits(displacement=5e-4))
+    size = np.linalg.norm(found.correction[:, :3], axis=1)
+    assert found.capped.any()
+    assert size.max() < 5e-4 * 1.01
+    np.testing.assert_allclose(size[found.capped], 5e-4, rtol=0.01)
+    assert (np.linalg.norm(found.residual[found.capped, :3], axis=1) > 1e-6).all()
+    assert (np.linalg.norm(found.residual[~found.capped, :3], axis=1) < 1e-12).all()
+
+
+def test_ramps_begin_where_the_load_sets_in():
+    wanted = path()
+    force = wanted.force.copy()
+    force[:5] = force[-5:] = 0.0
+    wanted = replace(wanted, force=force)
+    found = compensate(MODEL, wanted, CorrectionLimits(1.0, 1.0, ramp=1.0))
+    assert found.share[5] == pytest.approx(0.0)
+    assert found.share[20] == pytest.approx(1.0)
+    assert (np.diff(found.share[5:8]) >= 0).all()
+    np.testing.assert_allclose(found.correction[:5], 0.0, atol=1e-15)
+
+
+def test_no_load_is_no_correction():
+    found = compensate(MODEL, path(force=1e-300))
+    assert np.abs(found.correction).max() < 1e-15

@@ -1,0 +1,199 @@
+"""Plans of campaigns: feasible, as sure as promised on exact springs, better than other plans."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import prepare
+
+from jointstiff.schemas.run import RunOptions
+from jointstiff.service.conversion import to_settings
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
+from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.design import Cell, Equipment, Loads, PlanRequest, plan_campaign
+from jointstiff.solver.design.feasibility import feasible, segment_distance
+from jointstiff.solver.design.ordering import ordered, travel
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.identification import identify
+from jointstiff.solver.readings import Instrument, Measurements
+
+ARM = default_arm()
+N = len(ARM.stiffnesses)
+PLACES = np.array(list(TARGETS.values()))
+SIGMA = 2e-5
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return prepare(simulate_campaign(ARM, configurations=3))[0]
+
+
+def equipment(kind="any_direction", force=1500.0, **options) -> Equipment:
+    anchors = np.array(options.pop("anchors", np.empty((0, 3))))
+    limit = options.pop("torque_limit", np.full(N, np.inf))
+    return Equipment(PLACES, np.array(LOAD_POINT), Loads(kind, force, limit, anchors), SIGMA, **options)
+
+
+def request_of(tools: Equipment, **options) -> PlanRequest:
+    defaults = {"readings": 12, "candidates": 400, "validation": 0.0}
+    return PlanRequest(
+        tools, **{"nominal": ARM.compliances, "prior": np.full(N, np.inf)} | defaults | options
+    )
+
+
+def read(plan, noise: np.ndarray) -> Measurements:
+    """Return what a tracker reads, on springs that balance the load exactly."""
+    count = len(plan.joints)
+    points = np.broadcast_to(np.array(LOAD_POINT), (count, 3))
+    exact = np.stack(deflections(ARM, plan.joints, plan.force, np.zeros((count, 3)), points, PLACES))
+    unloaded, loaded = exact + SIGMA * noise
+    present = np.ones(unloaded.shape[:2], dtype=bool)
+    return Measurements(
+        joints=plan.joints,
+        force=plan.force,
+        moment=np.zeros((count, 3)),
+        load_point=points,
+        position=unloaded,
+        in_flange=~present,
+        deflection=loaded - unloaded,
+        present=present,
+        sigma=SIGMA,
+    )
+
+
+class TestPromise:
+    def test_is_what_is_found_on_exact_springs(self, robot):
+        """200 campaigns: the estimates scatter as promised, within the sampling error."""
+        plan = plan_campaign(robot, request_of(equipment()))
+        rng = np.random.default_rng(0)
+        settings = to_settings(RunOptions(positive=False, complementary_stiffness="included"), robot)
+        found = [
+            identify(robot, read(plan, rng.standard_normal((2, 12, 3, 3))), settings) for _ in range(200)
+        ]
+        promised = plan.uncertainty * ARM.compliances
+        stated = np.mean([[joint.standard_uncertainty for joint in each.joints] for each in found], axis=0)
+        np.testing.assert_allclose(stated, promised, rtol=0.01)
+        scatter = np.std([each.compliance for each in found], axis=0, ddof=1)
+        np.testing.assert_allclose(scatter, promised, rtol=4 / np.sqrt(2 * 199))
+
+    def test_one_that_goes_on_counts_the_readings_so_far(self, robot):
+        first = plan_campaign(robot, request_of(equipment(), readings=6))
+        so_far = read(first, np.zeros((2, 6, 3, 3)))
+        second = plan_campaign(robot, request_of(equipment(), readings=6, so_far=so_far))
+        np.testing.assert_allclose(second.before, first.uncertainty, rtol=0.01)
+        assert (second.uncertainty < first.uncertainty).all()
+        alone = plan_campaign(robot, request_of(equipment(), readings=6, seed=1))
+        assert np.square(second.uncertainty).sum() < np.square(alone.uncertainty).sum()
+
+    @pytest.mark.parametrize("kind", ["dead_weight", "any_direction", "cable"])
+    def test_better_than_other_plans_and_certified(self, robot, kind):
+        tools = equipment(kind, anchors=[[3.0, 3.0, 0.0], [3.0, -3.0, 0.0], [0.0, 3.0, 3.0]])
+        wanted = np.arange(1, N) if kind == "dead_weight" else None
+        plan = plan_campaign(robot, request_of(tools, joints=wanted, readings=15, validation=0.2))
+        assert plan.random.efficiency < 0.6
+        assert plan.one_at_a_time.efficiency < 1.0 + 1e-9
+        assert 0.9 < plan.efficiency <= 1.0
+        assert plan.validation.sum() == 3
+        apart = np.abs(plan.joints[:, None] - plan.joints).max(axis=2) + 9.0 * np.eye(15)
+        assert apart.min() >= np.radians(10.0) - 1e-9
+        np.testing.assert_allclose(np.linalg.norm(plan.force, axis=1), 1500.0)
+        if kind == "dead_weight":
+            np.testing.assert_allclose(plan.force[:, :2], 0.0)
+
+    def test_for_a_work_area_with_elastic_links_as_nuisance(self, robot):
+        area = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
+        options = {"criterion": "work_area", "work_area": area, "readings": 15}
+        alone, with_links = (
+            plan_campaign(robot, request_of(equipment(), **options, links=links)) for links in (False, True)
+        )
+        assert set(alone.efficiencies) == {"relative_a", "d", "work_area"}
+        assert alone.deflection[0] <= alone.deflection[1] < 1e-4
+        assert with_links.deflection[0] > alone.deflection[0]
+        assert (with_links.uncertainty > alone.uncertainty).all()
+
+
+class TestFeasibility:
+    def test_each_reason_strikes_out_what_it_should(self, robot):
+        straight = np.zeros((1, N))
+        flange = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06])
+        down = np.array([[0.0, 0.0, -1.0]])
+        station = Instrument((5.0, 0.0, 2.0), 1e-5, 0.0, 1e-5, 0.0)
+        box = np.array([[flange - 0.1, flange + 0.1]])
+        behind = Instrument((-5.0, 0.0, 1.2), 1e-5, 0.0, 1e-5, 0.0)
+        facing = np.tile([0.0, 0.0, 1.0], (3, 1))
+        cases = {
+            "joint_limits": (equipment(), Cell(), straight + np.radians([0, 100, 0, 0, 0, 0]), None),
+            "torque": (equipment("dead_weight", torque_limit=np.full(N, 100.0)), Cell(), straight, down),
+            "floor_or_box": (equipment(), Cell(floor=3.0), straight, None),
+            "line_of_sight": (equipment(instrument=behind), Cell(link_radius=0.15), straight, None),
+            "reflector_acceptance": (
+                equipment(instrument=behind),
+                Cell(link_radius=0.0, facing=facing, acceptance=0.5),
+                straight,
+                None,
+            ),
+            "cable": (
+                equipment("cable", anchors=[[-3.0, 0.0, 1.2]]),
+                Cell(link_radius=0.15),
+                straight,
+                np.array([[-1.0, 0.0, -0.2]]),
+            ),
+        }
+        for reason, (tools, cell, joints, direction) in cases.items():
+            kept, strikes = feasible(robot, tools, cell, joints, direction)
+            assert strikes.reasons == {reason: 1}, reason
+            assert not kept.any()
+        assert feasible(robot, equipment(instrument=station), Cell(floor=0.1), straight, None)[0].all()
+        assert not feasible(robot, equipment(), Cell(obstacles=box), straight, None)[0].any()
+        assert not feasible(robot, equipment(), Cell(inside=box[0] + 9.0), straight, None)[0].any()
+
+    def test_links_that_touch(self, robot):
+        """Stretched out nothing touches; with the forearm folded back onto the upper arm it does."""
+        postures = np.radians([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 70.0, 60.0, 0.0, 90.0, 0.0]])
+        kept, strikes = feasible(robot, equipment(), Cell(link_radius=0.1), postures, None)
+        assert kept.tolist() == [True, False]
+        assert strikes.reasons == {"self_collision": 1}
+
+    def test_distance_of_segments(self):
+        """Against a fine grid of points on both."""
+        rng = np.random.default_rng(0)
+        p, q, r, s = rng.standard_normal((4, 50, 3))
+        s[:5] = r[:5]
+        q[5:10] = p[5:10]
+        t = np.linspace(0.0, 1.0, 201)[:, None]
+        on_first = p[:, None] + t * (q - p)[:, None]
+        on_second = r[:, None] + t * (s - r)[:, None]
+        least = np.linalg.norm(on_first[:, :, None] - on_second[:, None], axis=3).min(axis=(1, 2))
+        np.testing.assert_allclose(segment_distance(p, q, r, s), least, atol=0.02)
+
+    def test_the_order_saves_travel(self):
+        joints = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
+        order = ordered(joints, np.zeros(20, dtype=int))
+        assert sorted(order.tolist()) == list(range(20))
+        assert travel(joints[order]) < 0.8 * travel(joints)
+
+
+class TestRefusals:
+    def test_a_joint_that_no_weight_twists(self, robot):
+        with pytest.raises(RequestError, match="no candidate load twists joint_1"):
+            plan_campaign(robot, request_of(equipment("dead_weight")))
+
+    def test_nothing_is_feasible(self, robot):
+        with pytest.raises(RequestError, match="none of 400 readings is feasible: floor_or_box 400"):
+            plan_campaign(robot, request_of(equipment(), cell=Cell(floor=9.0)))
+
+    def test_too_few_readings(self, robot):
+        one = replace(equipment(), targets=PLACES[:1])
+        with pytest.raises(RequestError, match="1 readings without those held out do not determine 6 joints"):
+            plan_campaign(robot, request_of(one, readings=1))
+
+    def test_a_criterion_without_its_work_area(self, robot):
+        with pytest.raises(RequestError, match="needs a work area"):
+            plan_campaign(robot, request_of(equipment(), criterion="work_area"))
+
+    def test_a_work_area_out_of_reach(self, robot):
+        area = np.array([[50.0, 50.0, 50.0], [60.0, 60.0, 60.0]])
+        with pytest.raises(RequestError, match="0 of 400 candidates have their load point"):
+            plan_campaign(robot, request_of(equipment(), criterion="work_area", work_area=area))

@@ -1,0 +1,218 @@
+"""Designs beside exhaustive search, their invariances, and what their certificates claim."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jointstiff.solver.design import (
+    AOptimality,
+    DesignProblem,
+    Distinct,
+    DOptimality,
+    EOptimality,
+    GOptimality,
+    PackedCandidates,
+    exact_design,
+    optimise,
+)
+from jointstiff.solver.errors import RequestError
+
+P = 4
+CRITERIA = [
+    DOptimality(),
+    DOptimality(2),
+    AOptimality(np.diag([1.0, 2.0, 0.5, 0.0])),
+    EOptimality(np.ones(P)),
+    EOptimality(np.array([1.0, 2.0])),
+    GOptimality(np.stack([np.eye(P), np.diag([4.0, 0.0, 0.0, 1.0])])),
+]
+NAMES = ["D", "D of two", "A", "E", "E of two", "G"]
+every_criterion = pytest.mark.parametrize("criterion", CRITERIA, ids=NAMES)
+
+
+def random_rows(seed: int, count: int, m: int = 2, p: int = P) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((count, m, p)) * [1.0, 0.3, 2.0, 0.7][:p]
+
+
+def information(rows: np.ndarray) -> np.ndarray:
+    return rows.transpose(0, 2, 1) @ rows
+
+
+def problem_of(rows: np.ndarray, criterion, n: int = 6, *, base=None, once=False) -> DesignProblem:
+    base = np.zeros((rows.shape[-1],) * 2) if base is None else base
+    return DesignProblem(PackedCandidates.from_rows(rows), criterion, n, base, once)
+
+
+class TestCriteria:
+    @every_criterion
+    def test_a_supporting_matrix_bounds_the_information_everywhere(self, criterion):
+        rng = np.random.default_rng(0)
+        for _ in range(20):
+            M, other = (X.T @ X for X in rng.standard_normal((2, 6, P)))
+            G = criterion.support(M)
+            assert np.linalg.eigvalsh(G)[0] > -1e-9 * np.linalg.eigvalsh(G)[-1]
+            assert criterion.information(M) == pytest.approx(float((G * M).sum()))
+            assert criterion.information(other) <= float((G * other).sum()) * (1 + 1e-9)
+
+    @every_criterion
+    def test_homogeneous_and_concave(self, criterion):
+        rng = np.random.default_rng(1)
+        for _ in range(20):
+            M, other = (X.T @ X for X in rng.standard_normal((2, 6, P)))
+            assert criterion.information(3.0 * M) == pytest.approx(3.0 * criterion.information(M))
+            assert (
+                criterion.information(M + other)
+                >= criterion.information(M) + criterion.information(other) - 1e-9
+            )
+
+    def test_nuisance_parameters_leave_the_information_on_the_others(self):
+        """Against the covariance: the block of the inverse is the inverse of C."""
+        M = information(random_rows(3, 6)).sum(axis=0)
+        covariance = np.linalg.inv(M)[:2, :2]
+        assert DOptimality(2).information(M) == pytest.approx(np.linalg.det(covariance) ** -0.5)
+        assert EOptimality(np.ones(2)).information(M) == pytest.approx(1 / np.linalg.eigvalsh(covariance)[-1])
+
+    def test_singular_information_is_worth_nothing(self):
+        M = information(random_rows(3, 1)).sum(axis=0)
+        assert [criterion.information(M) for criterion in CRITERIA] == [0.0] * len(CRITERIA)
+
+
+class TestCertificate:
+    @every_criterion
+    def test_no_random_weights_beat_the_bound(self, criterion):
+        rows = random_rows(5, 40)
+        base = 0.1 * np.eye(P)
+        design = optimise(problem_of(rows, criterion, base=base))
+        best = criterion.information(design.matrix)
+        assert design.bound.efficiency > 1 - 1e-5
+        rng, K = np.random.default_rng(0), information(rows)
+        for _ in range(300):
+            w = rng.dirichlet(np.full(40, rng.choice([0.02, 0.1, 1.0])))
+            other = criterion.information(base + 6 * np.tensordot(w, K, axes=1))
+            assert other <= best / design.bound.efficiency * (1 + 1e-9)
+
+    @every_criterion
+    @pytest.mark.parametrize("seed", range(3))
+    def test_all_lists_of_eight_out_of_fourteen(self, criterion, seed):
+        """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
+        rows = random_rows(seed, 14)
+        problem = problem_of(rows, criterion, 8, once=True)
+        exact = exact_design(problem, optimise(problem), Distinct(np.zeros((14, 1)), 0.0))
+        K = information(rows)
+        best = max(
+            criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
+        )
+        assert len(set(exact.atoms.index.tolist())) == 8
+        np.testing.assert_allclose(exact.matrix, K[exact.atoms.index].sum(axis=0), rtol=1e-10)
+        assert criterion.information(exact.matrix) == pytest.approx(best, rel=1e-9)
+        assert 0.8 < exact.efficiency <= 1.0
+
+    def test_lists_of_distinct_postures(self):
+        """Exhaustive search over the lists that obey the rule."""
+        rng = np.random.default_rng(2)
+        rows, postures = random_rows(2, 16), rng.uniform(0.0, 1.0, (16, 2))
+        distinct, criterion = Distinct(postures, 0.2), DOptimality()
+        problem = problem_of(rows, criterion, 5)
+        exact = exact_design(problem, optimise(problem), distinct)
+        apart = np.abs(postures[:, None] - postures).max(axis=2) >= 0.2
+        lists = (
+            list(c)
+            for c in itertools.combinations(range(16), 5)
+            if all(apart[i, j] for i, j in itertools.combinations(c, 2))
+        )
+        K = information(rows)
+        best = max(criterion.information(K[c].sum(axis=0)) for c in lists)
+        chosen = exact.atoms.index
+        assert all(apart[i, j] for i, j in itertools.combinations(chosen.tolist(), 2))
+        reached = criterion.information(exact.matrix)
+        assert reached == pytest.approx(best, rel=1e-9)
+        assert exact.efficiency <= reached / best + 1e-9
+
+
+class TestInvariance:
+    def test_units_of_the_parameters_over_twelve_decades(self):
+        rows = random_rows(7, 300)
+        unit = np.array([1e-6, 1.0, 1e6, 1e3])
+        first = optimise(problem_of(rows, DOptimality()))
+        second = optimise(problem_of(rows * unit, DOptimality()))
+        assert weights(second, 300) == pytest.approx(weights(first, 300), abs=1e-6)
+        W = np.diag([1.0, 2.0, 0.5, 1.0])
+        first = optimise(problem_of(rows, AOptimality(W)))
+        second = optimise(problem_of(rows * unit, AOptimality(W * np.outer(unit, unit))))
+        assert weights(second, 300) == pytest.approx(weights(first, 300), abs=1e-6)
+
+    @pytest.mark.parametrize("criterion", [CRITERIA[0], CRITERIA[2], CRITERIA[3]], ids=["D", "A", "E"])
+    def test_order_of_the_candidates_and_size_of_the_noise(self, criterion):
+        rows = random_rows(8, 200)
+        order = np.random.default_rng(0).permutation(200)
+        first = optimise(problem_of(rows, criterion))
+        second = optimise(problem_of(1e3 * rows[order], criterion))
+        assert criterion.information(second.matrix) == pytest.approx(
+            1e6 * criterion.information(first.matrix), rel=2e-5
+        )
+
+
+class TestFreeForces:
+    def test_the_price_is_the_greatest_over_all_directions(self):
+        rows = np.random.default_rng(3).standard_normal((20, 3, 6, P))
+        candidates = PackedCandidates.from_rows(rows)
+        X = np.random.default_rng(4).standard_normal((6, P))
+        G = X.T @ X
+        prices = candidates.prices(G)
+        F = np.random.default_rng(5).standard_normal((4000, 3))
+        F /= np.linalg.norm(F, axis=1, keepdims=True)
+        under = np.einsum("da,iamp->idmp", F, rows)
+        sampled = np.einsum("idmp,pq,idmq->id", under, G, under)
+        assert (sampled <= prices[:, None] * (1 + 1e-9)).all()
+        assert sampled.max(axis=1) == pytest.approx(prices, rel=0.01)
+        atoms = candidates.atoms(np.arange(20), G)
+        assert np.einsum("ipq,pq->i", atoms.information, G) == pytest.approx(prices, rel=1e-9)
+
+    def test_the_bound_holds_for_directions_that_nobody_tried(self):
+        rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
+        criterion, n = AOptimality(np.eye(P)), 8
+        problem = DesignProblem(PackedCandidates.from_rows(rows), criterion, n, np.zeros((P, P)))
+        design = optimise(problem)
+        exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
+        assert design.bound.efficiency > 1 - 1e-5
+        assert exact.efficiency > 0.9
+        rng = np.random.default_rng(7)
+        best = 0.0
+        for _ in range(300):
+            F = rng.standard_normal((n, 3))
+            F /= np.linalg.norm(F, axis=1, keepdims=True)
+            A = np.einsum("na,namp->nmp", F, rows[rng.integers(0, 30, n)])
+            best = max(best, criterion.information(information(A).sum(axis=0)))
+        assert best <= criterion.information(exact.matrix) / exact.efficiency
+
+
+class TestRefusals:
+    def test_a_parameter_that_nothing_excites(self):
+        rows = random_rows(1, 30)
+        rows[..., 2] = 0.0
+        with pytest.raises(RequestError, match="determine 3 of 4 parameters; nothing excites parameter"):
+            optimise(problem_of(rows, DOptimality()))
+
+    def test_more_readings_than_candidates_that_come_once(self):
+        with pytest.raises(RequestError, match="40 readings of 30 candidates"):
+            optimise(problem_of(random_rows(1, 30), DOptimality(), 40, once=True))
+
+    def test_too_few_distinct_postures(self):
+        problem = problem_of(random_rows(1, 30), DOptimality(), 10)
+        postures = np.repeat([[0.0], [1.0], [2.0]], 10, axis=0)
+        with pytest.raises(RequestError, match="only 3 candidates"):
+            exact_design(problem, optimise(problem), Distinct(postures, 0.5))
+
+    @pytest.mark.parametrize("rows", [np.zeros((0, 2, P)), np.full((5, 2, P), np.nan)])
+    def test_no_candidate_or_one_that_is_not_finite(self, rows):
+        with pytest.raises(RequestError, match="no candidate, or a number"):
+            PackedCandidates.from_rows(rows)
+
+
+def weights(design, count: int) -> np.ndarray:
+    found = np.zeros(count)
+    found[design.atoms.index] = design.weights
+    return found

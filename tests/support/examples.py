@@ -1,0 +1,18 @@
+"""How many examples Hypothesis draws: a share by default, all of them under `--hypothesis-profile=full`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hypothesis import settings
+
+FULL = "full"
+SHARE, LEAST = 3, 10
+
+settings.register_profile(FULL, deadline=None)
+
+
+def examples(count: int, **options: Any) -> settings:
+    """Settings of a property: `count` examples in the nightly run, a third of them otherwise; no deadline."""
+    drawn = count if settings.get_current_profile_name() == FULL else min(count, max(count // SHARE, LEAST))
+    return settings(max_examples=drawn, deadline=None, **options)

@@ -1,0 +1,53 @@
+"""An application in this process: asked without a socket, or served by a thread."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import anyio
+import httpx
+import uvicorn
+
+from jointstiff.service.api import Posture
+from jointstiff.service.api.connections import BoundedProtocol
+from jointstiff.service.app import create_app
+from jointstiff.service.store import Store
+
+
+class Client:
+    """A client of an application of our own, in process."""
+
+    def __init__(self, store: Store, posture: Posture | None = None, host: str = "localhost:8000") -> None:
+        self._app = create_app(store, posture=posture)
+        self._url = f"http://{host}"
+
+    def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        async def send() -> httpx.Response:
+            transport = httpx.ASGITransport(self._app)
+            async with httpx.AsyncClient(transport=transport, base_url=self._url) as client:
+                return await client.request(method, path, **options)
+
+        return anyio.run(send)
+
+    def get(self, path: str, **options: Any) -> httpx.Response:
+        return self.request("GET", path, **options)
+
+
+@contextmanager
+def served(store: Store, protocol: type[BoundedProtocol] = BoundedProtocol) -> Iterator[str]:
+    """Serve a store from a thread of this process; yield the address."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = uvicorn.Server(
+            uvicorn.Config(create_app(store), log_level="critical", http=protocol, ws="none")
+        )
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            thread.join()

@@ -1,0 +1,101 @@
+"""Lanes of the suite: markers set from what a test uses, and a guard for tests that forget theirs.
+
+Registered as a plugin by `tests/conftest.py`. A test that asks for a fixture of `LANES` has its markers; one
+that starts a process by itself must say `@pytest.mark.process`, else the start is refused.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import pytest
+from support.shared_data import MISSING
+
+LANES = {
+    "postgresql_url": ("postgresql", "process"),
+    "new_postgresql_database": ("postgresql", "process"),
+    "services": ("process",),
+    "node_modules": ("process",),
+    "site": ("process",),
+    "browser": ("browser", "process"),
+}
+"""Markers of the tests that use a fixture, directly or through others."""
+
+STARTS = frozenset(
+    {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.system", "pty.spawn"}
+)
+"""Audit events of a process that begins."""
+
+
+class Guard:
+    """An audit hook that refuses processes while a test runs that is not marked as one that starts them."""
+
+    def __init__(self) -> None:
+        self.unmarked: str | None = None
+        sys.addaudithook(self)
+
+    def __call__(self, event: str, _: object) -> None:
+        if event in STARTS and self.unmarked and not asks_for_the_platform():
+            pytest.fail(f"{self.unmarked} starts a process ({event}): mark it @pytest.mark.process")
+
+    def watch(self, item: pytest.Item) -> Iterator[None]:
+        """Watch one phase of a test."""
+        self.unmarked = None if item.get_closest_marker("process") else item.nodeid
+        try:
+            return (yield)
+        finally:
+            self.unmarked = None
+
+
+def asks_for_the_platform() -> bool:
+    """Tell whether the standard library asks what machine this is, as it does when the engine is imported."""
+    frame = sys._getframe(1)
+    while frame is not None and frame.f_globals.get("__name__") != "platform":
+        frame = frame.f_back
+    return frame is not None
+
+
+guard = Guard()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """Refuse processes of fixtures that `LANES` does not know."""
+    return (yield from guard.watch(item))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Refuse processes of an unmarked test."""
+    return (yield from guard.watch(item))
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark a test by the fixtures and the kind of database that it uses."""
+    names = {name for fixture in getattr(item, "fixturenames", ()) for name in LANES.get(fixture, ())}
+    call = getattr(item, "callspec", None)
+    if call and any(isinstance(value, str) and value == "postgresql" for value in call.params.values()):
+        names |= {"postgresql", "process"}
+    if any(item.get_closest_marker(name) for name in ("postgresql", "browser")):
+        names.add("process")
+    for name in sorted(names):
+        item.add_marker(name)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the slow tests out unless `-m` speaks of them."""
+    if "slow" in config.option.markexpr:
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    if slow:
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line which tests were skipped for want of the shared data."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    count = sum(MISSING in str(report.longrepr) for report in skipped)
+    if count:
+        terminalreporter.write_line(f"{count} tests skipped: {MISSING}", yellow=True)
