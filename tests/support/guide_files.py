@@ -14,7 +14,10 @@ from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import SWEEPS, TrackedArm
 
 ROOT = Path(__file__).parents[2]
-POSTURES = "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\ndrill,10,-20,30,0,45,0,0,0,-800\n"
+POSTURES = """\
+label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]
+drill,10,-20,30,0,45,0,0,0,-800
+"""
 UNITS = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.mm"}
 _FENCE = re.compile(r"^```(sh|python)[ \t]*\n(.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
 
