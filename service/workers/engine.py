@@ -31,6 +31,7 @@ from jointstiff.service.workers.queue import (
     engine_url,
     schema_of,
 )
+from jointstiff.service.workers.serialization import JsonSerializer
 
 _PARTS: Final = 8
 """Of a job at least, as long as it has so many steps: work for as many workers."""
@@ -91,6 +92,7 @@ class Engine:
             "dbos_system_schema": schema_of(store),
             "application_version": str(VERSION),
             "executor_id": executor,
+            "serializer": JsonSerializer(),
             "log_level": "CRITICAL",
             "console_log_level": "CRITICAL",
             "notification_listener_polling_interval_sec": _FIRST_PAUSE,

@@ -17,8 +17,9 @@ from sqlalchemy import Connection, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.store import Store, StoreError
+from jointstiff.service.workers.serialization import JsonSerializer, refuse_pickles
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Of the layout of workflows and steps: workers only carry on what has the same."""
 QUEUES: Final = {"job": "jointstiff-jobs", "part": "jointstiff-parts"}
 """Queue of each kind of workflow."""
@@ -68,10 +69,14 @@ class JobQueue:
             StoreError: the engine's tables cannot be made or used.
         """
         url, schema = engine_url(database), schema_of(store)
+        refuse_pickles()
         with as_store_errors():
             DBOS.migrate(url, schema=schema)
             self._client = DBOSClient(
-                system_database_url=url, dbos_system_schema=schema, application_name=APPLICATION
+                system_database_url=url,
+                dbos_system_schema=schema,
+                application_name=APPLICATION,
+                serializer=JsonSerializer(),
             )
 
     def close(self) -> None:
