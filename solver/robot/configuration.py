@@ -1,13 +1,19 @@
-"""Compute the kinematics of many configurations with Pinocchio."""
+"""Compute the kinematics of many configurations at once."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Final
+
 import numpy as np
-import pinocchio as pin
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.model import Robot
+
+_BLOCK: Final = 1024
+"""Postures worked on at a time: what a core keeps at hand."""
 
 
 class Configurations:
@@ -85,26 +91,6 @@ class Configurations:
         return turned + self.flange_translation[:, None]
 
 
-def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return spatial Jacobians (N, 6, n) and the flange joint's placement (N, 3, 3), (N, 3) in R0."""
-    model = robot.model
-    data = model.createData()
-    count = len(q)
-    jacobian = np.empty((count, 6, robot.n))
-    rotation = np.empty((count, 3, 3))
-    translation = np.empty((count, 3))
-    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
-    joint = data.oMi[robot.flange_joint_id]
-    live_rotation, live_translation = joint.rotation, joint.translation
-    live_jacobian = data.J.reshape(6, robot.n)  # of a single joint eigenpy makes a vector
-    for angles, J, R, t in zip(q, jacobian, rotation, translation, strict=True):
-        pin.computeJointJacobians(model, data, angles)
-        J[:] = live_jacobian
-        R[:] = live_rotation
-        t[:] = live_translation
-    return jacobian, rotation, translation
-
-
 def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return axes (N, n, 3, 3) and origins (N, n, 3) [m] in R0 of the frames that move with the joints.
 
@@ -112,12 +98,45 @@ def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         robot: n joints.
         q: (N, n) finite angles of the model [rad].
     """
-    data = robot.model.createData()
     rotation, origin = np.empty((len(q), robot.n, 3, 3)), np.empty((len(q), robot.n, 3))
-    # Views on data's memory, taken once: Pinocchio overwrites them in place at each call.
-    live = [(data.oMi[j + 1].rotation, data.oMi[j + 1].translation) for j in range(robot.n)]
-    for angles, R, o in zip(q, rotation, origin, strict=True):
-        pin.forwardKinematics(robot.model, data, np.ascontiguousarray(angles, dtype=np.float64))
-        for j, (live_rotation, live_translation) in enumerate(live):
-            R[j], o[j] = live_rotation, live_translation
+    for block in _blocks(len(q)):
+        placed = _placed(robot, q[block])
+        rotation[block] = placed[:, :, :3].transpose(3, 0, 1, 2)
+        origin[block] = placed[:, :, 3].transpose(2, 0, 1)
     return rotation, origin
+
+
+def _forward(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return spatial Jacobians (N, 6, n) and the last joint's placement (N, 3, 3), (N, 3) in R0."""
+    jacobian = np.empty((len(q), 6, robot.n))
+    rotation, translation = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
+    for block in _blocks(len(q)):
+        placed = _placed(robot, q[block])
+        x, y, z = placed[:, :, 3].transpose(1, 0, 2)  # origins
+        axes = np.einsum("jikn,jk->ijn", placed[:, :, :3], robot.axes)
+        ax, ay, az = axes
+        J = jacobian[block]
+        J[:, 0], J[:, 1], J[:, 2] = (y * az - z * ay).T, (z * ax - x * az).T, (x * ay - y * ax).T
+        J[:, 3:] = axes.transpose(2, 0, 1)
+        rotation[block] = placed[-1, :, :3].transpose(2, 0, 1)
+        translation[block] = placed[-1, :, 3].T
+    return jacobian, rotation, translation
+
+
+def _placed(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the placements ``[R t]`` (n, 3, 4, N) in R0 of the frames that move with the joints.
+
+    The postures come last, so that each product of two placements runs along all of them at once.
+    """
+    angles = np.ascontiguousarray(q.T)[:, None, None]
+    still, sine, cosine = robot.joint_terms[..., None]
+    placed: FloatArray = still + sine * np.sin(angles) + cosine * np.cos(angles)
+    for before, after in pairwise(placed):
+        after[:] = np.einsum("ikn,kjn->ijn", before[:, :3], after)
+        after[:, 3] += before[:, 3]
+    return placed
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    for start in range(0, count, _BLOCK):
+        yield slice(start, start + _BLOCK)

@@ -23,6 +23,9 @@ class Robot:
         model: `pinocchio.Model` with nq = nv = n, and a frame of the flange's name.
         flange_joint_id: index in the model of the last moving joint.
         flange_placement: `pinocchio.SE3` of the flange frame in the frame of that joint [m].
+        axes: (n, 3) unit vectors, each in the frame that moves with its joint.
+        joint_terms: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is
+            ``terms[0] + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m.
     """
 
     chain: KinematicChain
@@ -30,6 +33,8 @@ class Robot:
     model: pin.Model
     flange_joint_id: int
     flange_placement: pin.SE3
+    axes: FloatArray
+    joint_terms: FloatArray
 
     def __init__(self, chain: KinematicChain, joint_map: JointMap | None = None) -> None:
         """Build the model.
@@ -52,6 +57,8 @@ class Robot:
             )
         self.model, self.flange_placement = _build_model(chain)
         self.flange_joint_id = n
+        self.axes = np.array([joint.axis for joint in chain.revolute])
+        self.joint_terms = _joint_terms(self.model, self.axes)
 
     @property
     def n(self) -> int:
@@ -86,3 +93,16 @@ def _build_model(chain: KinematicChain) -> tuple[pin.Model, pin.SE3]:
             placement = pin.SE3.Identity()
     model.addBodyFrame(chain.flange, parent, placement, 0)
     return model, placement
+
+
+def _joint_terms(model: pin.Model, axes: FloatArray) -> FloatArray:
+    """Return [P(I + K²) p], [PK 0] and [-PK² 0], by ``exp(q K) = I + sin(q) K + (1 - cos(q)) K²``."""
+    terms = np.zeros((3, len(axes), 3, 4))
+    for j, axis in enumerate(axes):
+        placement = model.jointPlacements[j + 1]
+        K = pin.skew(axis)
+        terms[1, j, :, :3] = placement.rotation @ K
+        terms[2, j, :, :3] = -terms[1, j, :, :3] @ K
+        terms[0, j, :, :3] = placement.rotation - terms[2, j, :, :3]
+        terms[0, j, :, 3] = placement.translation
+    return terms

@@ -17,6 +17,7 @@ from jointstiff.solver.robot import (
     KinematicChain,
     Robot,
     dh_chain,
+    joint_frames,
 )
 
 
@@ -135,6 +136,25 @@ def test_kinematics_are_a_product_of_exponentials() -> None:
             np.testing.assert_allclose(found.jacobian[i], jacobian, rtol=0.0, atol=2e-15)
             np.testing.assert_allclose(found.flange_rotation[i], pose[:3, :3], rtol=0.0, atol=2e-15)
             np.testing.assert_allclose(found.flange_translation[i], pose[:3, 3], rtol=0.0, atol=2e-15)
+
+
+@pytest.mark.parametrize("count", [1, 19, 1030])  # the last takes more than a block
+def test_kinematics_are_pinocchios(count: int) -> None:
+    rng = np.random.default_rng(count)
+    robot = Robot(random_chain(rng, 8))
+    angles = rng.uniform(-7.0, 7.0, (count, robot.n))
+    found, (rotation, origin) = Configurations(robot, angles), joint_frames(robot, angles)
+    model, data = robot.model, robot.model.createData()
+    jacobian = np.array([pin.computeJointJacobians(model, data, q) for q in angles])
+    np.testing.assert_allclose(found.jacobian, jacobian, rtol=0.0, atol=1e-14)
+    for i in (0, count - 1):
+        pin.forwardKinematics(model, data, angles[i])
+        flange = data.oMi[robot.flange_joint_id] * robot.flange_placement
+        np.testing.assert_allclose(found.flange_rotation[i], flange.rotation, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(found.flange_translation[i], flange.translation, rtol=0.0, atol=1e-14)
+        for j in range(robot.n):
+            np.testing.assert_allclose(rotation[i, j], data.oMi[j + 1].rotation, rtol=0.0, atol=1e-14)
+            np.testing.assert_allclose(origin[i, j], data.oMi[j + 1].translation, rtol=0.0, atol=1e-14)
 
 
 def test_joint_map_of_another_size_is_refused() -> None:
