@@ -6,6 +6,9 @@ StoreError                     a database that this software cannot work with: s
 │   └── DeletedError           it was deleted: restore it
 ├── NotEndedError              a job that goes on cannot be deleted: cancel it first
 ├── TooManyJobsError           as many jobs wait as may: post again later
+├── KeyRefusedError            no valid key came: send one
+│   └── WrongKeysError         too many wrong ones came: wait, then send the right one
+├── RoleError                  the key's role does not allow it: use another key
 ├── IdempotencyConflictError   a key used again for another body: take a new key
 └── CursorError                not a cursor that a page gave: start from the first page
 
@@ -134,6 +137,30 @@ class TooManyJobsError(StoreError):
         )
         self.kind = kind
         self.most = most
+
+
+class KeyRefusedError(StoreError):
+    """A request came without a key that opens the service."""
+
+
+class WrongKeysError(KeyRefusedError):
+    """Too many wrong keys came from an address; right ones are still taken."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "too many wrong keys came from this address",
+            "wait a minute, then send the right key; a right one is taken at any time",
+        )
+
+
+class RoleError(StoreError):
+    """The role of a key does not allow what it asks for."""
+
+    def __init__(self, role: str, needed: str) -> None:
+        super().__init__(
+            f"the key's role is {role}, and this needs the role {needed}",
+            f"use a key with the role {needed}; `jointstiff keys create` makes one",
+        )
 
 
 class IdempotencyConflictError(StoreError):

@@ -13,11 +13,14 @@ from jointstiff.service.problems.errors import (
     DeletedError,
     FilesError,
     IdempotencyConflictError,
+    KeyRefusedError,
     NotEndedError,
     NotFoundError,
+    RoleError,
     StoreError,
     StoreUnavailableError,
     TooManyJobsError,
+    WrongKeysError,
 )
 from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import (
@@ -60,6 +63,9 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         TooManyJobsError: (429, "too-many-jobs", "The queue is full"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
+        WrongKeysError: (429, "too-many-wrong-keys", "Too many wrong keys"),
+        KeyRefusedError: (401, "no-valid-key", "A valid key is needed"),
+        RoleError: (403, "role", "The key's role does not allow this"),
         StoreUnavailableError: (503, "store-unavailable", "The database is not available"),
         StoreError: (500, "store", "The database cannot be used"),
     }

@@ -12,16 +12,31 @@ from jointstiff.service.problems import (
     StoreUnavailableError,
     TooManyJobsError,
 )
+from jointstiff.service.store.access import KEY, MINUTE
 from jointstiff.service.store.deletion import KEEP_DELETED
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
 from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
-from jointstiff.service.store.records import IdempotencyKey, JobRecord, MeasurementSetRecord, RobotRecord
-from jointstiff.service.store.store import Store
+from jointstiff.service.store.records import (
+    AccessKey,
+    AuditEntry,
+    IdempotencyKey,
+    JobRecord,
+    MeasurementSetRecord,
+    RobotRecord,
+    SessionRecord,
+)
+from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 
 __all__ = [
     "KEEP_DELETED",
+    "KEY",
+    "MINUTE",
     "OPEN_STATES",
+    "SESSION_IDLE",
+    "SESSION_LONGEST",
     "SILENT_SECONDS",
+    "AccessKey",
+    "AuditEntry",
     "CursorError",
     "DeletedError",
     "Heartbeats",
@@ -33,6 +48,7 @@ __all__ = [
     "NotEndedError",
     "NotFoundError",
     "RobotRecord",
+    "SessionRecord",
     "Store",
     "StoreError",
     "StoreUnavailableError",

@@ -30,7 +30,7 @@ _PARENTS: Final[Mapping[Table, Resource]] = MappingProxyType(
 )
 """Tables whose records others name."""
 
-_LAST_SEQUENCE: Final = 2**63 - 1
+LAST_SEQUENCE: Final = 2**63 - 1
 _MAX_INDEXED: Final = 500
 """Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
@@ -157,7 +157,7 @@ class Collection(Generic[Record, Entry]):
         """
         if limit < 1 or not all(map(self._narrows, filters)):
             raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
-        before = _LAST_SEQUENCE if cursor is None else _parse_cursor(cursor)
+        before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
         if not all(map(_is_indexable, filters.values())):
             return RecordPage((), None)
         columns = self._table.c
@@ -215,10 +215,15 @@ def _row_of(record: AnyRecord) -> dict[str, Any]:
     return asdict(record)
 
 
-def _parse_cursor(cursor: str) -> int:
-    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(_LAST_SEQUENCE)):
+def parse_cursor(cursor: str) -> int:
+    """Return the number in the cursor of a page.
+
+    Raises:
+        CursorError: no page gave this cursor.
+    """
+    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(LAST_SEQUENCE)):
         sequence = int(cursor)
-        if 0 < sequence <= _LAST_SEQUENCE:
+        if 0 < sequence <= LAST_SEQUENCE:
             return sequence
     raise CursorError(cursor)
 

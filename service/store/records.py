@@ -86,6 +86,55 @@ class IdempotencyKey:
     """Hash of the body that came with it."""
 
 
+@dataclass(frozen=True, slots=True)
+class AccessKey:
+    """A key that lets its holder in. The key itself is known to its holder alone."""
+
+    id: str
+    name: str
+    """Who or what holds it, for people."""
+    role: str
+    """`viewer`, `operator` or `admin`."""
+    key_hash: str
+    """SHA-256 of the key. A slow hash protects what people choose; nobody guesses 256 random bits."""
+    created_at: datetime
+    expires_at: datetime | None
+    revoked_at: datetime | None
+    last_used_at: datetime | None
+    """To the minute."""
+
+    def is_live(self, now: datetime) -> bool:
+        """Return whether it opens the service at a time."""
+        return self.revoked_at is None and (self.expires_at is None or now < self.expires_at)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRecord:
+    """A browser that signed in with a key. The token itself is in its cookie alone."""
+
+    token_hash: str
+    key_id: str
+    created_at: datetime
+    used_at: datetime
+    """To the minute."""
+
+
+@dataclass(frozen=True, slots=True)
+class AuditEntry:
+    """An attempt to change something, and its outcome."""
+
+    at: datetime
+    key_id: str | None
+    key_name: str | None
+    address: str
+    """Where it came from; `terminal` for commands on the database itself."""
+    method: str
+    operation: str | None
+    """Name of the operation; none if the address has none of that method."""
+    path: str
+    status: int
+
+
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from types import TracebackType
+from typing import Final
 
 from sqlalchemy import func, select
 
 from jointstiff.service.problems import Resource
+from jointstiff.service.store.access import AccessKeys, Sessions
+from jointstiff.service.store.audit import Audit
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, Collection
 from jointstiff.service.store.database import Database, Dialect
 from jointstiff.service.store.deletion import Deletions
@@ -22,6 +26,11 @@ from jointstiff.service.store.records import (
 )
 from jointstiff.service.store.tables import jobs, measurement_sets, robots
 
+SESSION_IDLE: Final = timedelta(hours=8)
+"""A session that is not used for so long has ended."""
+SESSION_LONGEST: Final = timedelta(days=7)
+"""Every session has ended after so long."""
+
 _PING = select(robots.c.id).limit(1)
 """Reads a table of ours: a bare `SELECT 1` would not touch the file of an SQLite database."""
 
@@ -33,6 +42,9 @@ class Store:
         robots: the robots.
         sets: the measurement sets.
         heartbeats: of the workers.
+        keys: that let their holders in.
+        sessions: of browsers that signed in with a key.
+        audit: who tried to change what.
     """
 
     def __init__(self, database: Database) -> None:
@@ -42,6 +54,9 @@ class Store:
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry
         )
         self.heartbeats = Heartbeats(database)
+        self.keys = AccessKeys(database)
+        self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
+        self.audit = Audit(database)
 
     @classmethod
     def open(cls, url: str) -> Store:

@@ -173,3 +173,53 @@ heartbeats = Table(
     Column("executor", String, primary_key=True),
     Column("beat_at", UtcDateTime, nullable=False),
 )
+
+access_keys = Table(
+    "access_keys",
+    metadata,
+    Column("id", String, primary_key=True),
+    Column("name", String, nullable=False),
+    Column("role", String, nullable=False),
+    Column("key_hash", String, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("expires_at", UtcDateTime, nullable=True),
+    Column("revoked_at", UtcDateTime, nullable=True),
+    Column("last_used_at", UtcDateTime, nullable=True),
+)
+
+access_sessions = Table(
+    "access_sessions",
+    metadata,
+    Column("token_hash", String, primary_key=True),
+    Column("key_id", String, nullable=False),  # of the table above, or of a file of keys
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("used_at", UtcDateTime, nullable=False),
+)
+
+access_links = Table(
+    "access_links",
+    metadata,
+    Column("token_hash", String, primary_key=True),
+    Column("key_id", String, nullable=False),
+    Column("ends_at", UtcDateTime, nullable=False),
+)
+
+audit = Table(
+    "audit",
+    metadata,
+    Column(
+        "sequence",
+        BigInteger().with_variant(Integer, "sqlite"),
+        Identity(always=True),
+        primary_key=True,
+    ),
+    Column("at", UtcDateTime, nullable=False),
+    Column("key_id", String, nullable=True),
+    Column("key_name", String, nullable=True),
+    Column("address", String, nullable=False),
+    Column("method", String, nullable=False),
+    Column("operation", String, nullable=True),
+    Column("path", String, nullable=False),
+    Column("status", Integer, nullable=False),
+)
+Index(None, audit.c.key_id, audit.c.sequence)

@@ -1,0 +1,111 @@
+"""Keys that open the service, sessions of browsers, and the audit of what was asked for."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AwareDatetime, Field, SecretStr, model_validator
+
+from jointstiff.schemas.fields import Message, Name, Timestamp
+from jointstiff.schemas.query import PageQuery
+
+Role = Literal["viewer", "operator", "admin"]
+Access = Literal["loopback", "keys", "none"]
+KeyId = Annotated[str, Field(pattern=r"^[0-9a-f]{10}$")]
+
+_ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues keys and reads the audit."
+
+
+class Requester(Message):
+    """The key that asked for a job."""
+
+    key_id: str = Field(description="Id of the key.")
+    key_name: str = Field(description="Name of the key.")
+
+
+class KeyRequest(Message):
+    """A key that is asked for."""
+
+    name: Name = Field(description="Who or what holds the key.", examples=["tablet hall 3"])
+    role: Role = Field(description=_ROLE)
+    expires_at: AwareDatetime | None = Field(
+        default=None, description="When the key ends, with a time zone; null: when it is revoked."
+    )
+
+
+class Key(Message):
+    """A key, without the secret that opens the service."""
+
+    id: KeyId
+    name: str = Field(description="Who or what holds the key.")
+    role: Role = Field(description=_ROLE)
+    source: Literal["database", "file"] = Field(
+        description="Where the key is kept: a key of `--keys-file` is revoked in that file."
+    )
+    created_at: Timestamp
+    expires_at: Timestamp | None
+    revoked_at: Timestamp | None
+    last_used_at: Timestamp | None = Field(
+        description="Last use, to the minute; null if unused, or of a file."
+    )
+
+
+class KeyList(Message):
+    """All keys of the service."""
+
+    items: list[Key] = Field(description="The keys, in the order in which they came.")
+
+
+class NewKey(Key):
+    """A key just made: the only time that its secret is shown."""
+
+    key: str = Field(description="Text to send as `Authorization: Bearer …`. It is not shown again.")
+
+
+class SessionRequest(Message):
+    """Request of a browser to sign in: with a key, or with the secret of a one-time link."""
+
+    key: Annotated[SecretStr, Field(max_length=200)] | None = Field(default=None, description="A key.")
+    link: Annotated[SecretStr, Field(max_length=200)] | None = Field(
+        default=None, description="Secret of a one-time link."
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> SessionRequest:
+        if (self.key is None) == (self.link is None):
+            raise ValueError("give either `key` or `link`")
+        return self
+
+
+class Session(Message):
+    """Who the service takes the caller for."""
+
+    access: Access = Field(
+        description="Who is answered. `loopback`: programs of this machine; `keys`: who has a key; `none`: "
+        "whoever reaches the address."
+    )
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
+    key_name: str | None = Field(description="Name of that key.")
+    role: Role | None = Field(description="Role of that key.")
+    ends_at: Timestamp | None = Field(
+        description="When a browser has to sign in again at the latest; after 8 h without use before that."
+    )
+
+
+class AuditItem(Message):
+    """An attempt to change something."""
+
+    at: Timestamp
+    key_id: str | None = Field(description="Id of the key that asked; null without a valid one.")
+    key_name: str | None = Field(description="Name of the key.")
+    address: str = Field(description="Address that it came from; `terminal`: a command on the database.")
+    method: str = Field(description="HTTP method.")
+    operation: str | None = Field(description="Name of the operation, as in OpenAPI.")
+    path: str = Field(description="Address that was asked for, without its query.")
+    status: int = Field(description="Outcome: the HTTP status of the answer.")
+
+
+class AuditQuery(PageQuery):
+    """Which entries of the audit."""
+
+    key_id: KeyId | None = Field(default=None, description="Filter by key.")

@@ -1,0 +1,146 @@
+"""Keys that let their holders in, sessions of browsers, and links that begin one session each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from datetime import datetime, timedelta
+from typing import Final
+
+from sqlalchemy import ColumnElement, and_, delete, insert, or_, select, update
+
+from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.records import AccessKey, SessionRecord
+from jointstiff.service.store.tables import access_keys, access_links, access_sessions
+
+KEY: Final = Resource("key", "keys")
+MINUTE: Final = timedelta(minutes=1)
+"""Times of use are kept to the minute: a request more rarely has to write."""
+MOST_SESSIONS: Final = 100
+"""Sessions of one key; the one that was used least recently ends when another begins."""
+
+_KEYS: Final = select(*(access_keys.c[field.name] for field in fields(AccessKey)))
+_SESSIONS: Final = select(*(access_sessions.c[field.name] for field in fields(SessionRecord)))
+
+
+class AccessKeys:
+    """The keys in a database. Safe to use from several threads."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, key: AccessKey) -> None:
+        """Store a key."""
+        with self._database.writing() as connection:
+            connection.execute(insert(access_keys).values(asdict(key)))
+
+    def all(self) -> list[AccessKey]:
+        """Return all keys, revoked ones too, in the order in which they came."""
+        query = _KEYS.order_by(access_keys.c.created_at, access_keys.c.id)
+        with self._database.reading() as connection:
+            return [AccessKey(*row) for row in connection.execute(query)]
+
+    def revoke(self, key_id: str, now: datetime) -> AccessKey:
+        """Revoke a key for good, and end its sessions; return it. To do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such key.
+        """
+        mine = access_keys.c.id == key_id
+        with self._database.writing() as connection:
+            connection.execute(
+                update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
+            )
+            for table in (access_sessions, access_links):
+                connection.execute(delete(table).where(table.c.key_id == key_id))
+            row = connection.execute(_KEYS.where(mine)).one_or_none()
+        if row is None:
+            raise NotFoundError(KEY, key_id)
+        return AccessKey(*row)
+
+    def used(self, key_id: str, now: datetime) -> None:
+        """Note that a key is used."""
+        last = access_keys.c.last_used_at
+        with self._database.writing() as connection:
+            connection.execute(
+                update(access_keys)
+                .where(access_keys.c.id == key_id, or_(last.is_(None), last < now))
+                .values(last_used_at=now)
+            )
+
+
+class Sessions:
+    """The sessions of browsers, and the links that begin them. Safe to use from several threads."""
+
+    def __init__(self, database: Database, idle: timedelta, longest: timedelta) -> None:
+        """Keep sessions in a database.
+
+        Args:
+            database: where they are kept.
+            idle: after which an unused session ends.
+            longest: after which every session ends.
+        """
+        self._database = database
+        self._idle = idle
+        self._longest = longest
+
+    def begin(self, session: SessionRecord) -> None:
+        """Store a new session; remove those that have ended."""
+        columns = access_sessions.c
+        kept = (
+            select(columns.token_hash)
+            .where(columns.key_id == session.key_id)
+            .order_by(columns.used_at.desc(), columns.token_hash)
+            .limit(MOST_SESSIONS - 1)
+        )
+        with self._database.writing() as connection:
+            connection.execute(delete(access_sessions).where(~self._lives(session.created_at)))
+            connection.execute(
+                delete(access_sessions).where(
+                    columns.key_id == session.key_id, columns.token_hash.not_in(kept)
+                )
+            )
+            connection.execute(insert(access_sessions).values(asdict(session)))
+
+    def find(self, token_hash: str, now: datetime) -> SessionRecord | None:
+        """Return a session; None if there is none, or it has ended."""
+        mine = access_sessions.c.token_hash == token_hash
+        with self._database.reading() as connection:
+            row = connection.execute(_SESSIONS.where(mine, self._lives(now))).one_or_none()
+        return None if row is None else SessionRecord(*row)
+
+    def used(self, token_hash: str, now: datetime) -> None:
+        """Note that a session is used."""
+        mine = access_sessions.c.token_hash == token_hash
+        with self._database.writing() as connection:
+            connection.execute(
+                update(access_sessions).where(mine, access_sessions.c.used_at < now).values(used_at=now)
+            )
+
+    def end(self, token_hash: str) -> None:
+        """End a session; to do so again changes nothing."""
+        with self._database.writing() as connection:
+            connection.execute(delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
+
+    def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
+        """Store a link that begins one session of a key; remove those that have ended."""
+        with self._database.writing() as connection:
+            connection.execute(delete(access_links).where(access_links.c.ends_at <= now))
+            connection.execute(
+                insert(access_links).values(token_hash=token_hash, key_id=key_id, ends_at=ends_at)
+            )
+
+    def redeem(self, token_hash: str, now: datetime) -> str | None:
+        """Use a link up; return the id of its key, None if there is no such link, or no longer.
+
+        Of two who use it at the same time one gets the key.
+        """
+        links = access_links.c
+        taken = delete(access_links).where(links.token_hash == token_hash)
+        with self._database.writing() as connection:
+            row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()
+        return str(row.key_id) if row is not None and now < row.ends_at else None
+
+    def _lives(self, now: datetime) -> ColumnElement[bool]:
+        columns = access_sessions.c
+        return and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)

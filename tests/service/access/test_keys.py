@@ -1,0 +1,191 @@
+"""Keys: their text, what is stored of them, who recognises them, and what wrong ones cost."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.examples import examples
+
+from jointstiff.service.access import Keyring, KeysFile, KeysFileError, Throttle, digest, mint, without_keys
+from jointstiff.service.access import throttle as throttle_module
+from jointstiff.service.access.key_text import id_in
+from jointstiff.service.problems import KeyRefusedError
+from jointstiff.service.store import NotFoundError, Store
+
+NOW = datetime.now(UTC)
+KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]
+
+
+def test_a_key_has_an_id_256_bits_and_a_check_sum():
+    text, record = KEYS[0]
+    name, key_id, secret, check = text.split("_")
+    assert (name, key_id) == ("jst", record.id)
+    assert 62 ** len(secret) > 2**256
+    assert int(check, 16) == zlib.crc32(text.rpartition("_")[0].encode())
+    assert len({minted.text for minted in KEYS}) == len(KEYS)
+
+
+def test_nothing_of_the_secret_is_stored():
+    text, record = KEYS[0]
+    secret = text.split("_")[2]
+    assert secret not in repr(record)
+    assert re.fullmatch(r"[0-9a-f]{64}", record.key_hash)
+
+
+@given(place=st.integers(0, 65), letter=st.sampled_from("aZ09_-x"))
+@examples(60)
+def test_a_mistyped_key_is_told_from_a_wrong_one(place, letter):
+    text = KEYS[0].text
+    typed = text[:place] + letter + text[place + 1 :]
+    if typed == text:
+        assert id_in(typed) == KEYS[0].record.id
+    else:
+        with pytest.raises(KeyRefusedError, match=r"mistyped|not the text") as caught:
+            id_in(typed)
+        assert "whole key" in caught.value.remedy
+
+
+@pytest.mark.parametrize("text", ["", "jst_", KEYS[0].text + "\n", KEYS[0].text + "0", "☃" * 67, "\ud800"])
+def test_what_is_no_key_is_refused(text):
+    with pytest.raises(KeyRefusedError):
+        id_in(text)
+
+
+def test_keys_are_taken_out_of_texts():
+    text = f"/v1/keys/{KEYS[0].text}/x?link=jsl_{'a' * 43}"
+    assert without_keys(text) == "/v1/keys/jst_…/x?link=jsl_…"
+
+
+def ring(store, *records):
+    for record in records:
+        store.keys.add(record)
+    keyring = Keyring(store)
+    keyring.look()
+    return keyring
+
+
+def test_only_live_keys_open(database_url):
+    expired = mint("late", "admin", NOW, NOW - timedelta(seconds=1))
+    with Store.open(database_url) as store:
+        keyring = ring(store, KEYS[0].record, KEYS[1].record, expired.record)
+        assert keyring.check(KEYS[0].text).name == "key 0"
+        with pytest.raises(KeyRefusedError, match="not one of"):
+            keyring.check(KEYS[2].text)
+        with pytest.raises(KeyRefusedError, match="expired"):
+            keyring.check(expired.text)
+        assert keyring.find(expired.record.id) is None
+        assert store.keys.revoke(KEYS[0].record.id, NOW).revoked_at == NOW
+        assert store.keys.revoke(KEYS[0].record.id, NOW + timedelta(days=1)).revoked_at == NOW
+        keyring.look()
+        with pytest.raises(KeyRefusedError, match="revoked"):
+            keyring.check(KEYS[0].text)
+        assert keyring.has_keys()
+        with pytest.raises(NotFoundError):
+            store.keys.revoke("0000000000", NOW)
+
+
+def test_the_right_id_with_another_secret_is_wrong():
+    _, key_id, secret, _ = KEYS[0].text.split("_")
+    body = f"jst_{key_id}_{secret[::-1]}"
+    forged = f"{body}_{zlib.crc32(body.encode()):08x}"
+    with Store.open("sqlite://") as store, pytest.raises(KeyRefusedError, match="not one of"):
+        ring(store, KEYS[0].record).check(forged)
+
+
+def test_last_uses_only_grow(database_url):
+    with Store.open(database_url) as store:
+        store.keys.add(KEYS[0].record)
+        store.keys.used(KEYS[0].record.id, NOW)
+        store.keys.used(KEYS[0].record.id, NOW - timedelta(hours=1))
+        assert [key.last_used_at for key in store.keys.all()] == [NOW]
+
+
+def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_path):
+    path = tmp_path / "keys.json"
+    file = KeysFile(path)
+    file.add(KEYS[0].record)
+    file.add(KEYS[1].record)
+    assert path.stat().st_mode & 0o077 == 0
+    assert KEYS[0].text.split("_")[2] not in path.read_text()
+    with Store.open("sqlite://") as store:
+        keyring = Keyring(store, path)
+        keyring.look()
+        assert [key.source for key in keyring.listing()] == ["file", "file"]
+        assert keyring.check(KEYS[0].text).id == KEYS[0].record.id
+        file.revoke(KEYS[0].record.id, NOW)
+        keyring.look()
+        with pytest.raises(KeyRefusedError, match="revoked"):
+            keyring.check(KEYS[0].text)
+        assert keyring.check(KEYS[1].text)
+        path.unlink()
+        keyring.look()
+        assert not keyring.has_keys()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b'{"keys": [{"id": "x"}]}',
+        json.dumps({"format": "jointstiff-keys-2", "keys": []}).encode(),
+        b" " * (2 * 1024 * 1024),
+    ],
+)
+def test_what_is_no_file_of_keys_is_refused(content, tmp_path):
+    path = tmp_path / "keys.json"
+    path.write_bytes(content)
+    with pytest.raises(KeysFileError, match="cannot be used") as caught:
+        KeysFile(path).all()
+    assert "keys create" in caught.value.remedy
+    with pytest.raises(KeysFileError):
+        KeysFile(path).add(KEYS[0].record)
+    assert path.read_bytes() == content
+
+
+class Clock:
+    """Time that passes when it is told."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_wrong_keys_slow_down_by_address_and_are_forgotten():
+    clock = Clock()
+    throttle = Throttle(clock)
+    for _ in range(throttle_module.FORGIVEN):
+        assert not throttle.refuses("192.0.2.1")
+        throttle.wrong("192.0.2.1")
+    throttle.wrong("192.0.2.1")
+    assert throttle.refuses("192.0.2.1")
+    assert not throttle.refuses("192.0.2.2")
+    clock.now += throttle_module.FORGET_SECONDS
+    assert not throttle.refuses("192.0.2.1")
+
+
+def test_one_machine_has_one_count_however_many_addresses():
+    throttle = Throttle(Clock())
+    for number in range(2 * throttle_module.FORGIVEN):
+        throttle.wrong(f"2001:db8::{number:x}")
+    assert throttle.refuses("2001:db8::ffff")
+    assert not throttle.refuses("2001:db8:1::1")
+
+
+def test_the_throttle_forgets_addresses_rather_than_growing():
+    throttle = Throttle(Clock())
+    for number in range(3 * throttle_module.ADDRESSES):
+        throttle.wrong(f"10.{number >> 16}.{number >> 8 & 255}.{number & 255}")
+    assert len(throttle._wrong) == throttle_module.ADDRESSES
+
+
+def test_digests_take_any_text():
+    assert len(digest("\ud800")) == 64
