@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
@@ -26,7 +27,21 @@ app = typer.Typer(
 
 app.command()(simulate)
 app.command("import")(import_readings)
-for command in (geometry, plan, identify, compare, pair, predict, serve, worker, post, demo):
+for command in (
+    geometry,
+    plan,
+    identify,
+    compare,
+    pair,
+    predict,
+    serve,
+    worker,
+    post,
+    demo,
+    backup,
+    restore,
+    doctor,
+):
     app.command()(command)
 
 

@@ -13,8 +13,10 @@ from jointstiff.service.problems import (
     TooManyJobsError,
 )
 from jointstiff.service.store.access import KEY, MINUTE
+from jointstiff.service.store.backups import Manifest, back_up, restore
 from jointstiff.service.store.deletion import KEEP_DELETED
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
+from jointstiff.service.store.inspection import Fault, Inspection
 from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import (
     AccessKey,
@@ -39,11 +41,14 @@ __all__ = [
     "AuditEntry",
     "CursorError",
     "DeletedError",
+    "Fault",
     "Heartbeats",
     "IdempotencyConflictError",
     "IdempotencyKey",
+    "Inspection",
     "JobRecord",
     "JobStatus",
+    "Manifest",
     "MeasurementSetRecord",
     "NotEndedError",
     "NotFoundError",
@@ -53,4 +58,6 @@ __all__ = [
     "StoreError",
     "StoreUnavailableError",
     "TooManyJobsError",
+    "back_up",
+    "restore",
 ]

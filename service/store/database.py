@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
@@ -117,6 +118,29 @@ class Database:
                 # The text of the SQLite library names no machine, that of the PostgreSQL server does.
                 None if self.dialect == "sqlite" else "the postgresql database does not answer",
             ) from error
+
+
+def open_existing(url: str) -> Database:
+    """Connect to a database, which is not made if it is not there.
+
+    Raises:
+        StoreError: there is none, or it cannot be used.
+    """
+    parsed = _parse(url)
+    if _DIALECTS[parsed.drivername] == "sqlite" and not path_of(parsed).exists():
+        raise StoreError(f"there is no database {parsed.database}", _URLS)
+    return Database.open(url)
+
+
+def path_of(url: URL) -> Path:
+    """Return the file of an SQLite database.
+
+    Raises:
+        StoreError: it is in memory.
+    """
+    if url.database in {None, "", ":memory:"}:
+        raise StoreError("a database in memory has no file", _URLS)
+    return Path(str(url.database))
 
 
 def _parse(url: str) -> URL:

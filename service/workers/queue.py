@@ -47,7 +47,7 @@ class Outcome:
     @property
     def ended(self) -> bool:
         """Return whether it goes on no more."""
-        return self.status in _ENDED
+        return is_ended(self.status)
 
     @property
     def outdated(self) -> bool:
@@ -144,6 +144,11 @@ def _announcement(job_id: str) -> EnqueueOptions:
         "workflow_id": job_id,
         "app_version": str(VERSION),
     }
+
+
+def is_ended(status: str) -> bool:
+    """Return whether a workflow of that status goes on no more."""
+    return status in _ENDED
 
 
 def job_of(workflow_id: str) -> str:

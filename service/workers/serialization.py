@@ -1,4 +1,4 @@
-"""What the engine keeps in its tables: JSON, and never an object that would run code when it is read.
+"""Data that the engine keeps in its tables: JSON, and never an object that would run code when it is read.
 
 The engine pickles unless it is told otherwise, and reads what a row calls a pickle whatever serializer it was
 given: who can write the database, or hands over a backup, could run code in the workers.
@@ -18,7 +18,7 @@ _RAISED: Final = "raised"
 
 
 class EngineDataError(Exception):
-    """What the engine keeps of a step cannot be used, or was a failure that is no refusal."""
+    """Data of a step cannot be used, or a step failed unexpectedly."""
 
 
 class JsonSerializer(Serializer):

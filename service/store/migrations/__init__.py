@@ -6,6 +6,7 @@ the two agree. `alembic.command.revision(configuration(), "what it does")` write
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
 from jointstiff.service.problems import StoreError
+from jointstiff.service.store.content import revision_of
 from jointstiff.service.store.database import Database
 
 __all__ = ["configuration", "migrate"]
@@ -38,6 +40,8 @@ def configuration() -> Config:
 def migrate(database: Database) -> None:
     """Bring `database` to the newest revision; safe when several processes do so at once.
 
+    An SQLite file of an earlier one is kept beside it as `NAME.REVISION.bak`.
+
     Raises:
         StoreError: The database has a layout that this software does not know.
         StoreUnavailableError: It cannot be changed.
@@ -47,6 +51,7 @@ def migrate(database: Database) -> None:
         with database.reading() as connection:
             if _is_current(connection, scripts):
                 return
+            _keep_copy(connection)
         with database.writing() as connection:
             if database.dialect == "postgresql":  # SQLite holds its write lock already
                 connection.execute(text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
@@ -54,6 +59,22 @@ def migrate(database: Database) -> None:
                 config = configuration()
                 config.attributes["connection"] = connection
                 command.upgrade(config, "head")
+
+
+def _keep_copy(connection: Connection) -> None:
+    """Copy a file that is about to change."""
+    revision, path = revision_of(connection), connection.engine.url.database
+    if connection.dialect.name != "sqlite" or revision is None or path in {None, "", ":memory:"}:
+        return
+    copy = Path(f"{path}.{revision}.bak")
+    partial = copy.with_name(f"{copy.name}.{os.getpid()}")
+    if copy.exists():
+        return
+    try:
+        connection.execute(text("VACUUM INTO :copy"), {"copy": str(partial)})
+        partial.replace(copy)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _is_current(connection: Connection, scripts: ScriptDirectory) -> bool:

@@ -1,0 +1,74 @@
+"""Commands that look after a database: `backup`, `restore`, `doctor`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jointstiff.service.cli.answers import failed
+from jointstiff.service.cli.options import DatabaseUrl
+
+if TYPE_CHECKING:
+    from jointstiff.service.store import Manifest
+
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the backup.")]
+
+
+def backup(folder: Folder, *, database: DatabaseUrl) -> None:
+    """Copy a database into a new folder, while the service goes on."""
+    from jointstiff.service.render import console
+    from jointstiff.service.store import StoreError, back_up
+
+    try:
+        manifest = back_up(database, folder)
+    except StoreError as error:
+        raise failed(error.reason, error.remedy) from error
+    console().print(f"{folder}: {_counts(manifest)}", markup=False, soft_wrap=True)
+
+
+def restore(
+    folder: Folder,
+    *,
+    database: DatabaseUrl,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite",
+            help="Replace a database that holds something; an SQLite file is set aside.",
+        ),
+    ] = False,
+) -> None:
+    """Put a backup in the place of a database that no service uses, and check that all of it arrived."""
+    from jointstiff.service.render import console
+    from jointstiff.service.store import StoreError
+    from jointstiff.service.store import restore as put_back
+
+    try:
+        manifest = put_back(database, folder, overwrite=overwrite)
+    except StoreError as error:
+        raise failed(error.reason, error.remedy) from error
+    made = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
+    console().print(f"{_counts(manifest)}; {made}", markup=False, soft_wrap=True)
+
+
+def doctor(*, database: DatabaseUrl) -> None:
+    """Look for faults in a database, which is not changed; exit status 1 if there are any."""
+    from jointstiff.service.doctor import examine
+    from jointstiff.service.render import console
+    from jointstiff.service.store import StoreError
+
+    try:
+        found = examine(database)
+    except StoreError as error:
+        raise failed(error.reason, error.remedy) from error
+    for fault in found.faults:
+        line = f"{fault.code}: {fault.where}: {fault.reason}\n  remedy: {fault.remedy}"
+        console().print(line, markup=False, soft_wrap=True)
+    counted = ", ".join(f"{count:,} × {name}" for name, count in found.counted.items()) or "nothing"
+    console().print(f"read {counted}; faults: {len(found.faults)}", markup=False, soft_wrap=True)
+    raise typer.Exit(1 if found.faults else 0)
+
+
+def _counts(manifest: "Manifest") -> str:
+    shown = ("robots", "measurement_sets", "jobs")
+    return ", ".join(f"{manifest.tables[name].rows:,} {name.replace('_', ' ')}" for name in shown)

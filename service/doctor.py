@@ -1,0 +1,127 @@
+"""Faults of a database: its file, its rows, the documents in them, and jobs that nobody will end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final
+
+from jointstiff.schemas.measurement import measurement_set as messages
+from jointstiff.schemas.robot import Robot, RobotDocument
+from jointstiff.service.computation import prepare_robot
+from jointstiff.service.conversion import ReadingArrays, content_hash
+from jointstiff.service.jobs import KINDS, AnyKind
+from jointstiff.service.store import (
+    OPEN_STATES,
+    Fault,
+    Inspection,
+    JobRecord,
+    MeasurementSetRecord,
+    RobotRecord,
+)
+from jointstiff.service.workers import is_ended
+
+_KINDS: Final[Mapping[str, AnyKind]] = MappingProxyType({kind.name: kind for kind in KINDS})
+_RESTORE: Final = "restore a backup, or post it again"
+
+
+@dataclass
+class Examination:
+    """Outcome of a look at a database.
+
+    Attributes:
+        counted: records read, by what they are.
+        faults: what is wrong.
+    """
+
+    counted: dict[str, int] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+
+def examine(url: str) -> Examination:
+    """Look for faults in a database, which is not changed; a service may go on meanwhile.
+
+    Raises:
+        StoreError: it is not there, or cannot be read at all.
+    """
+    found = Examination()
+    with Inspection.of(url) as inspection:
+        found.faults += inspection.file_faults()
+        if found.faults:  # what is read from a damaged file says nothing
+            return found
+        found.faults += inspection.schema_faults()
+        if found.faults:
+            return found
+        found.faults += [*inspection.orphans(), *_pickles(inspection)]
+        workflows = inspection.workflows()
+        for record in inspection.records():
+            name = record.kind if isinstance(record, JobRecord) else _NAMES[type(record)]
+            found.counted[name] = found.counted.get(name, 0) + 1
+            found.faults += _faults_of(record, name)
+            if isinstance(record, JobRecord) and record.state in OPEN_STATES:
+                found.faults += _endless(record, workflows)
+    return found
+
+
+def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str) -> Iterator[Fault]:
+    where = f"{name} {record.id}"
+    try:
+        if isinstance(record, JobRecord):
+            yield from _job_faults(record, where)
+        else:
+            expected = _robot_hash(record) if isinstance(record, RobotRecord) else _set_hash(record)
+            if expected != record.content_hash:
+                yield Fault("hash", where, "its content is not what was stored: the hash differs", _RESTORE)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is a fault of the document
+        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+        yield Fault("document", where, f"its document cannot be read ({reason})", _RESTORE)
+
+
+def _robot_hash(record: RobotRecord) -> str:
+    stored = Robot.model_validate_json(record.document)
+    document = RobotDocument(name=stored.name, model=stored.model, joint_map=stored.joint_map)
+    return prepare_robot(document).content_hash
+
+
+def _set_hash(record: MeasurementSetRecord) -> str:
+    stored = messages.StoredMeasurementSet.model_validate_json(record.document)
+    return content_hash(stored, ReadingArrays.unpack(record.arrays), stored.resolved_frame)
+
+
+def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
+    if record.kind not in _KINDS:
+        yield Fault(
+            "kind", where, "this version knows no such kind of job", "install the version that made it"
+        )
+        return
+    job = _KINDS[record.kind].message.model_validate_json(record.document)
+    if record.state not in OPEN_STATES and job.state != record.state:
+        yield Fault("state", where, f"its row says {record.state}, its document {job.state}", _RESTORE)
+    if record.state == "succeeded" and job.result is None:
+        yield Fault("result", where, "it has succeeded and has no result", _RESTORE)
+
+
+def _endless(record: JobRecord, workflows: Mapping[str, str] | None) -> Iterator[Fault]:
+    """Yield a fault if nobody will end a job."""
+    state = (workflows or {}).get(record.id)
+    where, remedy = f"{record.kind} {record.id}", "start a worker, which takes it up again or ends it"
+    if state is None:
+        yield Fault("endless", where, f"it is {record.state}, and the engine does not know it", remedy)
+    elif is_ended(state):
+        yield Fault("endless", where, f"it is {record.state}, but its workflow has ended ({state})", remedy)
+
+
+def _pickles(inspection: Inspection) -> Iterator[Fault]:
+    if count := inspection.pickles():
+        yield Fault(
+            "pickle",
+            "the engine's tables",
+            f"{count} rows hold a pickled object, which is never read",
+            "an earlier version wrote them, or someone who wants code to run: find out who writes here",
+        )
+
+
+_NAMES: Final[Mapping[type, str]] = MappingProxyType(
+    {RobotRecord: "robot", MeasurementSetRecord: "measurement set"}
+)

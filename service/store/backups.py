@@ -1,0 +1,291 @@
+"""Copies of a whole database while others write it, and the way back.
+
+A backup is a folder: the database (an SQLite file, or the archive of pg_dump) and `manifest.json`, which says
+what it holds. It has the tables of the job engine as well, so that unfinished jobs go on after a restoration.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from sqlalchemy import URL, Connection, create_engine, make_url, text
+
+from jointstiff.service.problems import StoreError
+from jointstiff.service.store.content import TableContent, content_of, revision_of
+from jointstiff.service.store.database import Database, Dialect, open_existing, path_of
+from jointstiff.service.versions import JOINTSTIFF_VERSION
+
+MANIFEST: Final = "manifest.json"
+_FILES: Final[dict[Dialect, str]] = {"sqlite": "jointstiff.db", "postgresql": "jointstiff.dump"}
+_FOLDER_MODE: Final = 0o700  # readings, and hashes of keys
+
+
+class Manifest(BaseModel):
+    """Contents of a backup.
+
+    Attributes:
+        format: layout of backups.
+        jointstiff: version that made it.
+        made_at: when the copy began.
+        database: kind of database that it was made of, and that it can be restored to.
+        revision: schema version of the tables.
+        sha256: of the file beside the manifest.
+        tables: content of each table.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    format: Literal[1] = 1
+    jointstiff: str = JOINTSTIFF_VERSION
+    made_at: datetime
+    database: Dialect
+    revision: str
+    sha256: str
+    tables: dict[str, TableContent]
+
+
+def back_up(url: str, folder: Path) -> Manifest:
+    """Copy a database as it is at one moment; services and workers may go on meanwhile.
+
+    Args:
+        url: of the database.
+        folder: a new one.
+
+    Raises:
+        StoreError: the folder exists or cannot be written, or the database cannot be read.
+    """
+    if folder.exists():
+        raise StoreError(f"{folder} exists", "give the name of a new folder")
+    made_at = datetime.now(UTC)
+    partial = folder.with_name(f".{folder.name}.{os.getpid()}")
+    with _as_store_errors():
+        partial.mkdir(mode=_FOLDER_MODE, parents=True)
+        try:
+            dialect, revision, tables = _copy(url, partial)
+            manifest = Manifest(
+                made_at=made_at,
+                database=dialect,
+                revision=revision,
+                sha256=_sha256(partial / _FILES[dialect]),
+                tables=tables,
+            )
+            (partial / MANIFEST).write_text(manifest.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            for path in (*partial.iterdir(), partial):
+                _to_disk(path)
+            partial.rename(folder)
+            _to_disk(folder.parent)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+    return manifest
+
+
+def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
+    """Put a backup in the place of a database that nobody uses, and check that all of it arrived.
+
+    Args:
+        url: of the database.
+        folder: of the backup.
+        overwrite: replace a database that holds something. A file is set aside as `NAME.replaced-TIME`.
+
+    Raises:
+        StoreError: there is no whole backup, or a database in its place that holds something or is in use.
+    """
+    manifest = _manifest(folder)
+    source = folder / _FILES[manifest.database]
+    with _as_store_errors():
+        if _sha256(source) != manifest.sha256:
+            raise StoreError(f"{source} has changed since the backup was made", "take another backup")
+        parsed = make_url(url)
+        if (parsed.get_backend_name() == "sqlite") != (manifest.database == "sqlite"):
+            raise StoreError(
+                f"this is a backup of a {manifest.database} database", "restore it to such a one"
+            )
+        if manifest.database == "sqlite":
+            _restore_file(parsed, source, manifest, overwrite=overwrite)
+        else:
+            _restore_archive(url, parsed, source, manifest, overwrite=overwrite)
+    return manifest
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copy an SQLite database as it is at one moment.
+
+    Args:
+        source: path of the database.
+        target: a path where nothing is.
+    """
+    with closing(sqlite3.connect(source)) as connection:
+        connection.execute("VACUUM INTO ?", [str(target)])
+
+
+def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]]:
+    with closing(open_existing(url)) as database:
+        dialect = database.dialect
+        copy = folder / _FILES[dialect]
+        if dialect == "sqlite":
+            copy_file(path_of(make_url(url)), copy)
+            with _opened(copy) as connection:
+                return dialect, _revision(connection), content_of(connection)
+        with database.writing() as connection:
+            connection.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
+            _use_utc(connection)
+            revision, tables = _revision(connection), content_of(connection)
+            snapshot = str(connection.execute(text("SELECT pg_export_snapshot()")).scalar_one())
+            schema = str(connection.execute(text("SELECT current_schema()")).scalar_one())
+            schemas = [] if schema == "public" else [f"--schema={schema}", f"--schema=dbos_{schema}"]
+            _run(url, "pg_dump", "--format=custom", f"--snapshot={snapshot}", *schemas, f"--file={copy}")
+    return dialect, revision, tables
+
+
+def _revision(connection: Connection) -> str:
+    found = revision_of(connection)
+    if found is None:
+        raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
+    return found
+
+
+def _restore_file(url: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
+    target = path_of(url).absolute()
+    if target.exists() and not overwrite:
+        raise StoreError(f"{target} exists", "give another file, or --overwrite, which sets it aside")
+    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        shutil.copyfile(source, partial)
+        with _opened(partial) as connection:
+            _check_arrived(manifest, connection)
+        _to_disk(partial)
+        _set_aside(target)
+        partial.rename(target)
+        _to_disk(target.parent)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _set_aside(target: Path) -> None:
+    """Rename a database that nobody uses, with what its journal holds."""
+    if not target.exists():
+        return
+    try:
+        # Leaving the write-ahead log takes an exclusive lock, which no one gets while others have it open.
+        with closing(sqlite3.connect(target, timeout=2.0)) as connection:
+            connection.execute("PRAGMA journal_mode=DELETE")
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:
+            raise StoreError(f"{target} is in use", "stop the service and its workers first") from error
+    except sqlite3.DatabaseError:
+        pass  # damaged: that is why a backup comes in its place
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    for suffix in ("-wal", "-shm", ""):
+        path = target.with_name(target.name + suffix)
+        if path.exists():
+            path.rename(target.with_name(f"{target.name}.replaced-{stamp}{suffix}"))
+
+
+def _restore_archive(url: str, parsed: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:
+    with closing(Database.open(url)) as database:
+        with database.reading() as connection:
+            if revision_of(connection) is not None and not overwrite:
+                raise StoreError(
+                    f"the database {parsed.database} holds something", "give an empty one, or --overwrite"
+                )
+            others = text(
+                "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
+                "AND backend_type = 'client backend' AND pid <> pg_backend_pid()"
+            )
+            if connection.execute(others).scalar_one():
+                raise StoreError(
+                    f"the database {parsed.database} is in use", "stop the service and its workers first"
+                )
+        replace = ("--clean", "--if-exists") if overwrite else ()
+        _run(
+            url, "pg_restore", "--no-owner", "--no-privileges", "--single-transaction", *replace, str(source)
+        )
+        with database.writing() as connection:
+            _use_utc(connection)
+            _check_arrived(manifest, connection)
+
+
+def _check_arrived(manifest: Manifest, connection: Connection) -> None:
+    found = content_of(connection)
+    for name, expected in manifest.tables.items():
+        if found.get(name) != expected:
+            raise StoreError(f"the table {name} did not arrive as it was", "take another backup")
+
+
+def _use_utc(connection: Connection) -> None:
+    connection.execute(text("SET LOCAL timezone = 'UTC'"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Connection]:
+    engine = create_engine(URL.create("sqlite", database=str(path)))
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def _run(url: str, program: str, *arguments: str) -> None:
+    """Run one of PostgreSQL's programs; the password goes by the environment, which only its user sees."""
+    parsed = make_url(url).set(drivername="postgresql")
+    environment = os.environ | ({"PGPASSWORD": str(parsed.password)} if parsed.password else {})
+    database = parsed._replace(password=None).render_as_string(hide_password=False)
+    found = shutil.which(program)
+    if found is None:
+        raise StoreError(f"there is no {program} here", "install PostgreSQL's client programs")
+    done = subprocess.run(
+        [found, f"--dbname={database}", *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "error" in line] or ["no reason given"]
+        raise StoreError(
+            f"{program} failed ({lines[0][:200]})", "see what it says; the server's version fits?"
+        )
+
+
+def _manifest(folder: Path) -> Manifest:
+    try:
+        return Manifest.model_validate_json((folder / MANIFEST).read_bytes())
+    except (OSError, ValidationError) as error:
+        raise StoreError(f"{folder} has no readable {MANIFEST}", "give the folder of a backup") from error
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _as_store_errors() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"{error.filename or 'a file'}: {error.strerror}", "choose a place with room that can be written"
+        ) from error
+    except sqlite3.Error as error:
+        raise StoreError(f"the sqlite database failed ({error})", "run jointstiff doctor on it") from error

@@ -1,0 +1,197 @@
+"""Backups on both databases: whole under write load, checked on the way back, never over what is in use."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import sqlite3
+import threading
+from contextlib import closing
+from datetime import UTC, datetime
+
+import pytest
+from alembic import command
+from support.jobs import request, runs_of, stored_set
+from support.processes import until
+
+from jointstiff.service.store import Manifest, RobotRecord, Store, StoreError, back_up, restore
+from jointstiff.service.store.content import content_of
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.migrations import configuration
+
+ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def new_database(request, tmp_path):
+    """Makes a fresh database and returns its URL."""
+    if request.param == "postgresql":
+        return request.getfixturevalue("new_postgresql_database")
+    numbers = itertools.count(1)
+    return lambda: f"sqlite:///{tmp_path / f'{next(numbers)}.db'}"
+
+
+def robots_of(url):
+    with Store.open(url) as store:
+        return {record.id for record in _all(store)}
+
+
+def _all(store):
+    cursor = None
+    while True:
+        page = store.robots.page(limit=100, cursor=cursor)
+        yield from page.records
+        cursor = page.next
+        if cursor is None:
+            return
+
+
+@pytest.mark.process
+def test_a_backup_under_write_load_comes_back_with_every_hash_and_result(new_database, tmp_path):
+    source, target = new_database(), new_database()
+    stop, stored = threading.Event(), []
+
+    def write(store):
+        for number in itertools.count():
+            if stop.is_set():
+                return
+            stored.append(store.robots.add(dataclasses.replace(ROBOT, id=f"r{number}")).id)
+
+    with Store.open(source) as store:
+        runs = runs_of(store)
+        runs.create(request(stored_set(store)), None)
+        robots_of_runs = {record.id for record in _all(store)}
+        writer = threading.Thread(target=write, args=(store,))
+        writer.start()
+        try:
+            until(lambda: len(stored) > 20)
+            before = set(stored)
+            manifest = back_up(source, tmp_path / "backup")
+        finally:
+            stop.set()
+            writer.join()
+        run = next(iter(runs._records.page(limit=1).records))
+        document = runs.document(run.id)
+    assert manifest.tables["jobs"].rows == 1
+    assert sorted(path.name for path in (tmp_path / "backup").iterdir())[-1] == "manifest.json"
+
+    assert restore(target, tmp_path / "backup") == manifest
+    found = robots_of(target)
+    assert before <= found <= {*stored, *robots_of_runs}
+    assert len(found) == manifest.tables["robots"].rows
+    with Store.open(target) as store:
+        assert runs_of(store).document(run.id) == document
+
+
+@pytest.mark.process
+def test_what_holds_something_is_replaced_only_when_asked(new_database, tmp_path):
+    url = new_database()
+    with Store.open(url) as store:
+        store.robots.add(ROBOT)
+    back_up(url, tmp_path / "backup")
+    with Store.open(url) as store:
+        store.robots.add(dataclasses.replace(ROBOT, id="later"))
+    with pytest.raises(StoreError, match=r"exists|holds something"):
+        restore(url, tmp_path / "backup")
+    assert robots_of(url) == {"r", "later"}
+    restore(url, tmp_path / "backup", overwrite=True)
+    assert robots_of(url) == {"r"}
+
+
+@pytest.mark.process
+def test_what_is_in_use_is_not_replaced(new_database, tmp_path):
+    url = new_database()
+    with Store.open(url) as store:
+        store.robots.add(ROBOT)
+        back_up(url, tmp_path / "backup")
+        with pytest.raises(StoreError, match="in use") as caught:
+            restore(url, tmp_path / "backup", overwrite=True)
+        assert caught.value.remedy == "stop the service and its workers first"
+        assert store.robots.get("r") == ROBOT
+
+
+class TestOnSqlite:
+    @pytest.fixture
+    def url(self, tmp_path):
+        url = f"sqlite:///{tmp_path / 'of.db'}"
+        with Store.open(url) as store:
+            store.robots.add(ROBOT)
+        return url
+
+    def test_a_file_that_is_replaced_is_set_aside_even_if_damaged(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        (tmp_path / "of.db").write_bytes(b"no database" * 1000)
+        restore(url, tmp_path / "backup", overwrite=True)
+        assert robots_of(url) == {"r"}
+        (aside,) = tmp_path.glob("of.db.replaced-*")
+        assert aside.read_bytes().startswith(b"no database")
+
+    def test_a_backup_that_changed_is_refused(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        with closing(sqlite3.connect(tmp_path / "backup" / "jointstiff.db")) as copy, copy:
+            copy.execute("UPDATE robots SET name = 'another'")
+        with pytest.raises(StoreError, match="has changed"):
+            restore(f"sqlite:///{tmp_path / 'new.db'}", tmp_path / "backup")
+        assert not (tmp_path / "new.db").exists()
+
+    def test_rows_that_do_not_arrive_are_noticed(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        path = tmp_path / "backup" / "manifest.json"
+        manifest = json.loads(path.read_text())
+        manifest["tables"]["robots"]["rows"] = 2
+        path.write_text(json.dumps(manifest))
+        with pytest.raises(StoreError, match="robots did not arrive"):
+            restore(f"sqlite:///{tmp_path / 'new.db'}", tmp_path / "backup")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["backup", "of.db"]
+
+    @pytest.mark.parametrize(
+        ("database", "reason"),
+        [
+            ("sqlite:///{0}/none.db", "there is no database"),
+            ("sqlite://", "in memory"),
+            ("sqlite:///{0}/empty.db", "no tables of Jointstiff"),
+        ],
+    )
+    def test_nothing_to_copy(self, tmp_path, database, reason):
+        (tmp_path / "empty.db").touch()
+        with pytest.raises(StoreError, match=reason):
+            back_up(database.format(tmp_path), tmp_path / "backup")
+        assert not (tmp_path / "backup").exists()
+        assert not (tmp_path / "none.db").exists()
+
+    def test_folders_that_are_no_place_or_no_backup(self, url, tmp_path):
+        with pytest.raises(StoreError, match="exists"):
+            back_up(url, tmp_path)
+        with pytest.raises(StoreError, match="no readable manifest"):
+            restore(url, tmp_path)
+        back_up(url, tmp_path / "backup")
+        with pytest.raises(StoreError, match="backup of a sqlite"):
+            restore("postgresql://nobody@/nothing", tmp_path / "backup")
+
+    def test_nobody_else_reads_a_backup(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        assert (tmp_path / "backup").stat().st_mode & 0o077 == 0
+
+    def test_a_migration_leaves_a_copy_of_the_earlier_file(self, url, tmp_path):
+        with closing(Database.open(url)) as database, database.writing() as connection:
+            config = configuration()
+            config.attributes["connection"] = connection
+            command.downgrade(config, "0001_jobs")
+        assert not list(tmp_path.glob("*.bak"))
+        for _ in range(2):
+            assert robots_of(url) == {"r"}
+        (copy,) = tmp_path.glob("*.bak*")
+        assert copy.name == "of.db.0001_jobs.bak"
+        with closing(sqlite3.connect(copy)) as connection:
+            assert connection.execute("SELECT version_num FROM alembic_version").fetchall() == [("0001_jobs",)]
+            assert connection.execute("SELECT id FROM robots").fetchall() == [("r",)]
+
+    def test_content_is_of_values_not_of_places(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        manifest = Manifest.model_validate_json((tmp_path / "backup" / "manifest.json").read_bytes())
+        with closing(Database.open(url)) as database, database.reading() as connection:
+            assert content_of(connection) == manifest.tables
+        with closing(Database.open(url)) as database, database.writing() as connection:
+            connection.exec_driver_sql("UPDATE robots SET name = 'r' || name")
+            assert content_of(connection)["robots"] != manifest.tables["robots"]

@@ -1,0 +1,111 @@
+"""The doctor finds what was planted, on both databases, and nothing in a healthy one."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+from sqlalchemy import text
+from support.jobs import request, runs_of, stored_set
+from typer.testing import CliRunner
+
+from jointstiff.service.cli.app import app
+from jointstiff.service.doctor import examine
+from jointstiff.service.store import Store, StoreError
+from jointstiff.service.store.database import Database
+
+
+@pytest.fixture
+def url(database_url):
+    with Store.open(database_url) as store:
+        runs_of(store).create(request(stored_set(store)), None)
+    return database_url
+
+
+def planted(url, *statements):
+    """Do what only a fault of software or disk, or a stranger, would do."""
+    with closing(Database.open(url)) as database, database.reading() as connection:
+        for statement in statements:
+            connection.execute(text(statement))
+
+
+def test_a_healthy_database(url):
+    found = examine(url)
+    assert found.faults == []
+    assert found.counted == {"robot": 1, "measurement set": 1, "run": 1}
+
+
+@pytest.mark.parametrize(
+    ("statement", "code", "where"),
+    [
+        ("UPDATE robots SET content_hash = 'another'", "hash", "robot "),
+        ("UPDATE robots SET document = replace(document, 'name', 'nam')", "document", "robot "),
+        ("UPDATE measurement_sets SET content_hash = 'another'", "hash", "measurement set "),
+        ("UPDATE measurement_sets SET document = '{}'", "document", "measurement set "),
+        ("UPDATE jobs SET document = substr(document, 1, 500)", "document", "run "),
+        ("UPDATE jobs SET state = 'failed'", "state", "run "),
+        ("UPDATE jobs SET state = 'running'", "endless", "run "),
+        ("UPDATE jobs SET kind = 'dream'", "kind", "dream "),
+        ("INSERT INTO job_steps VALUES ('gone', 0, 5)", "orphan", "job_steps gone"),
+        (
+            "INSERT INTO idempotency_keys VALUES ('robots', 'k', 'b', 'gone', '2026-11-20 00:00:00')",
+            "orphan",
+            "idempotency_keys gone",
+        ),
+        ("UPDATE alembic_version SET version_num = '9999'", "schema", "alembic_version"),
+    ],
+)
+def test_planted_faults_are_found(url, statement, code, where):
+    planted(url, statement)
+    found = examine(url)
+    assert [fault.code for fault in found.faults] == [code]
+    assert found.faults[0].where.startswith(where)
+    assert found.faults[0].remedy
+
+
+class TestOnSqlite:
+    @pytest.fixture
+    def url(self, tmp_path):
+        url = f"sqlite:///{tmp_path / 'of.db'}"
+        with Store.open(url) as store:
+            runs_of(store).create(request(stored_set(store)), None)
+        return url
+
+    def test_orphans_of_references(self, url):
+        planted(url, "PRAGMA foreign_keys=OFF", "DELETE FROM robots")
+        assert {fault.code for fault in examine(url).faults} == {"orphan"}
+
+    def test_a_damaged_page(self, url, tmp_path):
+        with closing(sqlite3.connect(tmp_path / "of.db")) as connection:
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        content = bytearray((tmp_path / "of.db").read_bytes())
+        place = content.index(b'"joint_map"')  # in the middle of an overflowing row
+        page = place // 4096 * 4096
+        content[page : page + 4096] = bytes(4096)
+        (tmp_path / "of.db").write_bytes(content)
+        assert {fault.code for fault in examine(url).faults} == {"file"}
+
+    def test_the_command_says_what_is_wrong_and_ends_with_status_1(self, url):
+        run = CliRunner().invoke(app, ["doctor", "--database", url])
+        assert run.exit_code == 0, run.output
+        assert "faults: 0" in run.output
+        planted(url, "UPDATE robots SET content_hash = 'another'")
+        run = CliRunner().invoke(app, ["doctor", "--database", url])
+        assert run.exit_code == 1
+        assert "the hash differs" in run.output
+
+    def test_backup_and_restore_as_commands(self, url, tmp_path):
+        folder = str(tmp_path / "backup")
+        run = CliRunner().invoke(app, ["backup", "--database", url, folder])
+        assert "1 robots, 1 measurement sets, 1 jobs" in run.output
+        again = CliRunner().invoke(app, ["restore", "--database", url, folder])
+        assert again.exit_code == 2
+        new = f"sqlite:///{tmp_path / 'new.db'}"
+        assert CliRunner().invoke(app, ["restore", "--database", new, folder]).exit_code == 0
+        assert examine(new).faults == []
+
+    def test_what_is_not_there_is_not_made(self, tmp_path):
+        with pytest.raises(StoreError, match="there is no database"):
+            examine(f"sqlite:///{tmp_path / 'none.db'}")
+        assert not (tmp_path / "none.db").exists()
