@@ -184,7 +184,9 @@ class TestOnSqlite:
         (copy,) = tmp_path.glob("*.bak*")
         assert copy.name == "of.db.0001_jobs.bak"
         with closing(sqlite3.connect(copy)) as connection:
-            assert connection.execute("SELECT version_num FROM alembic_version").fetchall() == [("0001_jobs",)]
+            assert connection.execute("SELECT version_num FROM alembic_version").fetchall() == [
+                ("0001_jobs",)
+            ]
             assert connection.execute("SELECT id FROM robots").fetchall() == [("r",)]
 
     def test_content_is_of_values_not_of_places(self, url, tmp_path):
