@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.schemas.run.identifiability import Identifiability
+from jointstiff.schemas.run.identifiability import Advice, Identifiability
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinkCompliance, LinksResult, ModelSelection
 from jointstiff.schemas.run.options import Method, RunOptions, Weighting
@@ -17,6 +17,7 @@ from jointstiff.schemas.run.run import Certificate, EncoderResidual, Run, RunReq
 
 __all__ = [
     "MAX_REPETITIONS",
+    "Advice",
     "Certificate",
     "Elasticity",
     "EncoderResidual",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-from jointstiff.service.cli.options import AsJson
+from jointstiff.service.cli.options import AsJson, Details
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest
@@ -54,6 +54,7 @@ def geometry(
         typer.Option(dir_okay=False, metavar="ROBOT.json", help="File to write the identified robot to."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    details: Details = False,
     as_json: AsJson = False,
 ) -> None:
     """Find axes, base frame, wrist centre, targets and the identified robot from a tracker's readings.
@@ -77,7 +78,7 @@ def geometry(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
-        console().print(geometry_report(found))
+        console().print(geometry_report(found, details=details))
     if found.state != "succeeded":
         raise typer.Exit(1)
 

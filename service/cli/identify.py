@@ -9,6 +9,7 @@ from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.options import (
     AsJson,
     CampaignFile,
+    Details,
     ElasticityChoice,
     FirstFile,
     Links,
@@ -20,6 +21,8 @@ from jointstiff.service.cli.options import (
     SecondFile,
     Seed,
     Stiffer,
+    Unit,
+    UnitChoice,
     WeightingChoice,
     chains,
     link_names,
@@ -27,7 +30,7 @@ from jointstiff.service.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import Comparison, ComparisonOptions
+    from jointstiff.schemas.comparison import ComparisonOptions
     from jointstiff.schemas.run import RunOptions
 
 Options = TypeVar("Options", "RunOptions", "ComparisonOptions")
@@ -87,9 +90,14 @@ def identify(
     resample: Resample = None,
     repetitions: Repetitions = None,
     seed: Seed = None,
+    unit: Unit = UnitChoice.MEGA,
+    details: Details = False,
     as_json: AsJson = False,
 ) -> None:
-    """Identify the joint stiffnesses of a campaign, without a server."""
+    """Identify the joint stiffnesses of a campaign, without a server.
+
+    Prints the verdict, the joints and what to do next. docs/glossary.md explains the words.
+    """
     from jointstiff.service.library import CampaignError, campaigns, read_campaign
     from jointstiff.service.render import console, progress_bar, run_report
 
@@ -120,7 +128,7 @@ def identify(
     if as_json:
         typer.echo(run.model_dump_json(indent=2))
     else:
-        console().print(run_report(run))
+        console().print(run_report(run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 
@@ -138,13 +146,16 @@ def compare(
             help="Fit only constrained, or only free compliances; default: both.",
         ),
     ] = None,
+    unit: Unit = UnitChoice.MEGA,
+    details: Details = False,
     as_json: AsJson = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")] = False,
 ) -> None:
     """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
     from jointstiff.schemas.comparison import ComparisonOptions
+    from jointstiff.service.conversion import comparison_csv
     from jointstiff.service.library import CampaignError, campaigns, read_campaign
-    from jointstiff.service.render import progress_bar
+    from jointstiff.service.render import comparison_report, console, progress_bar
 
     constraint = None if positive is None else ["positive" if positive else "unconstrained"]
     chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
@@ -156,7 +167,12 @@ def compare(
             comparison = campaigns.compare(campaign, options, tell)
     except CampaignError as error:
         raise refused(error.problem) from error
-    _print_comparison(comparison, as_json=as_json, as_csv=as_csv)
+    if as_json:
+        typer.echo(comparison.model_dump_json(indent=2))
+    elif as_csv and comparison.result is not None:
+        typer.echo(comparison_csv(comparison.result), nl=False)
+    else:
+        console().print(comparison_report(comparison, details=details, unit=unit))
     if comparison.state != "succeeded":
         raise typer.Exit(1)
 
@@ -177,6 +193,8 @@ def pair(
     confidence: Annotated[
         float | None, typer.Option(min=0.5, max=0.9999, help="Confidence level of the intervals.")
     ] = None,
+    unit: Unit = UnitChoice.MEGA,
+    details: Details = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare two campaigns: encoders of motors and secondary ones, before and after, unit A and B.
@@ -204,25 +222,13 @@ def pair(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
-        console().print(pair_report(found))
+        console().print(pair_report(found, details=details, unit=unit))
     if found.state != "succeeded":
         raise typer.Exit(1)
 
 
 def _takes_long(options: "RunOptions") -> bool:
     return options.resampling is not None or (options.elasticity != "joints" and options.link_penalty is None)
-
-
-def _print_comparison(comparison: "Comparison", *, as_json: bool, as_csv: bool) -> None:
-    from jointstiff.service.conversion import comparison_csv
-    from jointstiff.service.render import comparison_report, console
-
-    if as_json:
-        typer.echo(comparison.model_dump_json(indent=2))
-    elif as_csv and comparison.result is not None:
-        typer.echo(comparison_csv(comparison.result), nl=False)
-    else:
-        console().print(comparison_report(comparison))
 
 
 def _changed(options: Options, changes: Mapping[str, object]) -> Options:

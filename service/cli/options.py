@@ -48,6 +48,7 @@ DatabaseUrl = Annotated[
         help="Database: sqlite:///FILE or postgresql://USER:PASSWORD@HOST/NAME.",
     ),
 ]
+Details = Annotated[bool, typer.Option("--details", help="Print all reasons, warnings, advice and evidence.")]
 Resample = Annotated[
     int | None,
     typer.Option(min=1, metavar="M", help="Resample: repeat each fit on M random configurations."),
@@ -142,6 +143,22 @@ class LossChoice(StrEnum):
 
     SQUARED = "squared"
     HUBER = "huber"
+
+
+class UnitChoice(StrEnum):
+    """Units in which tables show stiffnesses, or compliances."""
+
+    MEGA = "MNm/rad"
+    DEGREE = "kNm/deg"
+    ARC_MINUTE = "Nm/arcmin"
+    SI = "Nm/rad"
+    COMPLIANCE = "urad/Nm"
+
+
+Unit = Annotated[
+    UnitChoice,
+    typer.Option(case_sensitive=False, help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m)."),
+]
 
 
 class LoadChoice(StrEnum):

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointstiff.service.cli.answers import failed, refused, warn
-from jointstiff.service.cli.options import CampaignFile, DatabaseUrl
+from jointstiff.service.cli.options import CampaignFile, DatabaseUrl, Details, Unit, UnitChoice
 
 if TYPE_CHECKING:
     from jointstiff.service.library import Client, TabledRun
@@ -85,6 +85,8 @@ def post(
     server: Annotated[
         str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service.")
     ] = "http://127.0.0.1:8000",
+    unit: Unit = UnitChoice.MEGA,
+    details: Details = False,
 ) -> None:
     """Post a campaign to a running service, and show its answer."""
     from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
@@ -103,7 +105,7 @@ def post(
             run = _ended(client, run, addresses[-1])
     except (CampaignError, RefusedError) as error:
         raise refused(error.problem) from error
-    console().print(run_report(run))
+    console().print(run_report(run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 

@@ -40,6 +40,9 @@ from jointstiff.solver.links import (
 _WEIGHTS_A_STEP: Final = 4
 """Estimated time of all models in one fold [s], 0.1 to 1 s."""
 
+_OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
+"""Reasons that remain where links do not explain what joints alone did not."""
+
 
 class ElasticWork(SteppedWork[list[FoldFit]]):
     """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
@@ -173,9 +176,11 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         findings = judge(estimate, elastic.prediction)
         if options.link_penalty is None:
             findings += judge_penalty(weight, elastic.penalty, grid)
-        warnings = prepared.warnings + to_warnings(findings, prepared.readings)
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = prepared.assess(self._settings, estimate, elastic.prediction)
+        outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
+        warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
+        warnings += to_warnings(findings, prepared.readings)
         result = to_result(
             estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
         )

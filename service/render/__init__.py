@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from jointstiff.service.render.methods_table import comparison_report
     from jointstiff.service.render.pair_table import pair_report
     from jointstiff.service.render.plan_table import plan_csv, plan_report
-    from jointstiff.service.render.terminal import console, problem_text, progress_bar, run_report
+    from jointstiff.service.render.run_table import run_report
+    from jointstiff.service.render.stiffness import UNITS
+    from jointstiff.service.render.terminal import console, problem_text, progress_bar
 else:
     __getattr__ = names_of(
         __name__,
@@ -21,10 +23,13 @@ else:
         methods_table="comparison_report",
         pair_table="pair_report",
         plan_table="plan_csv plan_report",
-        terminal="console problem_text progress_bar run_report",
+        run_table="run_report",
+        stiffness="UNITS",
+        terminal="console problem_text progress_bar",
     )
 
 __all__ = [
+    "UNITS",
     "comparison_report",
     "console",
     "geometry_report",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import degrees, floor, isfinite, log10, sqrt
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -19,9 +20,9 @@ from jointstiff.schemas.geometry import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.render.terminal import problem_text, verdict_line
+from jointstiff.service.render.terminal import problem_text
+from jointstiff.service.render.verdict import remedies, to_do_lines, verdict_lines
 
-_STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 _MILLI, _MICRO = 1e3, 1e6
 _CONTROLLER_LEVEL = 0.01
 """Probability below which the controller's angles do not fit."""
@@ -29,41 +30,49 @@ _LEAST_PROBABILITY = 1e-6
 """Less is no different for people."""
 
 
-def geometry_report(geometry: Geometry) -> RenderableType:
-    """Findings first, then what was found, then what it is worth."""
+def geometry_report(geometry: Geometry, *, details: bool = False) -> RenderableType:
+    """Lay out the verdict, the axes, the links and what to do; with details all evidence."""
     result = geometry.result
     if result is None:
         return problem_text(geometry.error) if geometry.error else Text(f"the geometry is {geometry.state}")
-    parts: list[RenderableType] = [verdict_line(result.assessment)]
-    parts += [
-        Text(f"{f.severity}: {f.where}: {f.message}; {f.remedy}", style=_STYLES[f.severity])
-        for f in result.findings
-    ]
-    parts.append(_axes(result))
+    parts: list[RenderableType] = [*verdict_lines(result.assessment, details=details), _axes(result)]
+    if details:
+        parts += _evidence(result)
+    if result.links:
+        parts.append(_links(result.links))
+    parts.append(Text("\n".join(f"  {line}" for line in _summary(result, details=details))))
+    notes = [finding for finding in result.findings if finding.severity == "note"]
+    parts += [Text(f"  {f.where}: {f.message}; {f.remedy}", style="dim") for f in notes if details]
+    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
+
+
+def _evidence(result: GeometryResult) -> list[RenderableType]:
+    """Return what the axes rest on, and what follows from them beside the links."""
+    parts: list[RenderableType] = []
     if result.sweeps:
         parts.append(_sweeps(result.sweeps))
     if result.poses is not None:
         parts.append(_poses(result.poses))
-    parts.append(_frame(result.base_frame))
-    parts.append(_targets(result))
+    parts += [_frame(result.base_frame), _targets(result)]
     if result.wrist is not None:
         parts.append(_wrist(result.wrist))
-    if result.links:
-        parts.append(_links(result.links))
     if result.drift is not None:
         parts.append(_drift(result.drift))
-    parts.append(Text("\n".join(f"  {line}" for line in _summary(result))))
-    return Group(*parts)
+    return parts
 
 
 def _axes(result: GeometryResult) -> Table:
-    table = _table(
-        "Axes at model angle zero, in R0",
-        "points in mm; u: largest standard uncertainty across the axis in µm, and of its direction in µrad",
-        ("axis", "x", "y", "z", "direction", "u point", "u direction"),
+    table = Table(
+        title="Axes at model angle zero, in R0",
+        caption="points in mm; u: largest standard uncertainty across the axis, and of its direction",
+        box=SIMPLE_HEAD,
+        padding=0,
+        show_edge=False,
     )
+    for heading in ("axis", "x", "y", "z", "direction", "u [µm]", "u [µrad]"):
+        table.add_column(heading, justify="left" if heading == "axis" else "right")
     for axis in result.axes:
-        direction = " ".join(f"{part:+.6f}" for part in axis.base.direction)
+        direction = " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in axis.base.direction)
         table.add_row(
             Text(axis.name),
             *(f"{_MILLI * part:.3f}" for part in axis.base.point),
@@ -153,12 +162,16 @@ def _wrist(wrist: WristResult) -> Group:
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
+    lines.append(_miss(wrist))
+    return Group(table, Text("\n".join(f"  {line}" for line in lines)))
+
+
+def _miss(wrist: WristResult) -> str:
     applies = "applies" if wrist.decoupled_method else "does not apply"
-    lines.append(
+    return (
         f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} ± "
         f"{_MICRO * wrist.miss_uncertainty:.1f} µm: the decoupled method {applies}"
     )
-    return Group(table, Text("\n".join(f"  {line}" for line in lines)))
 
 
 def _links(links: Sequence[LinkComparison]) -> Table:
@@ -191,7 +204,7 @@ def _drift(drift: Drift) -> Text:
     )
 
 
-def _summary(result: GeometryResult) -> list[str]:
+def _summary(result: GeometryResult, *, details: bool) -> list[str]:
     goodness = result.goodness
     lines = [
         f"sigma of a coordinate {_MICRO * goodness.sigma:.1f} µm ({goodness.sigma_source}), χ²/dof "
@@ -207,8 +220,11 @@ def _summary(result: GeometryResult) -> list[str]:
         )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
-    tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
-    lines.append(f"deviation of the DH tables (see --json): {', '.join(tables)}")
+    if result.wrist is not None and not details:
+        lines.append(_miss(result.wrist))
+    if details:
+        tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
+        lines.append(f"deviation of the DH tables (see --json): {', '.join(tables)}")
     return lines
 
 

@@ -35,6 +35,18 @@ def links_report(links: LinksResult, selection: ModelSelection | None) -> list[R
     return parts + [Text(f"  {line}", style="dim") for line in lines]
 
 
+def links_line(links: LinksResult, selection: ModelSelection | None) -> Text:
+    """Return in one line what the elastic links add to the joints."""
+    scores = {} if selection is None else {each.model: each.compensation for each in selection.models}
+    if selection is None or not {"joints", links.model} <= set(scores):
+        return Text(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
+    chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
+    return Text(
+        f"  {_MODEL_NAMES[links.model]} explain {_percent(scores[links.model])} of postures left out, joints "
+        f"alone {_percent(scores['joints'])}{'' if selection.simplest == links.model else chosen}"
+    )
+
+
 def _elements_table(links: LinksResult) -> Table:
     table = Table(title="Share of the measured deflection")
     table.add_column("element")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from math import floor, log10
 
 from rich.box import SIMPLE_HEAD
@@ -12,44 +13,77 @@ from rich.text import Text
 
 from jointstiff.schemas.comparison import ComparedFit, Comparison
 from jointstiff.schemas.run import ResampledJoint, ResamplingResult
-from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, verdict_report
+from jointstiff.service.render.resampling_table import moments
+from jointstiff.service.render.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
+from jointstiff.service.render.terminal import METHOD_NAMES, problem_text
+from jointstiff.service.render.verdict import remedies, to_do_lines, verdict_lines, warning_lines
 
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
 _CONSTRAINTS = {False: "free", True: "≥ 0"}
 _METHODS_ABREAST = 4
 _LONGEST_NAME = 24
-_MEGA = 1e-6
 
 
 Cell = Callable[[ComparedFit, int], Text]
 
 
-def comparison_report(comparison: Comparison) -> RenderableType:
-    """Show the methods side by side, free and constrained; or why there is no result."""
-    if comparison.result is None:
+def comparison_report(
+    comparison: Comparison, *, details: bool = False, unit: str = DEFAULT_UNIT
+) -> RenderableType:
+    """Show the methods side by side, free and constrained; or why there is no result.
+
+    Args:
+        comparison: with its result, or its error.
+        details: whether to add the fits as a whole, all warnings, and rows that repeat another.
+        unit: name of a unit of `UNITS`.
+    """
+    result = comparison.result
+    if result is None:
         state = Text(f"the comparison is {comparison.state}")
         return problem_text(comparison.error) if comparison.error else state
-    entries = comparison.result.entries
-    parts = verdict_report(comparison.result.assessment, comparison.result.warnings)
-    numbers = [entry for entry in entries if entry.joints]
+    parts = verdict_lines(result.assessment, details=details)
+    numbers = [entry for entry in result.entries if entry.joints]
     if numbers:
-        drawn = comparison.request.resampling is not None
-        parts += _joint_tables(numbers, _title(comparison), _drawn_cell if drawn else _cell)
-        if drawn:
-            parts += _shares_tables(numbers)
-        parts.append(_fits_table(numbers))
-        parts.append(_legend(comparison))
-    return Group(*parts, *_refusals(entries))
+        parts += _numbers(comparison, numbers, UNITS[unit], details=details)
+    parts += _refusals(result.entries)
+    parts += warning_lines(result.assessment, result.warnings, details=details)
+    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
 
 
-def _title(comparison: Comparison) -> str:
+def _numbers(
+    comparison: Comparison, entries: Sequence[ComparedFit], unit: StiffnessUnit, *, details: bool
+) -> list[RenderableType]:
+    """Return the joints, what each fit explains, and the words of both."""
+    drawn = comparison.request.resampling is not None
+    alike = not details and not drawn and _constraints_change_nothing(entries)
+    shown = [entry for entry in entries if not entry.positive] if alike else entries
+    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
+    parts: list[RenderableType] = [*_joint_tables(shown, _title(comparison, unit), cell)]
+    if drawn:
+        parts += _shares_tables(entries)
+    parts.append(_fits_table(shown))
+    if alike:
+        parts.append(Text("≥ 0 gives the same numbers as free: no constraint is active", style="dim"))
+    return [*parts, _legend(comparison, shown)]
+
+
+def _constraints_change_nothing(entries: Sequence[ComparedFit]) -> bool:
+    """Return whether each fit has the same numbers free and constrained."""
+    by_constraint = [
+        {_short(entry): [joint.model_dump() for joint in entry.joints] for entry in entries if same(entry)}
+        for same in (lambda entry: entry.positive, lambda entry: not entry.positive)
+    ]
+    return by_constraint[0] == by_constraint[1]
+
+
+def _title(comparison: Comparison, unit: StiffnessUnit) -> str:
     drawn = comparison.request.resampling
     if drawn is None:
-        return "Stiffness in 10⁶ N·m/rad"
+        return f"{unit.quantity.capitalize()} in {unit.label}"
     return (
-        f"Stiffness in 10⁶ N·m/rad, mean & standard deviation of {drawn.repetitions} fits\n"
-        f"of {drawn.size} configurations drawn at random (seed {drawn.seed})"
+        f"{unit.quantity.capitalize()} in {unit.label}, mean & standard deviation of\n"
+        f"{drawn.repetitions} fits of {drawn.size} configurations drawn at random (seed {drawn.seed})"
     )
 
 
@@ -110,20 +144,16 @@ def _short(entry: ComparedFit) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
-def _cell(entry: ComparedFit, j: int) -> Text:
-    return concise_stiffness(entry.joints[j])
-
-
-def _drawn_cell(entry: ComparedFit, j: int) -> Text:
-    """Mean & standard deviation."""
+def _drawn_cell(unit: StiffnessUnit, entry: ComparedFit, j: int) -> Text:
+    """Format mean & standard deviation."""
     drawn = _joint(entry, j)
-    if drawn is None or drawn.stiffness_mean is None:
+    mean, deviation = (None, None) if drawn is None else moments(drawn, unit)
+    if mean is None:
         return Text("rigid" if drawn and drawn.share_infinite else "—", style="dim")
-    style = "red" if drawn.stiffness_mean < 0 else ""
-    if drawn.stiffness_deviation is None:
-        return Text(_two_digits(drawn.stiffness_mean), style=style)
-    deviation = drawn.stiffness_deviation
-    return Text(f"{_two_digits(drawn.stiffness_mean, deviation)} & {_two_digits(deviation)}", style=style)
+    text = _two_digits(mean, deviation)
+    return Text(
+        text if deviation is None else f"{text} & {_two_digits(deviation)}", style="red" if mean < 0 else ""
+    )
 
 
 def _shares(entry: ComparedFit, j: int) -> Text:
@@ -139,10 +169,10 @@ def _joint(entry: ComparedFit, j: int) -> ResampledJoint | None:
 
 
 def _two_digits(value: float, deviation: float | None = None) -> str:
-    """In 10⁶: two significant digits, or as many as its deviation has decimals."""
-    sizes = [abs(size) * _MEGA for size in (value, deviation) if size]
+    """Format to two significant digits, or as many as its deviation has decimals."""
+    sizes = [abs(size) for size in (value, deviation) if size]
     decimals = max((1 - floor(log10(size)) for size in sizes), default=0)
-    return f"{value * _MEGA:.{min(max(decimals, 0), 9)}f}"
+    return f"{value:.{min(max(decimals, 0), 9)}f}"
 
 
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
@@ -173,28 +203,37 @@ def _percent(share: float | None) -> str:
     return "—" if share is None else f"{100 * share:.1f} %"
 
 
-def _legend(comparison: Comparison) -> Text:
-    entries = comparison.result.entries if comparison.result else []
+def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Text:
+    """Explain the signs that stand in the tables, and no others."""
+    methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {entry.characteristic_length for entry in entries if entry.characteristic_length}
     of = f" of {', '.join(f'{length:.3g}' for length in sorted(lengths))} m" if lengths else ""
-    lines = ["free: unconstrained; ≥ 0: compliances zero or positive; rigid: compliance 0"]
-    if comparison.request.resampling is None:
-        lines.append("3.188(17): 3.188 with standard uncertainty 0.017")
-    lines += [
-        "CP: complete pose; PP: partial pose; DPP: decoupled partial pose",
-        f"/L: translations divided by a length{of}; /u: uniform weights; else covariance weights",
-        "compensation: share of the mean deflection; rms: of the residual vectors",
+    weights = {
+        "characteristic_length": f"/L: translations divided by a length{of}",
+        "uniform": "/u: uniform weights",
+    }
+    drawn = comparison.request.resampling is not None
+    lines = [
+        "; ".join(f"{short}: {name}" for short, name in methods.items()),
+        "; ".join(
+            weights[entry] for entry in dict.fromkeys(e.weighting for e in entries) if entry in weights
+        ),
+        "free: unconstrained"
+        + ("; ≥ 0: compliances zero or positive" if any(e.positive for e in entries) else ""),
+        "drawn: all configurations by the fits of the drawn ones, mean & standard deviation"
+        if drawn
+        else "3.188(17): 3.188 with standard uncertainty 0.017",
     ]
-    if comparison.request.resampling is not None:
-        lines.append("drawn: all configurations by the fits of the drawn ones, mean & standard deviation")
-    return Text("\n".join(lines), style="dim")
+    return Text("\n".join(line for line in lines if line), style="dim")
 
 
 def _refusals(entries: Sequence[ComparedFit]) -> list[Text]:
-    """Why a method has no numbers, once a method."""
-    reasons = {
-        _short(entry): f"{_short(entry)} ({METHOD_NAMES[entry.method]}): {entry.error.detail}"
-        for entry in entries
-        if entry.error is not None
-    }
-    return [Text(reason, style="yellow") for reason in reasons.values()]
+    """Return why methods have no numbers, those of the same reason in one line."""
+    methods: dict[str, list[str]] = {}
+    for entry in entries:
+        if entry.error is not None:
+            methods.setdefault(entry.error.detail, []).append(METHOD_NAMES[entry.method])
+    return [
+        Text(f"no {', '.join(dict.fromkeys(names))}: {detail}", style="yellow")
+        for detail, names in methods.items()
+    ]

@@ -16,40 +16,55 @@ from jointstiff.schemas.pair import (
     PairedJoint,
     PairResult,
 )
-from jointstiff.service.render.terminal import METHOD_NAMES, concise_stiffness, problem_text, verdict_report
+from jointstiff.service.render.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
+from jointstiff.service.render.terminal import METHOD_NAMES, problem_text
+from jointstiff.service.render.verdict import (
+    joint_reason_lines,
+    remedies,
+    to_do_lines,
+    verdict_lines,
+    warning_lines,
+)
 
-_MEGA = 1e-6
 _SMALLEST_P = 1e-4
 
 
-def pair_report(pair: Pair) -> RenderableType:
-    """Warnings first, then the joints, then the deflection."""
+def pair_report(pair: Pair, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
+    """Lay out the verdict, the joints, the deflection, and what to do.
+
+    Args:
+        pair: with its result, or its error.
+        details: whether to add all warnings and reasons.
+        unit: name of a unit of `UNITS`.
+    """
     if pair.result is None:
         return problem_text(pair.error) if pair.error else Text(f"the pair is {pair.state}")
-    result = pair.result
-    parts = verdict_report(result.assessment, result.warnings)
-    parts.append(_joints_table(pair, result))
-    parts += [Text(f"  {joint.name}: {joint.reason}", style="dim") for joint in result.joints if joint.reason]
+    result, shown = pair.result, UNITS[unit]
+    parts = verdict_lines(result.assessment, details=details)
+    parts.append(_joints_table(pair, result, shown))
+    parts += joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     if result.ordered is not None:
-        parts.append(_ordered_table(result.ordered))
+        parts.append(_ordered_table(result.ordered, shown))
     parts.append(_avoided(result.avoided))
-    return Group(*parts)
+    parts += warning_lines(result.assessment, result.warnings, details=details)
+    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
 
 
-def _joints_table(pair: Pair, result: PairResult) -> Table:
+def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
     confidence = pair.request.confidence or pair.request.options.confidence
     table = Table(
         title=_title(pair),
-        caption="stiffness k in 10⁶ N·m/rad with its standard uncertainty; p: p-value of equal stiffnesses",
+        caption=f"{unit.quantity} in {unit.label} with its standard uncertainty; ratio of the stiffnesses, "
+        "second to first; p: p-value of equal stiffnesses",
     )
     table.add_column("joint")
-    for heading in ("k first", "k second", "ratio", f"{100 * confidence:g} % interval", "p"):
+    for heading in ("first", "second", "ratio", f"{100 * confidence:g} % interval", "p"):
         table.add_column(heading, justify="right")
     for joint in result.joints:
         table.add_row(
             Text(joint.name),
-            concise_stiffness(joint.first),
-            concise_stiffness(joint.second),
+            unit.concise(joint.first),
+            unit.concise(joint.second),
             "—" if joint.ratio is None else _number(joint.ratio, joint),
             _interval(joint),
             _p_value(joint.p_value),
@@ -91,40 +106,26 @@ def _p_value(p: float | None) -> str:
     return f"< {_SMALLEST_P:g}" if p < _SMALLEST_P else f"{p:.2g}"
 
 
-def _ordered_table(ordered: OrderedResult) -> Table:
+def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     table = Table(
         title="Both in one problem, no joint softer on the second side",
-        caption="stiffness in 10⁶ N·m/rad, interval under all constraints; the order increases χ² by "
+        caption=f"{unit.quantity} in {unit.label}, interval under all constraints; the order increases χ² by "
         f"{ordered.chi_square_increase:.3g}",
     )
     table.add_column("joint")
-    for heading in ("k first", "interval", "k second", "interval"):
+    for heading in ("first", "interval", "second", "interval"):
         table.add_column(heading, justify="right")
     table.add_column("")
     for joint in ordered.joints:
         table.add_row(
             Text(joint.name),
-            _stiffness(joint.compliance_first),
-            _stiffness_interval(joint.compliance_interval_first),
-            _stiffness(joint.compliance_second),
-            _stiffness_interval(joint.compliance_interval_second),
+            unit.bare(joint.compliance_first),
+            unit.bare_interval(joint.compliance_interval_first),
+            unit.bare(joint.compliance_second),
+            unit.bare_interval(joint.compliance_interval_second),
             "held equal" if joint.equal else "",
         )
     return table
-
-
-def _stiffness(compliance: float | None) -> str:
-    if compliance is None:
-        return "—"
-    return f"{_MEGA / compliance:.3g}" if compliance else "rigid"
-
-
-def _stiffness_interval(ends: tuple[float, float] | None) -> str:
-    """In stiffness: the ends of the compliance swap, and one at zero has no limit."""
-    if ends is None or ends[1] <= 0:
-        return "—"
-    upper = f"{_MEGA / ends[0]:.3g}" if ends[0] > 0 else "no limit"
-    return f"{_MEGA / ends[1]:.3g} … {upper}"
 
 
 def _avoided(avoided: AvoidedDeflection) -> Text:

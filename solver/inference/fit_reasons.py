@@ -155,7 +155,8 @@ def _links(prediction: Prediction) -> Iterator[Reason]:
             None,
             "each joint's number holds part of what bends beside it, by more than its uncertainty says; the "
             "predicted deflections are not affected",
-            "use the model to predict deflections; for the joints alone identify with elasticity joints",
+            "use the model to predict deflections; quote no joint by itself, as readings under load do not "
+            "tell a joint from its link",
         )
 
 

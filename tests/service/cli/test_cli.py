@@ -53,6 +53,14 @@ def test_identify_prints_a_table_with_units_and_reasons(run, campaign):
     assert "95 % interval" in shown.stdout
 
 
+def test_units_and_details_are_options_of_every_table(run, campaign):
+    for command in (("identify", campaign), ("compare", campaign), ("pair", campaign, campaign)):
+        shown = run(*command, "--unit", "nm/arcmin", "--details")
+        assert shown.exit_code == 0, shown.output
+        assert "N·m/arcmin" in shown.stdout
+    assert "docs/glossary.md" in run("identify", "--help").stdout
+
+
 def test_identify_json_is_the_run(run, campaign):
     found = Run.model_validate_json(run("identify", campaign, "--json", "--method", "complete_pose").stdout)
     assert found.state == "succeeded"
@@ -68,7 +76,7 @@ def test_options_override_the_file(run, campaign):
 
 
 def test_compare_shows_three_methods_twice(run, campaign):
-    shown = run("compare", campaign).stdout
+    shown = run("compare", campaign, "--details").stdout
     for column in ("CP free", "CP ≥ 0", "PP free", "PP ≥ 0", "DPP free", "DPP ≥ 0"):
         assert column in shown
     assert "explained" in shown

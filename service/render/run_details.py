@@ -1,0 +1,94 @@
+"""Details of a run: goodness of the fit, force, K_c, suspicious readings, observability."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from jointstiff.schemas.run import Identifiability, RunResult
+
+_SIGMA = {
+    "consistent": "consistent with sigma",
+    "residuals_too_large": "residuals larger than sigma predicts",
+    "residuals_too_small": "residuals smaller than sigma predicts",
+}
+
+
+def detail_lines(result: RunResult) -> list[RenderableType]:
+    """Return the lines that `--details` adds below the table of joints."""
+    lines: list[RenderableType] = [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
+    others = (
+        *_goodness(result),
+        *_force_uncertainty(result),
+        *_complementary_stiffness(result),
+        *_identifiability(result.identifiability),
+    )
+    return [*lines, *(Text(f"  {line}", style="dim") for line in others)]
+
+
+def _goodness(result: RunResult) -> Iterator[str]:
+    goodness = result.goodness
+    if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
+        ratio = goodness.chi_square / goodness.degrees_of_freedom
+        verdict = f": {_SIGMA[goodness.test.verdict]}" if goodness.test else ""
+        yield (
+            f"χ²/dof {ratio:.2f}{verdict} (1 if model and sigma are right; "
+            f"{goodness.degrees_of_freedom:.4g} degrees of freedom)"
+        )
+
+
+def _force_uncertainty(result: RunResult) -> Iterator[str]:
+    """Yield the share of the force in the joints' variances, where its uncertainty is stated."""
+    shares = [
+        (joint.budget.force_scale**2 + joint.budget.force_direction**2) / joint.standard_uncertainty**2
+        for joint in result.joints
+        if joint.budget is not None and joint.standard_uncertainty
+    ]
+    if shares:
+        yield (
+            f"uncertainty of the force: {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the "
+            "variances, common to all joints"
+        )
+
+
+def _complementary_stiffness(result: RunResult) -> Iterator[str]:
+    """Yield whether it matters that the load follows the deflection."""
+    size = result.complementary_stiffness
+    if size is None:
+        return
+    shift = "" if size.largest_shift is None else f" by at most {size.largest_shift:.2g} std. uncertainties"
+    verb = (
+        f"included ({size.iterations} fits); it changes"
+        if size.included
+        else "neglected; including it changes"
+    )
+    yield f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"
+
+
+def _suspicious(result: RunResult) -> Iterator[str]:
+    """Yield the readings that the robust loss mistrusts, worst first."""
+    robust = result.robust
+    if robust is None:
+        return
+    yield (
+        f"Huber loss, threshold {robust.threshold:g} sigma: {robust.suspicious_count} suspicious "
+        f"reading{'' if robust.suspicious_count == 1 else 's'}"
+    )
+    for reading in robust.suspicious:
+        yield (
+            f"{reading.observation}, {reading.target}: residual of {reading.residual_norm:.3g} sigma, "
+            f"weight {reading.weight:.2g}"
+        )
+    hidden = robust.suspicious_count - len(robust.suspicious)
+    if hidden > 0:
+        yield f"and {hidden} more"
+
+
+def _identifiability(found: Identifiability) -> Iterator[str]:
+    """Yield the observability of the joints."""
+    if found.observability is not None and found.condition_number is not None:
+        indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability)
+        yield f"observability {indices}; condition number {found.condition_number:.3g}"
+    yield from found.weakest

@@ -1,0 +1,99 @@
+"""The verdict on a result, its reasons, and what to do about them: each thing said once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from jointstiff.schemas.assessment import Assessment, Reason, Verdict
+from jointstiff.schemas.measurement import QualityWarning
+
+MOST_SHOWN: Final = 3
+"""Maximum number of reasons, and of things to do, without `--details`."""
+_HEADLINES: Final[Mapping[Verdict, tuple[str, str]]] = MappingProxyType(
+    {
+        "use": ("Use: nothing speaks against these numbers", "bold green"),
+        "use_with_care": ("Use with care", "bold yellow"),
+        "do_not_use": ("Do not use", "bold red"),
+    }
+)
+"""First line of a report, and its style."""
+_STYLES: Final = {"use_with_care": "yellow", "do_not_use": "red"}
+_UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
+"""Warnings that `deflection_unexplained` says better."""
+
+
+def verdict_line(assessment: Assessment) -> Text:
+    """Return the verdict in one line."""
+    headline, style = _HEADLINES[assessment.verdict]
+    count = len(assessment.reasons)
+    return Text(headline + (f": {_counted(count, 'reason')}" if count else ""), style=style)
+
+
+def verdict_lines(assessment: Assessment, *, details: bool) -> list[RenderableType]:
+    """Return the verdict and its reasons, most severe first."""
+    reasons = assessment.reasons
+    lines: list[RenderableType] = [verdict_line(assessment)]
+    for reason in reasons if details else reasons[:MOST_SHOWN]:
+        place = f"{reason.where}: " if reason.where else ""
+        lines.append(Text(f"  {place}{reason.message}", style=_STYLES[reason.weight]))
+    hidden = len(reasons) - len(lines) + 1
+    return [*lines, Text(f"  and {hidden} more (--details)", style="dim")] if hidden else lines
+
+
+def remedies(assessment: Assessment) -> list[str]:
+    """Return what the reasons advise, most severe first, each once."""
+    return list(dict.fromkeys(reason.remedy for reason in assessment.reasons))
+
+
+def to_do_lines(things: Sequence[str], *, details: bool) -> list[RenderableType]:
+    """Return a numbered list of what to do, of the most important things without details."""
+    shown = things if details else things[:MOST_SHOWN]
+    lines: list[RenderableType] = [Text(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
+    return [Text("To do", style="bold"), *lines] if lines else []
+
+
+def warning_lines(
+    assessment: Assessment, warnings: Sequence[QualityWarning], *, details: bool
+) -> list[RenderableType]:
+    """Return the warnings that no reason repeats, or without details their number."""
+    rest = _not_said(warnings, assessment.reasons)
+    if not details:
+        return [Text(f"  {_counted(len(rest), 'warning')} (--details)", style="yellow")] if rest else []
+    return [
+        Text(
+            f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
+            style="yellow",
+        )
+        for warning in rest
+    ]
+
+
+def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[RenderableType]:
+    """Return why joints have no number or a bound: joints of the same reason in one line."""
+    names: dict[str, list[str]] = {}
+    for name, reason in reasons:
+        if reason:
+            names.setdefault(reason, []).append(name)
+    return [Text(f"  {', '.join(same)}: {reason}", style="dim") for reason, same in names.items()]
+
+
+def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> list[QualityWarning]:
+    """Leave out the kinds of warnings that a reason says or sums up, those of the whole set first."""
+    said: set[str] = {reason.code for reason in reasons} | {
+        warning.code
+        for warning in warnings
+        if any(reason.message.startswith(warning.message) for reason in reasons)
+    }
+    if "deflection_unexplained" in said:
+        said |= _UNEXPLAINED
+    rest = [warning for warning in warnings if warning.code not in said]
+    return sorted(rest, key=lambda warning: warning.where is not None)
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
