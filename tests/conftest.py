@@ -10,12 +10,16 @@ import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psycopg
 import pytest
 from support import lanes
 from support.processes import Service
+
+# Before NumPy is imported: threads of linear algebra in each of several workers wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 REQUIRE_POSTGRESQL = "JOINTSTIFF_REQUIRE_POSTGRESQL"
 
@@ -92,6 +96,16 @@ def _postgresql_binaries() -> Path:
     if os.environ.get(REQUIRE_POSTGRESQL) == "1":
         pytest.fail(f"{reason} ({REQUIRE_POSTGRESQL}=1)")
     pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def openapi() -> dict[str, Any]:
+    """The description of the API; no test may change it."""
+    from jointstiff.service.app import create_app
+    from jointstiff.service.store import Store
+
+    with Store.open("sqlite://") as store:
+        return create_app(store).openapi()
 
 
 @pytest.fixture(scope="session")

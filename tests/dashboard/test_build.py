@@ -6,14 +6,10 @@ import json
 
 from support.browsing import DASHBOARD, run_npm
 
-from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
 
-
-def test_types_of_the_api_are_those_of_the_service(node_modules, tmp_path):
+def test_types_of_the_api_are_those_of_the_service(node_modules, tmp_path, openapi):
     document, written = tmp_path / "openapi.json", tmp_path / "schema.d.ts"
-    with Store.open("sqlite://") as store:
-        document.write_text(json.dumps(create_app(store).openapi()), encoding="utf-8")
+    document.write_text(json.dumps(openapi), encoding="utf-8")
     done = run_npm("run", "--silent", "types", "--", str(document), "--output", str(written))
     assert done.returncode == 0, done.stdout + done.stderr
     kept = (DASHBOARD / "src" / "api" / "schema.d.ts").read_text(encoding="utf-8")

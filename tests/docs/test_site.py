@@ -1,4 +1,4 @@
-"""The documentation site: its reference covers the API, and its pages hold no inline code."""
+"""The openapiation site: its reference covers the API, and its pages hold no inline code."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
-
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 
@@ -17,23 +14,17 @@ from external_code import externalise, inline_code  # noqa: E402
 from http_reference import messages_page, operations_page  # noqa: E402
 
 
-@pytest.fixture(scope="module")
-def document():
-    with Store.open("sqlite://") as store:
-        return create_app(store).openapi()
-
-
-def test_the_reference_has_every_operation_and_message(document):
-    operations, messages = operations_page(document), messages_page(document)
-    for path, verbs in document["paths"].items():
+def test_the_reference_has_every_operation_and_message(openapi):
+    operations, messages = operations_page(openapi), messages_page(openapi)
+    for path, verbs in openapi["paths"].items():
         for verb in verbs:
             assert f"### {verb.upper()} {path}\n" in operations
-    for name in document["components"]["schemas"]:
+    for name in openapi["components"]["schemas"]:
         assert f"## {name}\n" in messages
 
 
-def test_the_reference_gives_units_defaults_and_bounds(document):
-    run = messages_page(document).split("## RunRequest-Input\n")[-1].split("\n## ")[0]
+def test_the_reference_gives_units_defaults_and_bounds(openapi):
+    run = messages_page(openapi).split("## RunRequest-Input\n")[-1].split("\n## ")[0]
     fields = {line.split("`")[1]: line for line in run.splitlines() if line.startswith("| `")}
     assert "| number (0.001 – 1000) or null | m |" in fields["characteristic_length"]
     assert '| `"partial_pose"` |' in fields["method"]

@@ -17,7 +17,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames import LEAST_SINE, RigidTransform, chain_axes
 from jointstiff.solver.geometry.model.link_parameters import LinkGeometry, link_geometry, perpendicular_signs
-from jointstiff.solver.geometry.sweeps import Axis, posed
+from jointstiff.solver.geometry.sweeps import Axis
 from jointstiff.solver.robot import Convention, DhRow, KinematicChain
 
 PARALLEL_WITHIN = 1e-3
@@ -145,9 +145,14 @@ def _rows(
 
 
 def _deviation(axes: Sequence[Axis], used: Sequence[Axis], flange: FloatArray) -> float:
-    rng = np.random.default_rng(0)
-    greatest = 0.0
-    for angles in rng.uniform(-np.pi, np.pi, (_POSTURES, len(axes))):
-        places = [R @ flange + t for _, R, t in (posed(axes, angles), posed(used, angles))]
-        greatest = max(greatest, float(np.linalg.norm(places[0] - places[1])))
-    return greatest
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
+    places = [_carried(each, angles, flange) for each in (axes, used)]
+    return float(np.linalg.norm(places[0] - places[1], axis=1).max())
+
+
+def _carried(axes: Sequence[Axis], angles: FloatArray, point: FloatArray) -> FloatArray:
+    """Places (K, 3) [m] of a point (3,) that the last axis carries, in postures (K, n) [rad]."""
+    places = np.broadcast_to(point, (len(angles), 1, 3))
+    for axis, angle in zip(reversed(axes), angles.T[::-1], strict=True):
+        places = axis.turned(axis.turns(angle), places)
+    return places[:, 0]

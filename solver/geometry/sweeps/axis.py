@@ -18,6 +18,8 @@ from jointstiff.solver.arrays import FloatArray
 CHART_SIZE = 4
 """Degrees of freedom of a line."""
 
+_IDENTITY = np.eye(3)
+
 
 @dataclass(frozen=True, eq=False)
 class Axis:
@@ -159,8 +161,7 @@ def _rotation(direction: FloatArray, angle: FloatArray | float) -> FloatArray:
 
     SciPy's Rotation takes ten times as long for a single one, and derivatives need thousands.
     """
-    x, y, z = direction
+    x, y, z = direction.tolist()
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, versine = np.sin(angle), 2.0 * np.sin(0.5 * np.asarray(angle)) ** 2
-    turned = np.multiply.outer(sine, K) + np.multiply.outer(versine, K @ K)
-    return np.asarray(np.eye(3) + turned)
+    return np.asarray(_IDENTITY + (sine[..., None, None] * K + versine[..., None, None] * (K @ K)))

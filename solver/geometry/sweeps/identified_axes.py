@@ -109,7 +109,7 @@ def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) ->
 
     def at(step: FloatArray) -> FloatArray:
         charts = step[: CHART_SIZE * len(axes)].reshape(-1, CHART_SIZE)
-        moved = [axis.displaced(chart) for axis, chart in zip(axes, charts, strict=True)]
+        moved = [a.displaced(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
         return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
 
     steps = _STEP * np.eye(CHART_SIZE * len(axes) + targets.size)
