@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.examples import examples
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm, deflections, random_configurations
@@ -27,6 +28,7 @@ def moved(arm: SpringArm, joints, force) -> np.ndarray:
 
 
 @given(st.floats(0, 0.05), st.floats(0, 0.1), st.integers(0, 10**6))
+@examples(100)
 def test_link_errors_have_the_stated_size(length, angle, seed):
     wrong = with_link_errors(ARM, length=length, angle=angle, seed=seed)
     nominal, found = (
@@ -46,6 +48,7 @@ def test_another_seed_errs_in_another_direction():
 
 
 @given(st.floats(0, 0.05), st.floats(0, 0.5), st.integers(0, 10**6))
+@examples(100)
 def test_a_misplaced_plate_stays_rigid(length, angle, seed):
     wrong = misplaced(POINTS, length=length, angle=angle, seed=seed)
     sides = [np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) for points in (POINTS, wrong)]
