@@ -7,27 +7,36 @@ from jointstiff.solver.deflection.compensation import Compensation, CorrectionLi
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
+from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, PlaceStatus, map_places
 from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound, leave_postures_out
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.deflection.paths import PathNodes, ToolAnglePath, best_constant_angle, best_path
 from jointstiff.solver.deflection.prediction import Deflection, predict_deflections
 
 __all__ = [
+    "STATUSES",
     "CartesianCompliance",
     "Compensation",
     "CorrectionLimits",
     "Deflection",
+    "DeflectionMap",
     "JointModel",
     "LoadCases",
     "LoadedPosture",
+    "MapTask",
     "ModelError",
     "ModelErrorBound",
     "OwnWeight",
     "PathNodes",
+    "PlaceStatus",
     "ToolAnglePath",
+    "ToolFan",
     "best_constant_angle",
     "best_path",
     "compensate",
     "leave_postures_out",
+    "map_places",
     "predict_deflections",
+    "tool_rotations",
 ]

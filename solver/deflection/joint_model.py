@@ -112,30 +112,51 @@ class JointModel:
         Returns:
             (K, 2) in the unit of aᵀc; None where no uncertainty is known.
         """
+        ends = self.free_ends(rows, confidence)
+        if ends is None or self.likelihood is None:
+            return None
+        constraints, part = self.constraints.select(self.likelihood.joints), rows[:, self.likelihood.joints]
+        some = np.flatnonzero(self._variance(part) > 0.0)
+        if not constraints.order:  # with an order the box is no longer the range: the free ends are wider
+            for start in range(0, len(some), _BLOCK):
+                block = some[start : start + _BLOCK]
+                with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
+                    profile = profile_row_ends(
+                        self.likelihood, constraints, part[block], np.array([self.quantile(confidence)])
+                    )[0]
+                    ends[block, 0] = np.minimum(ends[block, 0], profile[:, 0])
+                    ends[block, 1] = np.maximum(ends[block, 1], profile[:, 1])
+        return ends
+
+    def free_ends(self, rows: FloatArray, confidence: float) -> FloatArray | None:
+        """Return what the bounds leave of the unconstrained intervals of aᵀc, widened to hold the estimate.
+
+        They cover by themselves, without a program to solve for each.
+
+        Args:
+            rows: (K, n) functions a.
+            confidence: level.
+
+        Returns:
+            (K, 2) in the unit of aᵀc; None where no uncertainty is known.
+        """
         if self.likelihood is None:
             return None
         joints: IndexArray = self.likelihood.joints
         value = rows @ self.compliance
         ends = np.stack([value, value], axis=-1)
-        part = rows[:, joints]
-        variance = ((part @ self.likelihood.covariance) * part).sum(axis=1)
-        some = variance > 0.0
-        if not some.any():
-            return ends
-        constraints, quantile = self.constraints.select(joints), self.quantile(confidence)
-        half = quantile * np.sqrt(variance[some])[:, None] * np.array([-1.0, 1.0])
-        box = range_on_box(part[some], constraints.bounds)
-        free = (part[some] @ self.likelihood.centre)[:, None] + half
-        held = np.clip(free, box[:, :1], box[:, 1:])
-        if not constraints.order:  # with an order the box is no longer the range: the free ends are wider
-            for start in range(0, len(held), _BLOCK):
-                block = slice(start, start + _BLOCK)
-                with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
-                    profile = profile_row_ends(
-                        self.likelihood, constraints, part[some][block], np.array([quantile])
-                    )[0]
-                    held[block, 0] = np.minimum(held[block, 0], profile[:, 0])
-                    held[block, 1] = np.maximum(held[block, 1], profile[:, 1])
+        part, bounds = rows[:, joints], self.constraints.select(joints).bounds
+        half = self.quantile(confidence) * np.sqrt(self._variance(part))[:, None] * np.array([-1.0, 1.0])
+        some = half[:, 1] > 0.0
+        box = range_on_box(part[some], bounds)
+        held = np.clip((part[some] @ self.likelihood.centre)[:, None] + half[some], box[:, :1], box[:, 1:])
         ends[some, 0] = np.minimum(held[:, 0], value[some])
         ends[some, 1] = np.maximum(held[:, 1], value[some])
         return ends
+
+    def _variance(self, part: FloatArray) -> FloatArray:
+        """(K,) of functions (K, p) of the compliances that were seen, without constraints."""
+        if self.likelihood is None:
+            return np.zeros(len(part))
+        variance: FloatArray = ((part @ self.likelihood.covariance) * part).sum(axis=1)
+        return variance

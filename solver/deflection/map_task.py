@@ -1,0 +1,99 @@
+"""The task of a map: tool, orientations to choose from, process wrench and limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.errors import RequestError
+
+_FULL_TURN: Final = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class ToolFan:
+    """Orientations of the flange among which each place chooses, with the process wrench in each.
+
+    Attributes:
+        rotation: (O, 3, 3) axes of the flange in R0.
+        force: (O, 3) on the robot, axes of R0 [N].
+        moment: (O, 3) about the load point, axes of R0 [N·m].
+        direction: (O, 3) unit vectors along which compliance is asked for, axes of R0.
+    """
+
+    rotation: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    direction: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class MapTask:
+    """Everything that a map asks of each place.
+
+    Attributes:
+        fan: orientations and wrenches.
+        place: (3,) of the tool, flange frame [m]: it is brought to the places.
+        load_point: (3,) where the force acts, flange frame [m].
+        limits: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none.
+        near: (n,) controller's angles [rad] that each place stays nearest to; None: it is the stiffest.
+        confidence: level of the intervals.
+    """
+
+    fan: ToolFan
+    place: FloatArray
+    load_point: FloatArray
+    limits: FloatArray
+    near: FloatArray | None
+    confidence: float
+
+    def cases(self, orientation: IndexArray, joints: FloatArray) -> LoadCases:
+        """Return the load cases of postures (R, n) in orientations (R,) of the fan."""
+        count = len(joints)
+        return LoadCases(
+            joints=joints.copy(),
+            force=self.fan.force[orientation],
+            moment=self.fan.moment[orientation],
+            load_point=np.tile(self.load_point, (count, 1)),
+            place=np.tile(self.place, (count, 1)),
+        )
+
+
+def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) -> FloatArray:
+    """Return the orientations of the flange that point a tool along directions.
+
+    At angle zero the flange's x axis, as far as it is across the tool, points along x of R0, as far as that
+    is across the direction; y takes the place of an x that is along. Angles follow about the tool axis.
+
+    Args:
+        tool_axis: (3,) unit vector in the flange frame.
+        directions: (D, 3) unit vectors in R0.
+        turns: number A of angles about the tool axis, evenly over a full turn.
+
+    Returns:
+        (D·A, 3, 3) axes of the flange in R0, the angles of a direction together.
+    """
+    angle = _FULL_TURN * np.arange(turns) / turns
+    about = np.tile(np.eye(3), (turns, 1, 1))
+    about[:, 0, 0] = about[:, 1, 1] = np.cos(angle)
+    about[:, 1, 0] = np.sin(angle)
+    about[:, 0, 1] = -about[:, 1, 0]
+    tool = _frame_about(tool_axis)
+    return np.concatenate([_frame_about(direction) @ about @ tool.T for direction in directions])
+
+
+def _frame_about(axis: FloatArray) -> FloatArray:
+    """Return right-handed axes (3, 3), the last of them given; the first is nearest to x, or else to y."""
+    for other in np.eye(3)[:2]:
+        across = other - axis * (axis @ other)
+        if (size := float(np.linalg.norm(across))) > 1e-6:
+            first = across / size
+            return np.stack([first, np.cross(axis, first), axis], axis=1)
+    raise RequestError("a direction has no length", where="directions", remedy="give unit vectors")

@@ -1,0 +1,217 @@
+"""Maps of a work area: how far the tool bends at each place (method.md §11)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.loaded import LoadedPosture
+from jointstiff.solver.deflection.map_postures import chosen_postures, postures_within_limits
+from jointstiff.solver.deflection.map_task import MapTask
+from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
+from jointstiff.solver.regression import joint_torque, wrench_stiffness
+from jointstiff.solver.robot import Configurations, InverseKinematics
+
+PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded"]
+STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
+
+_REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED = range(5)
+_SOFTEST: Final = 0.5
+"""Share of the joints' stiffness that the load may take away; more is no load of a process."""
+_LARGEST_TURN: Final = 0.25
+"""Greatest deflection of a joint [rad]; likewise."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectionMap:
+    """P places of a map. Numbers are NaN where a place is not `reached`.
+
+    Attributes:
+        status: (P,) index into `STATUSES`.
+        orientation: (P,) index of the fan.
+        joints: (P, n) posture without the load, controller's angles [rad]; given where limits are kept.
+        displacement: (P, 3) of the place, loaded minus unloaded, axes of R0 [m].
+        along: (P,) compliance along the direction, uᵀ C_tt u [m/N].
+        across: (P,) greatest compliance across it [m/N].
+        readings: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown.
+        with_model_error: (P, 2) with the model error, too [m]; NaN where there is no bound.
+        extrapolation: (P,) load, or what the readings say of the place, beyond the campaign's: above 1 it
+            extrapolates; NaN without a model error.
+    """
+
+    status: IndexArray
+    orientation: IndexArray
+    joints: FloatArray
+    displacement: FloatArray
+    along: FloatArray
+    across: FloatArray
+    readings: FloatArray
+    with_model_error: FloatArray
+    extrapolation: FloatArray
+
+    @classmethod
+    def empty(cls, count: int, joints: int) -> DeflectionMap:
+        """Return places out of reach."""
+        return cls(
+            np.full(count, _OUT_OF_REACH, dtype=np.intp),
+            np.zeros(count, dtype=np.intp),
+            *(np.full((count, *shape), np.nan) for shape in ((joints,), (3,), (), (), (2,), (2,), ())),
+        )
+
+    @classmethod
+    def joined(cls, parts: list[DeflectionMap]) -> DeflectionMap:
+        """Return the places of all parts, in order."""
+        return cls(
+            *(
+                np.concatenate(columns)
+                for columns in zip(*(vars(part).values() for part in parts), strict=True)
+            )
+        )
+
+    @property
+    def reached(self) -> BoolArray:
+        """(P,) whether a place has numbers."""
+        return np.asarray(self.status == _REACHED)
+
+    @property
+    def length(self) -> FloatArray:
+        """(P,) length of the displacement [m]."""
+        return np.asarray(np.linalg.norm(self.displacement, axis=1))
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+
+def map_places(
+    model: JointModel,
+    error: ModelError | None,
+    task: MapTask,
+    inverse: InverseKinematics,
+    places: FloatArray,
+) -> DeflectionMap:
+    """Map some places.
+
+    The posture is chosen by the deflection that is linear in the load, ``J diag(c) τ``; all numbers
+    of the chosen posture are of the exact balance of springs and load, as predictions are.
+
+    Args:
+        model: elastic joints.
+        error: of the model; None where it has none.
+        task: tool, wrench and limits.
+        inverse: kinematics of the same robot.
+        places: (P, 3) in R0 [m].
+    """
+    robot, found = model.robot, DeflectionMap.empty(len(places), model.robot.n)
+    place, orientation, joints, solved = postures_within_limits(robot, task, inverse, places)
+    found.status[solved] = _JOINT_LIMITS
+    best = chosen_postures(model, task, place, orientation, joints)
+    where, posture = place[best], joints[best]
+    found.status[where], found.orientation[where], found.joints[where] = _REACHED, orientation[best], posture
+    if not len(where):
+        return found
+    cases = task.cases(orientation[best], posture)
+    strained = _overloaded(model, cases)
+    found.status[where[strained]] = _OVERLOADED
+    calm = np.flatnonzero(~strained)
+    if len(calm):
+        _fill(found, where[calm], model, error, task, task.cases(orientation[best][calm], posture[calm]))
+    return found
+
+
+def _overloaded(model: JointModel, cases: LoadCases) -> BoolArray:
+    """Return the cases (R,) whose load is beyond what springs of joints are a model of."""
+    here = Configurations(model.robot, model.robot.joint_map.model_angles(cases.joints))
+    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
+    torque = joint_torque(here, jacobian, cases.force, cases.moment)
+    softening = model.compliance[:, None] * wrench_stiffness(here, jacobian, cases.force, cases.moment)
+    soft = np.abs(softening).sum(axis=2).max(axis=1) > _SOFTEST
+    return np.asarray(soft | (np.abs(model.compliance * torque).max(axis=1) > _LARGEST_TURN))
+
+
+def _fill(
+    found: DeflectionMap,
+    where: IndexArray,
+    model: JointModel,
+    error: ModelError | None,
+    task: MapTask,
+    cases: LoadCases,
+) -> None:
+    """Write the numbers of loaded postures into the places (R,) of a map."""
+    posture = LoadedPosture.of(model.robot, model.compliance, cases)
+    rows = compliance_rows(model, posture)
+    compliance, moved = CartesianCompliance.of(model, posture), posture.displacement
+    deflection = Deflection(
+        moved, posture.rotation, None, None, model.unseen(rows[:, :3]), compliance, posture
+    )
+    seen = ~deflection.unseen.any(axis=1)
+    found.status[where[~seen]] = _UNSEEN
+    direction = task.fan.direction[found.orientation[where]]
+    length = np.linalg.norm(moved, axis=1)
+    ends, with_error, extrapolation = _intervals(model, error, task, deflection, rows[:, :3], length)
+    for column, value in (
+        (found.displacement, moved),
+        *_along_and_across(found, model, compliance, posture, direction),
+        (found.readings, ends),
+        (found.with_model_error, with_error),
+        (found.extrapolation, extrapolation),
+    ):
+        column[where[seen]] = value[seen]
+
+
+def _intervals(
+    model: JointModel,
+    error: ModelError | None,
+    task: MapTask,
+    deflection: Deflection,
+    rows: FloatArray,
+    length: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return intervals (R, 2) of the length from readings and with model error [m]; extrapolation (R,)."""
+    unknown = np.full((len(length), 2), np.nan)
+    along = deflection.displacement / np.where(length > 0.0, length, 1.0)[:, None]
+    linear = np.einsum("bi,bij->bj", along, rows)
+    free = model.free_ends(linear, task.confidence)
+    ends = unknown if free is None else free + (length - linear @ model.compliance)[:, None]
+    ends = np.maximum(ends, 0.0)
+    if error is None:
+        return ends, unknown, unknown[:, 0]
+    bound = error.bound(model, deflection, task.confidence)
+    half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
+    lower = np.fmin(np.maximum(length - half, 0.0), np.where(np.isnan(half), np.nan, ends[:, 0]))
+    upper = np.fmax(length + half, np.where(np.isnan(half), np.nan, ends[:, 1]))
+    extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
+    return ends, np.stack([lower, upper], axis=1), np.where(np.isfinite(extrapolation), extrapolation, np.inf)
+
+
+def _along_and_across(
+    found: DeflectionMap,
+    model: JointModel,
+    compliance: CartesianCompliance,
+    posture: LoadedPosture,
+    direction: FloatArray,
+) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Return the columns of compliance with their numbers (R,) [m/N].
+
+    A joint of which the readings say nothing answers to other forces than the load: then they are unknown.
+    """
+    jacobian = posture.jacobian(posture.cases.place)[:, :3]
+    along = np.square(np.einsum("bi,bij->bj", direction, jacobian))
+    across = np.maximum(np.square(jacobian).sum(axis=1) - along, 0.0)
+    numbers = compliance.along(direction), _greatest_across(compliance.translation, direction)
+    known = (~model.unseen(rows[:, None]).any(axis=1) for rows in (along, across))
+    along, across = (np.where(k, number, np.nan) for k, number in zip(known, numbers, strict=True))
+    return (found.along, along), (found.across, across)
+
+
+def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return the greatest eigenvalue (R,) of C_tt (R, 3, 3) in the plane across unit vectors (R, 3) [m/N]."""
+    across = np.eye(3) - direction[:, :, None] * direction[:, None]
+    symmetric = 0.5 * (translation + translation.transpose(0, 2, 1))
+    return np.asarray(np.linalg.eigvalsh(across @ symmetric @ across)[:, -1])
