@@ -21,6 +21,12 @@ class Health(Message):
         description="Workers of this service that end soon after each start; its log says why."
     )
     database: Literal["sqlite", "postgresql"]
+    stored_bytes: int = Field(
+        description="Size of the database in bytes, without free pages of a SQLite file."
+    )
+    quota_bytes: int | None = Field(
+        description="Size from which on nothing more is added (507); null: any size (`--quota`)."
+    )
     access: Literal["loopback", "none"] = Field(
         description="Who is answered. `loopback`: programs of the service's own machine. `none`: whoever "
         "reaches its address (`--no-access-control`); a proxy before it must authenticate."

@@ -33,13 +33,18 @@ class PageQuery(Message):
         return {name: str(value) for name, value in chosen.items()}
 
 
-class JobQuery(PageQuery):
-    """Which jobs of a kind."""
+class DeletableQuery(PageQuery):
+    """Which resources of a kind that can be deleted."""
 
-    state: JobState | None = Field(default=None, description="Filter by state.")
     deleted: bool = Field(
         default=False, description="Only deleted ones, which can be restored, instead of the others."
     )
+
+
+class JobQuery(DeletableQuery):
+    """Which jobs of a kind."""
+
+    state: JobState | None = Field(default=None, description="Filter by state.")
 
 
 class WaitQuery(Message):
@@ -50,13 +55,13 @@ class WaitQuery(Message):
     )
 
 
-class RobotQuery(PageQuery):
+class RobotQuery(DeletableQuery):
     """Which robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
 
 
-class SetQuery(PageQuery):
+class SetQuery(DeletableQuery):
     """Which measurement sets."""
 
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")

@@ -61,6 +61,7 @@ def run_server(
     *,
     allowed_hosts: Sequence[str] = (),
     access_control: bool = True,
+    quota: int | None = None,
 ) -> None:
     """Serve until interrupted.
 
@@ -73,6 +74,7 @@ def run_server(
         allowed_hosts: names in the Host header that are answered besides those of the loopback address.
         access_control: refuse to listen where others reach the service; False leaves it to a proxy, and needs
             `allowed_hosts` (`*` for any).
+        quota: size of the database [bytes] from which on nothing more is added; None for any.
 
     Raises:
         StoreError: the database cannot be used.
@@ -83,7 +85,7 @@ def run_server(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         listener = stack.enter_context(_listen(host, port))
-        store = stack.enter_context(Store.open(database))
+        store = stack.enter_context(Store.open(database, quota))
         queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
         prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"

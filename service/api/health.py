@@ -41,6 +41,8 @@ async def _health(request: Request) -> Health:
         workers=seen.workers,
         failing_workers=request.app.state.failing_workers(),
         database=seen.database,
+        stored_bytes=seen.stored_bytes,
+        quota_bytes=watch.quota_bytes,
         access=request.app.state.access,
     )
 

@@ -87,7 +87,7 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
         description=kind.description,
         status_code=201,
         response_model=kind.message,
-        responses=LOCATION | later | problems(400, 413, 415, 422),
+        responses=LOCATION | later | problems(400, 413, 415, 422, 507),
     )(_typed({**types, "body": body})(create_stepped if stepped else create_quick))
 
 

@@ -11,7 +11,7 @@ from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetRequest
 from jointstiff.schemas.query import SetQuery
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
-from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.resources import assembled
 
 router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], route_class=BodyRoute)
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], rou
     "",
     status_code=201,
     response_model=MeasurementSet,
-    responses=LOCATION | problems(400, 413, 415, 422),
+    responses=LOCATION | problems(400, 413, 415, 422, 507),
 )
 def create_measurement_set(
     parts: PartsOf,
@@ -41,7 +41,9 @@ def create_measurement_set(
 @router.get("", response_model=Page[MeasurementSetSummary], responses=problems(422))
 def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
-    page = parts.store.sets.page(limit=query.limit, cursor=query.cursor, filters=query.filters())
+    page = parts.store.sets.page(
+        limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
+    )
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 
@@ -50,3 +52,18 @@ def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -
 def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a measurement set as it was posted, with what was noticed."""
     return json_response(parts.sets.document(set_id).model_dump_json())
+
+
+@router.delete(
+    "/{set_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+)
+def delete_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """Delete a measurement set that no job refers to. It can be restored for 30 days."""
+    parts.sets.delete(set_id)
+    return Response(status_code=204)
+
+
+@router.post("/{set_id}/restore", response_model=MeasurementSet, responses=problems(404, 422))
+def restore_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """Restore a deleted measurement set. One that is not deleted stays as it is."""
+    return json_response(parts.sets.restore(set_id).model_dump_json())

@@ -74,5 +74,6 @@ _DESCRIPTIONS: Final = {
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
     429: "The queue is full; try again later.",
+    507: "The database has the size that it may have.",
     503: "The database is not available; try again later.",
 }

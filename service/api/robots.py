@@ -11,7 +11,7 @@ from jointstiff.schemas.query import RobotQuery
 from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOTS, shown
-from jointstiff.service.api.parts import LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 
@@ -20,7 +20,7 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
     "",
     status_code=201,
     response_model=Robot,
-    responses=LOCATION | problems(400, 413, 415, 422),
+    responses=LOCATION | problems(400, 413, 415, 422, 507),
 )
 def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], key: Key) -> Response:
     """Store a robot.
@@ -37,7 +37,9 @@ def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], k
 @router.get("", response_model=Page[RobotSummary], responses=problems(422))
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
-    page = parts.store.robots.page(limit=query.limit, cursor=query.cursor, filters=query.filters())
+    page = parts.store.robots.page(
+        limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
+    )
     stored = [Robot.model_validate_json(record.document) for record in page.records]
     items = [RobotSummary(id=r.id, name=r.name, joints=r.joints, created_at=r.created_at) for r in stored]
     return Page(items=items, next=page.next)
@@ -47,3 +49,18 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a robot, with its kinematics as they were understood."""
     return json_response(parts.store.robots.get(robot_id).document)
+
+
+@router.delete(
+    "/{robot_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+)
+def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
+    parts.robots.delete(robot_id)
+    return Response(status_code=204)
+
+
+@router.post("/{robot_id}/restore", response_model=Robot, responses=problems(404, 422))
+def restore_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
+    """Restore a deleted robot. One that is not deleted stays as it is."""
+    return json_response(parts.robots.restore(robot_id))

@@ -28,12 +28,14 @@ class Seen(NamedTuple):
         at: monotonic time of its end [s].
         workers: number of living workers.
         database: which one it is.
+        stored_bytes: size of the database.
         error: why there is no answer.
     """
 
     at: float
     workers: int = 0
     database: Literal["sqlite", "postgresql"] = "sqlite"
+    stored_bytes: int = 0
     error: StoreError | None = None
 
 
@@ -52,6 +54,11 @@ class Watch:
         self._store = store
         self._seen: Seen | None = None
         self._ended = threading.Event()
+
+    @property
+    def quota_bytes(self) -> int | None:
+        """Return the size that the database may have; None for any."""
+        return self._store.quota.most
 
     def __enter__(self) -> Watch:
         self._ended.clear()
@@ -88,6 +95,7 @@ class Watch:
         try:
             database = self._store.ping()
             workers = len(self._store.heartbeats.living(timedelta(seconds=SILENT_SECONDS)))
+            stored = self._store.quota.used()
         except StoreError as error:
             return Seen(time.monotonic(), error=error)
         except Exception:  # the thread has to go on; it may work again at the next look
@@ -95,4 +103,4 @@ class Watch:
                 _logger.exception("unexpected failure of a look at the database")
             failed = StoreUnavailableError("the look at the database failed", "try again; see the log")
             return Seen(time.monotonic(), error=failed)
-        return Seen(time.monotonic(), workers, database)
+        return Seen(time.monotonic(), workers, database, stored)

@@ -39,6 +39,14 @@ def serve(
             help="Answer whoever reaches it: behind an authenticating proxy. Needs --allowed-host.",
         ),
     ] = False,
+    quota: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="MEGABYTES",
+            help="Size of the database from which on nothing more is added (507); any if not given.",
+        ),
+    ] = None,
 ) -> None:
     """Start the service."""
     from jointstiff.service.problems import StoreError
@@ -52,6 +60,7 @@ def serve(
             workers,
             allowed_hosts=allowed_host or (),
             access_control=not no_access_control,
+            quota=quota and quota * 1_000_000,
         )
     except (StoreError, ServerError) as error:
         raise failed(error.reason, error.remedy) from error

@@ -5,6 +5,8 @@ StoreError                     a database that this software cannot work with: s
 ├── NotFoundError              no such record: check the id
 │   └── DeletedError           it was deleted: restore it
 ├── NotEndedError              a job that goes on cannot be deleted: cancel it first
+├── ReferencedError            others refer to what is to be deleted: delete those first
+├── QuotaError                 the database has its full size: delete something, or raise --quota
 ├── TooManyJobsError           as many jobs wait as may: post again later
 ├── KeyRefusedError            no valid key came: send one
 │   └── WrongKeysError         too many wrong ones came: wait, then send the right one
@@ -18,6 +20,7 @@ RequestError of the numerical core
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from jointstiff.solver.errors import RequestError
@@ -125,6 +128,34 @@ class NotEndedError(StoreError):
         )
         self.kind = kind
         self.id = identifier
+
+
+class ReferencedError(StoreError):
+    """A robot or measurement set that others refer to cannot be deleted.
+
+    Attributes:
+        kind: The kind of resource.
+        id: Its id.
+    """
+
+    def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
+        super().__init__(
+            f"the {kind.name} {_shown(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
+            "delete these first",
+        )
+        self.kind = kind
+        self.id = identifier
+
+
+class QuotaError(StoreError):
+    """The database has reached the size that it may have."""
+
+    def __init__(self, used: int, quota: int) -> None:
+        super().__init__(
+            f"the database has {used / 1e6:,.0f} MB, and may have {quota / 1e6:,.0f} MB",
+            "delete jobs and measurement sets, which gives room after 30 days, or start the service with a "
+            "larger --quota",
+        )
 
 
 class TooManyJobsError(StoreError):

@@ -25,6 +25,7 @@ class MeasurementSets:
     def __init__(self, store: Store, robots: Robots) -> None:
         self._store = store
         self._robots = robots
+        self._deletions = store.deletions(store.sets.resource)
         self._prepared = lru_cache(_CACHED)(self._prepare)
 
     def create(
@@ -51,6 +52,26 @@ class MeasurementSets:
             created_at=datetime.now(UTC),
         )
         return self._store.sets.add(_record(stored, checked.readings), key)
+
+    def delete(self, set_id: str) -> None:
+        """Hide a set that no job refers to; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such set.
+            ReferencedError: jobs refer to it.
+        """
+        self._deletions.delete(set_id, datetime.now(UTC))
+        self._prepared.cache_clear()
+
+    def restore(self, set_id: str) -> messages.MeasurementSet:
+        """Bring a deleted set back, and return it; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such set, or it has been removed for good.
+            DeletedError: its robot is deleted.
+        """
+        self._deletions.restore(set_id)
+        return self.document(set_id)
 
     def document(self, set_id: str) -> messages.MeasurementSet:
         """The set as it was posted, with what was noticed.

@@ -22,6 +22,7 @@ class Robots:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._stored = lru_cache(_CACHED)(self._load)
+        self._deletions = store.deletions(store.robots.resource)
 
     def create(
         self, request: messages.RobotDocument | messages.RobotRequest, key: IdempotencyKey | None
@@ -57,6 +58,25 @@ class Robots:
             document=stored.model_dump_json(),
         )
         return self._store.robots.add(record, key)
+
+    def delete(self, robot_id: str) -> None:
+        """Hide a robot that nothing refers to; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            ReferencedError: measurement sets or jobs refer to it.
+        """
+        self._deletions.delete(robot_id, datetime.now(UTC))
+        self._stored.cache_clear()
+
+    def restore(self, robot_id: str) -> str:
+        """Bring a deleted robot back; return it as JSON. To do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such robot, or it has been removed for good.
+        """
+        self._deletions.restore(robot_id)
+        return self._store.robots.get(robot_id).document
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return the robot ready for computation, and the hash of its content.

@@ -8,13 +8,15 @@ from jointstiff.service.problems import (
     IdempotencyConflictError,
     NotEndedError,
     NotFoundError,
+    QuotaError,
+    ReferencedError,
     StoreError,
     StoreUnavailableError,
     TooManyJobsError,
 )
 from jointstiff.service.store.access import KEY, MINUTE
 from jointstiff.service.store.backups import Manifest, back_up, restore
-from jointstiff.service.store.deletion import KEEP_DELETED
+from jointstiff.service.store.deletion import KEEP_DELETED, Deletions
 from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
 from jointstiff.service.store.inspection import Fault, Inspection
 from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
@@ -41,6 +43,7 @@ __all__ = [
     "AuditEntry",
     "CursorError",
     "DeletedError",
+    "Deletions",
     "Fault",
     "Heartbeats",
     "IdempotencyConflictError",
@@ -52,6 +55,8 @@ __all__ = [
     "MeasurementSetRecord",
     "NotEndedError",
     "NotFoundError",
+    "QuotaError",
+    "ReferencedError",
     "RobotRecord",
     "SessionRecord",
     "Store",

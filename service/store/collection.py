@@ -8,7 +8,7 @@ from dataclasses import asdict, fields
 from types import MappingProxyType
 from typing import Any, Final, Generic
 
-from sqlalchemy import Connection, Integer, Select, Table, bindparam, false, insert, select
+from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems import (
@@ -20,6 +20,7 @@ from jointstiff.service.problems import (
     StoreError,
 )
 from jointstiff.service.store.database import Database
+from jointstiff.service.store.quota import Quota
 from jointstiff.service.store.records import AnyRecord, Entry, IdempotencyKey, Record, RecordPage
 from jointstiff.service.store.tables import idempotency_keys, jobs, measurement_sets, robots
 
@@ -51,8 +52,10 @@ class Collection(Generic[Record, Entry]):
         table: Table,
         record: type[Record],
         entry: type[Entry],
+        quota: Quota,
     ) -> None:
         """Keep records in a table; of the table of jobs, those of the resource's kind."""
+        self._quota = quota
         self.resource = resource
         self._database, self._table = database, table
         self._record: type[Record] = record
@@ -61,10 +64,9 @@ class Collection(Generic[Record, Entry]):
         self._insert = insert(table)
         self._mine = [table.c.kind == resource.name] if table is jobs else []
         columns = [shown[field.name] for field in fields(record)]
-        self._visible = [jobs.c.deleted_at.is_(None)] if table is jobs else []
-        self._hidden = [jobs.c.deleted_at.is_not(None)] if table is jobs else [false()]
+        self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = select(shown.id).where(shown.id == bindparam("id"), *self._mine)
-        self._by_id = self._exists.with_only_columns(*columns).where(*self._visible)
+        self._by_id = self._exists.with_only_columns(*columns).where(self._visible)
         self._by_key: Select[Any] = (
             select(keys.body_hash, *columns)
             .join_from(idempotency_keys, table, keys.resource_id == shown.id)
@@ -89,16 +91,19 @@ class Collection(Generic[Record, Entry]):
             has been deleted. Of two calls at the same time one creates, and both return what it created.
 
         Raises:
-            NotFoundError: a robot or measurement set that the record names is not there.
+            NotFoundError: a robot or measurement set that the record names is not there, or was deleted.
             IdempotencyConflictError: the key came before with another body.
+            QuotaError: the database has the size that it may have.
         """
+        self._quota.refuse_full()
         for _, parent, identifier in self._parents(record):
-            if not _is_indexable(identifier):
+            if not is_indexable(identifier):
                 raise NotFoundError(parent, identifier)
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first, as the loser of a race waits here
                     connection.execute(_KEY, self._key_row(record, key))
+                self._hold_parents(connection, record)
                 connection.execute(self._insert, _row_of(record))
                 if also is not None:
                     also(connection)
@@ -128,11 +133,11 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it was deleted.
         """
         row = None
-        if _is_indexable(identifier):
+        if is_indexable(identifier):
             with self._database.reading() as connection:
                 row = connection.execute(self._by_id, {"id": identifier}).one_or_none()
         if row is None:
-            deleted = _is_indexable(identifier) and self._finds(self._exists, identifier)
+            deleted = is_indexable(identifier) and self._finds(self._exists, identifier)
             raise (DeletedError if deleted else NotFoundError)(self.resource, identifier)
         return self._record(*list(row))
 
@@ -158,12 +163,12 @@ class Collection(Generic[Record, Entry]):
         if limit < 1 or not all(map(self._narrows, filters)):
             raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
         before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
-        if not all(map(_is_indexable, filters.values())):
+        if not all(map(is_indexable, filters.values())):
             return RecordPage((), None)
         columns = self._table.c
         query = (
             select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
-            .where(columns.sequence < before, *self._mine, *(self._hidden if deleted else self._visible))
+            .where(columns.sequence < before, *self._mine, self._hidden if deleted else self._visible)
             .where(*(columns[name] == value for name, value in sorted(filters.items())))
             .order_by(columns.sequence.desc())
             .limit(bindparam("limit", limit + 1, type_=Integer))
@@ -184,6 +189,14 @@ class Collection(Generic[Record, Entry]):
                 parent = reference.column.table
                 if (identifier := getattr(record, column.name)) is not None:
                     yield parent, _PARENTS[parent], identifier
+
+    def _hold_parents(self, connection: Connection, record: Record) -> None:
+        """Keep the records that this one names from being deleted until it is stored."""
+        for table, parent, identifier in self._parents(record):
+            held = select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
+            row = connection.execute(held).one_or_none()
+            if row is not None and row.deleted_at is not None:
+                raise DeletedError(parent, identifier)
 
     def _not_added(self, record: Record, key: IdempotencyKey | None, error: IntegrityError) -> Record:
         """Find out which constraint the record broke: its key came before, or a parent is missing."""
@@ -232,7 +245,7 @@ def _hash(key: str) -> str:
     return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _is_indexable(text: str) -> bool:
+def is_indexable(text: str) -> bool:
     """Return whether both databases can hold a text in an index; what they cannot hold is not there."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False

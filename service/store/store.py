@@ -17,6 +17,7 @@ from jointstiff.service.store.deletion import Deletions
 from jointstiff.service.store.heartbeats import Heartbeats
 from jointstiff.service.store.job_log import JobLog
 from jointstiff.service.store.migrations import migrate
+from jointstiff.service.store.quota import Quota
 from jointstiff.service.store.records import (
     JobEntry,
     JobRecord,
@@ -41,17 +42,19 @@ class Store:
     Attributes:
         robots: the robots.
         sets: the measurement sets.
+        quota: size that the database may have.
         heartbeats: of the workers.
         keys: that let their holders in.
         sessions: of browsers that signed in with a key.
         audit: who tried to change what.
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, most_bytes: int | None = None) -> None:
         self._database = database
-        self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord)
+        self.quota = Quota(database, most_bytes)
+        self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord, self.quota)
         self.sets = Collection(
-            database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry
+            database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
         self.heartbeats = Heartbeats(database)
         self.keys = AccessKeys(database)
@@ -59,12 +62,13 @@ class Store:
         self.audit = Audit(database)
 
     @classmethod
-    def open(cls, url: str) -> Store:
+    def open(cls, url: str, most_bytes: int | None = None) -> Store:
         """Open the database at `url` and bring it to the version of this software.
 
         Args:
             url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, whose
                 users wait for each other and which is gone when closed.
+            most_bytes: size of the database from which on nothing more is added; None for any.
 
         Raises:
             StoreError: The URL, or the version of the database, is not one we can work with.
@@ -76,7 +80,7 @@ class Store:
         except BaseException:
             database.close()
             raise
-        return cls(database)
+        return cls(database, most_bytes)
 
     def close(self) -> None:
         """Close all connections."""
@@ -95,15 +99,16 @@ class Store:
 
     def jobs(self, kind: Resource) -> Collection[JobRecord, JobEntry]:
         """Return the jobs of a kind."""
-        return Collection(self._database, kind, jobs, JobRecord, JobEntry)
+        return Collection(self._database, kind, jobs, JobRecord, JobEntry, self.quota)
 
     def job_log(self, kind: Resource) -> JobLog:
         """Return the changing side of the jobs of a kind."""
         return JobLog(self._database, kind)
 
     def deletions(self, kind: Resource) -> Deletions:
-        """Return the deleted jobs of a kind."""
-        return Deletions(self._database, kind)
+        """Return the deleted robots, measurement sets, or jobs of a kind."""
+        table = {ROBOT: robots, MEASUREMENT_SET: measurement_sets}.get(kind, jobs)
+        return Deletions(self._database, kind, table)
 
     def schema(self) -> str | None:
         """Return the schema of its tables on PostgreSQL, None on SQLite."""

@@ -108,6 +108,7 @@ def _listed(
             primary_key=True,
         ),
         *columns,
+        Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
         *further,
         *(Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
     )
@@ -126,7 +127,6 @@ jobs = _listed(
     "jobs",
     JobRecord,
     Column("deaths", Integer, nullable=False, server_default="0"),  # of workers over it
-    Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
     references={
         "measurement_set_id": "measurement_sets.id",
         "first_set_id": "measurement_sets.id",
@@ -146,8 +146,9 @@ jobs = _listed(
         "elasticity",
     ],
 )
-_deleted = jobs.c.deleted_at.is_not(None)
-Index(None, jobs.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
+for _table in (robots, measurement_sets, jobs):
+    _deleted = _table.c.deleted_at.is_not(None)
+    Index(None, _table.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
 
 idempotency_keys = Table(
     "idempotency_keys",

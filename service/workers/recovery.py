@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from jointstiff.service.jobs import Jobs
-from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Heartbeats
+from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Deletions, Heartbeats
 from jointstiff.service.workers.engine import ATTEMPTS, Engine
 from jointstiff.service.workers.queue import Outcome, job_of
 
@@ -37,6 +37,7 @@ class Recovery:
         engine: Engine,
         executor: str,
         keep: timedelta = timedelta(seconds=KEEP_SECONDS),
+        inputs: Sequence[Deletions] = (),
         now: Callable[[], datetime] = _now,
     ) -> None:
         """Look after the jobs of a store.
@@ -47,6 +48,7 @@ class Recovery:
             engine: of this worker.
             executor: name of this worker.
             keep: for how long after the end of a job what its steps computed is kept.
+            inputs: deleted resources that jobs refer to, each before those that it refers to itself.
             now: tells the time, aware, by which deleted jobs are removed.
         """
         self._heartbeats = heartbeats
@@ -55,6 +57,7 @@ class Recovery:
         self._executor = executor
         self._keep = keep
         self._now = now
+        self._inputs = inputs
         self._idle: set[str] = set()
         self._lost: set[str] = set()
         self._unknown: set[str] = set()
@@ -159,6 +162,8 @@ class Recovery:
         before = self._now() - KEEP_DELETED
         for jobs in self._jobs.values():
             jobs.deletions.purge(before, _REMOVED)
+        for deletions in self._inputs:
+            deletions.purge(before, _REMOVED)
 
 
 def _failure(duty: Callable[[], None]) -> Exception | None:

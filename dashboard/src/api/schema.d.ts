@@ -47,6 +47,30 @@ export interface paths {
         get: operations["getRobot"];
         put?: never;
         post?: never;
+        /**
+         * Delete Robot
+         * @description Delete a robot that no measurement set and no job refers to. It can be restored for 30 days.
+         */
+        delete: operations["deleteRobot"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/robots/{robot_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Robot
+         * @description Restore a deleted robot. One that is not deleted stays as it is.
+         */
+        post: operations["restoreRobot"];
         delete?: never;
         options?: never;
         head?: never;
@@ -117,6 +141,30 @@ export interface paths {
         get: operations["getMeasurementSet"];
         put?: never;
         post?: never;
+        /**
+         * Delete Measurement Set
+         * @description Delete a measurement set that no job refers to. It can be restored for 30 days.
+         */
+        delete: operations["deleteMeasurementSet"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/measurement-sets/{set_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Measurement Set
+         * @description Restore a deleted measurement set. One that is not deleted stays as it is.
+         */
+        post: operations["restoreMeasurementSet"];
         delete?: never;
         options?: never;
         head?: never;
@@ -2724,6 +2772,16 @@ export interface components {
              * @enum {string}
              */
             database: "sqlite" | "postgresql";
+            /**
+             * Stored Bytes
+             * @description Size of the database in bytes, without free pages of a SQLite file.
+             */
+            stored_bytes: number;
+            /**
+             * Quota Bytes
+             * @description Size from which on nothing more is added (507); null: any size (`--quota`).
+             */
+            quota_bytes: number | null;
             /**
              * Access
              * @description Who is answered. `loopback`: programs of the service's own machine. `none`: whoever reaches its address (`--no-access-control`); a proxy before it must authenticate.
@@ -7130,6 +7188,8 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
                 /** @description Filter by name (exact). */
                 name?: string | null;
             };
@@ -7240,9 +7300,123 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The database has the size that it may have. */
+            507: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
         };
     };
     getRobot: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Robot"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteRobot: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted. `restore` undoes this for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreRobot: {
         parameters: {
             query?: never;
             header?: never;
@@ -7376,6 +7550,8 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
                 /** @description Filter by robot. */
                 robot_id?: string | null;
                 /** @description Filter by name (exact). */
@@ -7490,9 +7666,123 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The database has the size that it may have. */
+            507: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
         };
     };
     getMeasurementSet: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                set_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MeasurementSet"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteMeasurementSet: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                set_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted. `restore` undoes this for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreMeasurementSet: {
         parameters: {
             query?: never;
             header?: never;
@@ -7820,10 +8110,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by measurement set. */
                 measurement_set_id?: string | null;
                 /** @description Filter by robot. */
@@ -7958,6 +8248,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -8226,10 +8525,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by measurement set. */
                 measurement_set_id?: string | null;
                 /** @description Filter by robot. */
@@ -8358,6 +8657,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -8626,10 +8934,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by the first measurement set. */
                 first_set_id?: string | null;
                 /** @description Filter by the second measurement set. */
@@ -8737,6 +9045,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -8907,10 +9224,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by name (exact). */
                 name?: string | null;
                 /** @description Filter by the robot of the nominal model. */
@@ -9016,6 +9333,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -9186,10 +9512,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by robot. */
                 robot_id?: string | null;
                 /** @description Filter by measurement set. */
@@ -9295,6 +9621,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
