@@ -221,6 +221,7 @@ class TestUncertainty:
     def test_covariance_is_that_of_the_linear_map(self, pulls, dead_weight, method, weighting, load):
         """ĉ = H d, so its covariance is H Σ Hᵀ; H is found by moving one reading at a time."""
         robot, measurements = pulls if load == "pull" else dead_weight
+        measurements = measurements[:7]  # 63 readings say as much as all: each has a column of H
         options = {"method": method, "weighting": weighting, "positive": False}
         if weighting == "characteristic_length":
             options["characteristic_length"] = 0.5
@@ -245,7 +246,7 @@ class TestUncertainty:
         (block,) = regressor_blocks(robot, measurements)
         exact = block.A @ arm.compliances
         rng = np.random.default_rng(8)
-        sigma, trials = 2e-5, 400
+        sigma, trials = 2e-5, 200
         chi_squares, sigmas, covered = [], [], []
         for _ in range(trials):
             noisy = exact + rng.normal(0, np.sqrt(2) * sigma, exact.shape)
@@ -260,7 +261,8 @@ class TestUncertainty:
         freedom = given.degrees_of_freedom
         assert np.mean(chi_squares) == pytest.approx(1, abs=5 * np.sqrt(2 / freedom / trials))
         assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(sigma, rel=0.01)
-        # 800 intervals of 95 %: five standard deviations of the binomial are 3.9 points.
+        # 200 campaigns with two intervals of 95 % each: 3.9 points are 2.5 standard deviations. A joint
+        # whose intervals cover 88 % is seen with a power of 90 %; tests/studies sees smaller faults.
         assert np.abs(np.mean(covered, axis=0) - 0.95).max() < 0.039
 
 
@@ -385,7 +387,7 @@ class TestConstraints:
         robot, measurements = dead_weight
         rng = np.random.default_rng(1)
         negative = 0
-        for _ in range(50):
+        for _ in range(25):
             noisy = measurements.deflection + rng.normal(0, 5e-4, measurements.deflection.shape)
             changed = replace(measurements, deflection=noisy, sigma=5e-4)
             for method in METHODS:
@@ -394,7 +396,7 @@ class TestConstraints:
                 negative += (free.compliance < 0).any()
                 assert (positive.compliance >= 0).all()
                 assert all(c.holds for c in positive.certificates)
-        assert negative > 20
+        assert negative > 10
 
     def test_stiffness_bounds_hold_and_are_named(self, pulls):
         bounds = {"joint_2": (1e6, 2e6), "joint_5": (5e5, None)}

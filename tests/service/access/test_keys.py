@@ -51,7 +51,11 @@ def test_a_mistyped_key_is_told_from_a_wrong_one(place, letter):
         assert "whole key" in caught.value.remedy
 
 
-@pytest.mark.parametrize("text", ["", "jst_", KEYS[0].text + "\n", KEYS[0].text + "0", "☃" * 67, "\ud800"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "jst_", KEYS[0].text + "\n", KEYS[0].text + "0", "☃" * 67, "\ud800"],
+    ids=["empty", "prefix", "line end", "too long", "snowmen", "surrogate"],  # the same in each process
+)
 def test_what_is_no_key_is_refused(text):
     with pytest.raises(KeyRefusedError):
         id_in(text)
@@ -138,6 +142,7 @@ def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_p
         json.dumps({"format": "jointstiff-keys-2", "keys": []}).encode(),
         b" " * (2 * 1024 * 1024),
     ],
+    ids=["empty", "list", "object", "half a key", "another format", "2 MiB"],
 )
 def test_what_is_no_file_of_keys_is_refused(content, tmp_path):
     path = tmp_path / "keys.json"

@@ -96,9 +96,18 @@ def poses(cell, seed=0, count=30, still=None):
     return {"units": UNITS, "noise": {"sigma": SIGMA}, "poses": positions(cell, angles, rng)}
 
 
+MADE = {}
+"""Geometries of each store, by their requests: none is changed, and equal ones are equal."""
+
+
 def made(parts, document, **changes):
     request = GeometryRequest.model_validate(document | changes)
-    return parts.jobs["geometry"].current(parts.jobs["geometry"].create(request, None).id)
+    geometries = MADE.setdefault(id(parts), {})
+    key = request.model_dump_json()
+    if key not in geometries:
+        record = parts.jobs["geometry"].create(request, None)
+        geometries[key] = parts.jobs["geometry"].current(record.id)
+    return geometries[key]
 
 
 def text_of(geometry):
@@ -561,7 +570,7 @@ class TestFrames:
 
     def test_a_set_outlives_its_geometry(self, memory):
         cell = TrackedArm()
-        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory), name="to be deleted")
         document = simulate_campaign(default_arm(), seed=2, configurations=4)["measurement_set"]
         tracked = in_tracker(document, cell.rotation, cell.translation)
         frame = {"geometry_id": geometry.id}

@@ -66,6 +66,13 @@ def test_a_database_that_does_not_answer_is_said(tmp_path):
         assert client.get("/live").status_code == 204
 
 
+@pytest.fixture(scope="module")
+def own_and_foreign():
+    """Clients that ask for the service by its own name and by another's."""
+    with Store.open("sqlite://") as store:
+        yield Client(store), Client(store, host="evil.example")
+
+
 @pytest.mark.parametrize(
     ("method", "path"),
     [
@@ -77,14 +84,13 @@ def test_a_database_that_does_not_answer_is_said(tmp_path):
         ("OPTIONS", "/v1"),
     ],
 )
-def test_every_answer_has_security_headers(method, path):
-    with Store.open("sqlite://") as store:
-        for client in (Client(store), Client(store, host="evil.example")):
-            headers = client.request(method, path).headers
-            assert headers["x-content-type-options"] == "nosniff"
-            assert headers["cache-control"] == "no-store"
-            assert headers["cross-origin-resource-policy"] == "same-origin"
-            assert headers["content-security-policy"].startswith("default-src 'none'")
+def test_every_answer_has_security_headers(own_and_foreign, method, path):
+    for client in own_and_foreign:
+        headers = client.request(method, path).headers
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["cache-control"] == "no-store"
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+        assert headers["content-security-policy"].startswith("default-src 'none'")
 
 
 def test_an_unexpected_error_has_security_headers_too():

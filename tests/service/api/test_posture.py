@@ -16,8 +16,9 @@ from jointstiff.service.store import Store
 ROBOT = ROBOTS["modified DH"]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def client():
+    """A client of an empty service; who changes something needs one of its own."""
     with Store.open("sqlite://") as store:
         yield Client(store, Posture.of("127.0.0.1", ("cell3",), access_control=True))
 
@@ -87,8 +88,10 @@ def test_changes_that_other_sites_ask_for_are_refused(client, headers, method, p
         {"Origin": "https://localhost:8000"},
     ],
 )
-def test_the_own_page_and_programs_may_change(client, headers):
-    assert client.request("POST", "/v1/robots", json=ROBOT, headers=headers).status_code == 201
+def test_the_own_page_and_programs_may_change(headers):
+    with Store.open("sqlite://") as store:
+        client = Client(store, Posture.of("127.0.0.1", (), access_control=True))
+        assert client.request("POST", "/v1/robots", json=ROBOT, headers=headers).status_code == 201
 
 
 def test_without_access_control_any_name_is_answered_only_if_that_is_said():

@@ -352,9 +352,10 @@ def test_readings_almost_without_noise_are_answered_or_refused_with_a_remedy(see
     """Sigma far below what the linear model leaves of finite deflections."""
     stiff = beam_arm(default_arm(), bending=6e6 * 10 ** (0.5 * seed))
     document = elastic_campaign(stiff, configurations=8 + 9 * seed, seed=seed, sigma=2e-7)
+    robot, measurements = prepare(document)
     for weight in (1e-9, 1e-4):
         with contextlib.suppress(UnsupportedMethodError):
-            assert estimate(*prepare(document), weight=weight).certificate.gap <= 1e-2
+            assert estimate(robot, measurements, weight=weight).certificate.gap <= 1e-2
 
 
 def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
