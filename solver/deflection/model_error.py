@@ -23,7 +23,6 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.inference import Estimate
 from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import regressor_blocks
 from jointstiff.solver.resampling import GramBlocks, blocks_of_identified, fit_subsets
 from jointstiff.solver.robot import Robot
 
@@ -158,31 +157,29 @@ def leave_postures_out(
     plain = replace(settings, loss="squared", complementary_stiffness=False, prior=None, order=())
     blocks = blocks_of_identified(robot, measurements, plain, estimate.characteristic_length)
     fits = _fits_without(blocks, groups, plain)
-    observation = np.nonzero(measurements.present)[0]
-    first = np.searchsorted(observation, np.arange(len(measurements) + 1))
     units = float(force.max()), float(moment.max())
     summary = ModelError(0, np.zeros(0), np.zeros(0), *units, 0.0, 0.0)
     greatest = float(summary.load_size(measurements.force, measurements.moment).max())
     summary = replace(summary, force=greatest * units[0], moment=greatest * units[1])
     load = summary.load_size(measurements.force, measurements.moment)
-    postures, scores = [], []
-    for p, (group, compliance) in enumerate(zip(groups, fits, strict=True)):
-        read = np.concatenate([np.arange(first[i], first[i + 1]) for i in group])
-        read = read[load[observation[read]] > 0.0]
-        predicted = np.einsum("v,vim->im", compliance[blocks.visible], blocks.regressor[..., read])
-        length = np.linalg.norm(blocks.deflection[:, read] - predicted, axis=0)
-        length /= np.sqrt(load[observation[read]])
-        postures.append(np.full(len(read), p, dtype=np.intp))
-        scores.append(np.where(np.isnan(length), np.inf, length))
-    posture = np.concatenate(postures)
-    score, share = merged_steps(posture, np.concatenate(scores))
+    observation = np.nonzero(measurements.present)[0]  # of each reading
+    left_out = np.full(len(measurements), -1, dtype=np.intp)
+    for p, group in enumerate(groups):
+        left_out[group] = p
+    read = np.flatnonzero((left_out[observation] >= 0) & (load[observation] > 0.0))
+    posture = left_out[observation[read]]
+    compliance = fits[posture][:, blocks.visible]
+    predicted = np.einsum("rv,vir->ir", compliance, blocks.regressor[..., read])
+    length = np.linalg.norm(blocks.deflection[:, read] - predicted, axis=0)
+    length /= np.sqrt(load[observation[read]])
+    score, share = merged_steps(posture, np.where(np.isnan(length), np.inf, length))
     return replace(
         summary,
         postures=len(np.unique(posture)),
         score=score,
         share=share,
         least_load=float(load[load > 0.0].min()),
-        leverage=_campaign_leverage(robot, measurements, load, model),
+        leverage=_greatest_leverage(blocks, load[observation], model),
     )
 
 
@@ -236,10 +233,9 @@ def _leverage(rows: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(greatest, 0.0)), dtype=np.float64)
 
 
-def _campaign_leverage(
-    robot: Robot, measurements: Measurements, load: FloatArray, model: JointModel
-) -> float:
-    blocks = regressor_blocks(robot, measurements)
-    leverage = np.concatenate([_leverage(block.A, model.covariance) for block in blocks])
-    loaded = measurements.present & (load > 0.0)[:, None]
-    return float((leverage / np.where(load > 0.0, load, 1.0)[:, None])[loaded].max())
+def _greatest_leverage(blocks: GramBlocks, load: FloatArray, model: JointModel) -> float:
+    """Return the greatest leverage over the size of its load (R,), of the readings under load."""
+    loaded = load > 0.0
+    rows = blocks.regressor[..., loaded].transpose(2, 1, 0)
+    covariance = model.covariance[np.ix_(blocks.visible, blocks.visible)]
+    return float((_leverage(rows, covariance) / load[loaded]).max())

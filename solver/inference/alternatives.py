@@ -18,9 +18,9 @@ from typing import Final, Literal
 import numpy as np
 from scipy import optimize, special
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import BLOCK_LENGTH, regressor_blocks, target_readings
+from jointstiff.solver.regression import BLOCK_LENGTH, target_readings, unloaded_block
 from jointstiff.solver.robot import Configurations, Robot
 
 AlternativeKind = Literal[
@@ -42,8 +42,8 @@ _MAPPED_JOINTS: Final = 7
 """Number of joints up to which whole joint maps are tried: their number doubles with each joint."""
 _OBSERVATIONS: Final = 60
 """Number of observations that suffice to find a mistake of the whole set."""
-_SCREENED: Final = 4
-"""Number of observations, or more where targets are few, that select the alternatives to examine."""
+_SCREENED: Final = 3
+"""Number of coordinates for each joint in the observations that select the alternatives to examine."""
 _MOST_TARGETS: Final = 8
 _READINGS: Final = 12 * BLOCK_LENGTH
 """Maximum number of readings computed: with many joints fewer observations are compared."""
@@ -114,15 +114,15 @@ def _best(
 ) -> tuple[BetterAlternative | None, float]:
     """Compare alternatives: the best that is significant, and the compensation as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = _sample(replace(measurements, encoders=None), min(_OBSERVATIONS, affordable))
-    freedom = _freedom(part) - robot.n
+    part = _sample(measurements, min(_OBSERVATIONS, affordable))
+    freedom = _coordinates(part) - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
     ratio = min(LARGEST_RATIO, _noise_ratio(robot.n, freedom, len(alternatives)))
     alternatives, plain = _screened(robot, part, alternatives)
     if not alternatives:
         return None, plain
-    rows = _rows(robot, part, alternatives)
+    rows = _rows(robot, part, alternatives, np.arange(len(part)))
     grams = rows.transpose(0, 2, 1) @ rows
     as_given, plain = _fit(rows[0], grams[0])
     needed, best = as_given * ratio, None
@@ -141,9 +141,8 @@ def _screened(
     Returns:
         The alternatives, and the compensation of these observations as given.
     """
-    per_observation = max(1.0, 3.0 * float(part.present.sum(axis=1).mean()))
-    some = _sample(part, max(_SCREENED, math.ceil(4 * robot.n / per_observation)))
-    rows = _rows(robot, some, alternatives)
+    some = _chosen(part, math.ceil(_SCREENED * robot.n * len(part) / _coordinates(part)))
+    rows = _rows(robot, part, alternatives, some)
     grams = rows.transpose(0, 2, 1) @ rows
     as_given, plain = _fit(rows[0], grams[0])
     sums = _least_sums(grams[1:])
@@ -204,46 +203,68 @@ def _joint_maps(n: int) -> tuple[Alternative, ...]:
 
 def _sample(measurements: Measurements, most: int) -> Measurements:
     """Choose observations evenly, so that the work does not grow with the set."""
-    if len(measurements) <= max(most, 1):
-        return measurements
-    return measurements[np.linspace(0, len(measurements) - 1, max(most, 1)).astype(np.intp)]
+    return measurements if len(measurements) <= max(most, 1) else measurements[_chosen(measurements, most)]
 
 
-def _freedom(part: Measurements) -> int:
+def _chosen(measurements: Measurements, most: int) -> IndexArray:
+    """Return indices of observations, evenly spread: all if they are no more."""
+    count = len(measurements)
+    spread = np.arange(max(most, 1)) * (count - 1) // max(most - 1, 1)
+    return spread if most < count else np.arange(count)
+
+
+def _coordinates(part: Measurements) -> int:
     """Count the coordinates that can differ from a model of rigid flanges: at most six an observation."""
     return int(np.minimum(3 * part.present.sum(axis=1), 6).sum())
 
 
-def _rows(robot: Robot, part: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
-    """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative."""
-    count, times = len(part), len(alternatives) + 1
-    matrices = np.stack([np.eye(robot.n), *(alternative.matrix for alternative in alternatives)])
-    offsets = np.stack([np.zeros(robot.n), *(alternative.offset for alternative in alternatives)])
-    stacked = part[np.tile(np.arange(count), times)]
-    load_point, position = stacked.load_point.copy(), stacked.position.copy()
+def _rows(
+    robot: Robot, part: Measurements, alternatives: Sequence[Alternative], chosen: IndexArray
+) -> FloatArray:
+    """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative.
+
+    Only of the observations `chosen`, as often as there are alternatives: the first of them are as given.
+    """
+    count, times = len(chosen), len(alternatives) + 1
+    matrices, offsets = _maps(robot.n, tuple(alternatives))
+    joints = (part.joints[chosen] @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
+    at = Configurations(robot, robot.joint_map.model_angles(joints))
+    stacked = part[np.tile(chosen, times)]
+    given = stacked[:count]
+    load_point, position = stacked.load_point, stacked.position
     by_load = [(k, a.target) for k, a in enumerate(alternatives, 1) if a.target is not None]
-    places = places_on_flange(robot, part) if by_load else part.position
-    for k, t in by_load:
-        rows = slice(k * count, (k + 1) * count)
-        load_point[rows] = places[:, t]
-        position[rows, t] = np.where(part.in_flange[:, t, None], part.load_point, part.position[:, t])
-    stacked = replace(
-        stacked,
-        joints=(part.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1),
-        load_point=load_point,
-        position=position,
+    if by_load:
+        load_point, position = load_point.copy(), position.copy()
+        places = _on_flange(given, at.flange_rotation[:count], at.flange_translation[:count])
+        for k, t in by_load:
+            rows = slice(k * count, (k + 1) * count)
+            load_point[rows] = places[:, t]
+            position[rows, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
+    block = unloaded_block(at, replace(stacked, joints=joints, load_point=load_point, position=position))
+    return target_readings(block).whitened().reshape(times, -1, robot.n + 1)
+
+
+@lru_cache(maxsize=16)
+def _maps(n: int, alternatives: tuple[Alternative, ...]) -> tuple[FloatArray, FloatArray]:
+    """Stack E (K + 1, n, n) and e (K + 1, n) [rad] of the set as given, then of each alternative."""
+    return (
+        np.array([np.eye(n), *(alternative.matrix for alternative in alternatives)]),
+        np.array([np.zeros(n), *(alternative.offset for alternative in alternatives)]),
     )
-    blocks = [target_readings(block).whitened() for block in regressor_blocks(robot, stacked)]
-    return np.concatenate(blocks).reshape(times, -1, robot.n + 1)
 
 
 def places_on_flange(robot: Robot, part: Measurements) -> FloatArray:
     """Compute places (N, T, 3) of targets in the flange frame [m]: given or the means of those read."""
-    seen = part.position
-    if not part.in_flange.all():
-        at = Configurations(robot, robot.joint_map.model_angles(part.joints))
-        read = (part.position - at.flange_translation[:, None]) @ at.flange_rotation
-        seen = np.where(part.in_flange[..., None], part.position, read)
+    if part.in_flange.all():
+        return part.position
+    at = Configurations(robot, robot.joint_map.model_angles(part.joints))
+    return _on_flange(part, at.flange_rotation, at.flange_translation)
+
+
+def _on_flange(part: Measurements, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Compute the same with the flange (N, 3, 3), (N, 3) [m] in R0."""
+    read = (part.position - translation[:, None]) @ rotation
+    seen = np.where(part.in_flange[..., None], part.position, read)
     weight = part.present[..., None] / np.maximum(part.present.sum(axis=0), 1)[:, None]
     return np.where(part.in_flange[..., None], part.position, (weight * seen).sum(axis=0))
 

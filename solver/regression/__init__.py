@@ -16,6 +16,7 @@ from jointstiff.solver.regression.regressor import (
     RegressorBlock,
     joint_torque,
     regressor_blocks,
+    unloaded_block,
     whitener,
 )
 from jointstiff.solver.regression.stage_rows import (
@@ -47,6 +48,7 @@ __all__ = [
     "regressor_blocks",
     "skew",
     "target_readings",
+    "unloaded_block",
     "whitener",
     "wrench_stiffness",
     "wrist_centre_readings",

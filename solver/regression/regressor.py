@@ -103,9 +103,14 @@ def regressor_blocks(
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     q = robot.joint_map.model_angles(part.joints)
     configurations = Configurations(robot, q)
-    points = part.position
     if compliance is not None:
         return _deflected_block(robot, part, configurations, q, compliance)
+    return unloaded_block(configurations, part)
+
+
+def unloaded_block(configurations: Configurations, part: Measurements) -> RegressorBlock:
+    """Return the regressors of observations whose kinematics are known, without K_c."""
+    points = part.position
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
     load_jacobian, torque = _load(configurations, part)

@@ -63,7 +63,7 @@ class Robot:
     @property
     def n(self) -> int:
         """Return the number of moving joints."""
-        return len(self.chain.revolute)
+        return len(self.axes)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
