@@ -27,4 +27,7 @@ class Problem(Message):
     detail: str = Field(description="Description of this problem in one sentence.")
     where: str | None = Field(default=None, description="Path of the field, if there is one.")
     remedy: str | None = Field(default=None, description="Recommended correction.")
+    request_id: str | None = Field(
+        default=None, description="Identifier of the request, as in `X-Request-Id` and in the service's log."
+    )
     errors: list[ProblemItem] = Field(default_factory=list, description="First twenty faults.")

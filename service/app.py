@@ -16,6 +16,8 @@ from jointstiff.service.api import (
     AnswerHeaders,
     BodyLimits,
     Followers,
+    Metrics,
+    Observed,
     Posture,
     PostureGuard,
     Watch,
@@ -102,6 +104,8 @@ def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | 
     app.add_middleware(Methods, routes=app.routes)
     app.add_middleware(PostureGuard, posture=posture)
     app.add_middleware(AnswerHeaders)
+    app.state.metrics = Metrics()
+    app.add_middleware(Observed, metrics=app.state.metrics)
     return app
 
 

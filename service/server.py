@@ -9,17 +9,21 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 import uvicorn
+from fastapi import FastAPI
+from prometheus_client import start_http_server
 from sqlalchemy import make_url
+from uvicorn.config import LOGGING_CONFIG
 
-from jointstiff.service.api import Posture
+from jointstiff.service.api import Metrics, Posture
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
+from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.render import console
 from jointstiff.service.store import Store, StoreError
 from jointstiff.service.versions import JOINTSTIFF_VERSION
@@ -62,6 +66,8 @@ def run_server(
     allowed_hosts: Sequence[str] = (),
     access_control: bool = True,
     quota: int | None = None,
+    metrics: tuple[str, int] | None = None,
+    log_format: LogFormat = LogFormat.TEXT,
 ) -> None:
     """Serve until interrupted.
 
@@ -74,12 +80,15 @@ def run_server(
         allowed_hosts: names in the Host header that are answered besides those of the loopback address.
         access_control: refuse to listen where others reach the service; False leaves it to a proxy, and needs
             `allowed_hosts` (`*` for any).
+        metrics: address and port of a server for metrics; none without.
+        log_format: of the logs of the service and its workers.
         quota: size of the database [bytes] from which on nothing more is added; None for any.
 
     Raises:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
     """
+    set_log_format(log_format)
     posture = _posture(host, allowed_hosts, access_control=access_control)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
@@ -104,6 +113,7 @@ def run_server(
         config = uvicorn.Config(
             app,
             log_level="warning",
+            log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
             access_log=False,
             server_header=False,
             http=BoundedProtocol,
@@ -114,9 +124,49 @@ def run_server(
         gc.freeze()  # libraries stay to the end; no collection need look through them
         server = _Server(config)
         app.state.is_closing = lambda: server.should_exit
+        if metrics is not None:
+            app.state.metrics.gauges = lambda: _state(app, server)
+            stack.enter_context(_showing(app.state.metrics, *metrics))
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=[listener])
+
+
+@contextmanager
+def _showing(metrics: Metrics, host: str, port: int) -> Iterator[None]:
+    """Answer with metrics on a port of their own, in threads of their own."""
+    try:
+        server, thread = start_http_server(port, host, metrics.registry)
+    except OSError as error:
+        raise ServerError(
+            f"cannot listen on {host}:{port}: {error}", "choose another --metrics-port"
+        ) from error
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
+    """Return the state of the service as its last look saw it, as far as it is known."""
+    seen = app.state.watch.seen()
+    state: dict[str, float] = {
+        "database_up": seen is not None and seen.error is None,
+        "failing_workers": app.state.failing_workers(),
+        "connections": len(server.server_state.connections),
+        "held_body_bytes": BoundedProtocol.held_bytes(),
+    }
+    if state["database_up"]:
+        state |= {"workers": seen.workers, "stored_bytes": seen.stored_bytes}
+        with suppress(StoreError):
+            state["unfinished_jobs"] = sum(
+                len(jobs.log.open_jobs()) for jobs in app.state.parts.jobs.values()
+            )
+    if app.state.watch.quota_bytes is not None:
+        state["quota_bytes"] = app.state.watch.quota_bytes
+    return state
 
 
 def _forgetting(store: Store) -> Callable[[str], None]:

@@ -6,6 +6,8 @@ from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.headers import AnswerHeaders
 from jointstiff.service.api.limits import LARGE_BODIES, BodyLimits
+from jointstiff.service.api.metrics import Metrics
+from jointstiff.service.api.observed import Observed
 from jointstiff.service.api.page import install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
 from jointstiff.service.api.watch import Watch
@@ -15,6 +17,8 @@ __all__ = [
     "AnswerHeaders",
     "BodyLimits",
     "Followers",
+    "Metrics",
+    "Observed",
     "Posture",
     "PostureGuard",
     "Watch",

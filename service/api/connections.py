@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import resource
+from collections.abc import Mapping
 from typing import Any, ClassVar, Final, cast
 
 import h11
@@ -57,6 +58,11 @@ class BoundedProtocol(H11Protocol):
     LOOK_SECONDS: ClassVar[float] = 2.0
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024
     CONNECTIONS: ClassVar[int] = connection_limit()
+
+    @classmethod
+    def held_bytes(cls) -> int:
+        """Return the bytes of all bodies that are received or worked on."""
+        return cls._held
 
     _held: ClassVar[int] = 0
     """Bytes of all bodies: the application keeps each until it ends, even if the client has left."""
@@ -155,20 +161,31 @@ class BoundedProtocol(H11Protocol):
             return self.BODY_SECONDS + self._received / self.BODY_RATE
         return float("inf")
 
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no HTTP request, and close."""
+        if self.conn.our_state in {h11.IDLE, h11.SEND_RESPONSE}:  # else an answer is under way
+            self.transport.write(_whole_answer(400, msg, "send a request of HTTP/1.1", {}))
+        self.transport.close()
+
     def _refuse(self) -> None:
         """Answer 503 in place of the application, which sees a client that left."""
         if not self.cycle.response_started:
-            body = http_problem(
-                503, "too many bodies are being sent or worked on at once", "send it again later"
-            ).model_dump_json()
-            headers = ANSWER_HEADERS | {
-                "Content-Type": "application/problem+json",
-                "Retry-After": str(RETRY_SECONDS[503]),
-                "Content-Length": str(len(body.encode())),
-                "Connection": "close",
-            }
-            lines = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
-            self.transport.write(f"HTTP/1.1 503 Service Unavailable\r\n{lines}\r\n{body}".encode())
+            reason = "too many bodies are being sent or worked on at once"
+            retry = {"Retry-After": str(RETRY_SECONDS[503])}
+            self.transport.write(_whole_answer(503, reason, "send it again later", retry))
         self.cycle.disconnected = True
         self.cycle.message_event.set()
         self.transport.close()
+
+
+def _whole_answer(status: int, reason: str, remedy: str, headers: Mapping[str, str]) -> bytes:
+    """Return an answer that no application gave, as bytes."""
+    problem = http_problem(status, reason, remedy)
+    body = problem.model_dump_json().encode()
+    always = {
+        "Content-Type": "application/problem+json",
+        "Content-Length": str(len(body)),
+        "Connection": "close",
+    }
+    lines = "".join(f"{name}: {value}\r\n" for name, value in {**ANSWER_HEADERS, **always, **headers}.items())
+    return f"HTTP/1.1 {status} {problem.title}\r\n{lines}\r\n".encode() + body

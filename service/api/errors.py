@@ -12,6 +12,8 @@ from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.api.observed import REQUEST_ID_HEADER
+from jointstiff.service.logs import REQUEST_ID
 from jointstiff.service.problems import http_problem, invalid_request, problem_of
 from jointstiff.service.store import StoreError
 from jointstiff.solver.errors import JointstiffError
@@ -43,11 +45,13 @@ def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> R
 
     It has all headers itself: the answer to an unexpected error passes no middleware.
     """
+    identifier = REQUEST_ID.get()
+    named = {} if identifier is None else {REQUEST_ID_HEADER: identifier}
     return Response(
-        problem.model_dump_json(),
+        problem.model_copy(update={"request_id": identifier}).model_dump_json(),
         problem.status,
         media_type="application/problem+json",
-        headers={**ANSWER_HEADERS, **(headers or {})},
+        headers={**ANSWER_HEADERS, **named, **(headers or {})},
     )
 
 

@@ -70,6 +70,10 @@ class Watch:
         self._ended.set()
         self._seen = None
 
+    def seen(self) -> Seen | None:
+        """Return the outcome of the last look; None if there was none yet."""
+        return self._seen
+
     async def latest(self) -> Seen:
         """Return the outcome of the last look.
 

@@ -53,9 +53,9 @@ def restore(
 
 def doctor(*, database: DatabaseUrl) -> None:
     """Look for faults in a database, which is not changed; exit status 1 if there are any."""
-    from jointstiff.service.doctor import examine
     from jointstiff.service.render import console
     from jointstiff.service.store import StoreError
+    from jointstiff.service.workers import examine
 
     try:
         found = examine(database)

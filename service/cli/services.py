@@ -6,9 +6,18 @@ import typer
 
 from jointstiff.service.cli.answers import failed, refused, warn
 from jointstiff.service.cli.options import CampaignFile, DatabaseUrl, Details, Unit, UnitChoice
+from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
     from jointstiff.service.library import Client, TabledRun
+
+LogLines = Annotated[
+    LogFormat,
+    typer.Option(
+        envvar=FORMAT_VARIABLE,
+        help="Log for people, or as JSON lines, with one for each request.",
+    ),
+]
 
 
 def serve(
@@ -47,6 +56,16 @@ def serve(
             help="Size of the database from which on nothing more is added (507); any if not given.",
         ),
     ] = None,
+    metrics_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Port for metrics in the format of Prometheus; none if not given."
+        ),
+    ] = None,
+    metrics_host: Annotated[
+        str, typer.Option(help="Address of that port; whoever reaches it reads the metrics.")
+    ] = "127.0.0.1",
+    log_format: LogLines = LogFormat.TEXT,
 ) -> None:
     """Start the service."""
     from jointstiff.service.problems import StoreError
@@ -60,6 +79,8 @@ def serve(
             workers,
             allowed_hosts=allowed_host or (),
             access_control=not no_access_control,
+            metrics=None if metrics_port is None else (metrics_host, metrics_port),
+            log_format=log_format,
             quota=quota and quota * 1_000_000,
         )
     except (StoreError, ServerError) as error:
@@ -73,6 +94,7 @@ def worker(
         str | None,
         typer.Option(help="Name of this worker; a worker restarted under the same name resumes its jobs."),
     ] = None,
+    log_format: LogLines = LogFormat.TEXT,
 ) -> None:
     """Carry out the long runs of a service, on this or another machine, until stopped."""
     import os
@@ -82,6 +104,7 @@ def worker(
     from jointstiff.service.problems import StoreError
     from jointstiff.service.workers import run_worker
 
+    set_log_format(log_format)
     try:
         run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
     except StoreError as error:

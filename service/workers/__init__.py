@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
-    from jointstiff.service.workers.queue import JobQueue, is_ended
+    from jointstiff.service.workers.doctor import examine
+    from jointstiff.service.workers.queue import JobQueue
     from jointstiff.service.workers.supervisor import Supervisor
     from jointstiff.service.workers.worker import run_worker
 else:
     __getattr__ = names_of(
         __name__,
-        queue="JobQueue is_ended",
+        doctor="examine",
+        queue="JobQueue",
         supervisor="Supervisor",
         worker="run_worker",
     )
 
-__all__ = ["JobQueue", "Supervisor", "is_ended", "run_worker"]
+__all__ = ["JobQueue", "Supervisor", "examine", "run_worker"]

@@ -4997,6 +4997,11 @@ export interface components {
              */
             remedy: string | null;
             /**
+             * Request Id
+             * @description Identifier of the request, as in `X-Request-Id` and in the service's log.
+             */
+            request_id: string | null;
+            /**
              * Errors
              * @description First twenty faults.
              */

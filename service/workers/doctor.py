@@ -20,7 +20,7 @@ from jointstiff.service.store import (
     MeasurementSetRecord,
     RobotRecord,
 )
-from jointstiff.service.workers import is_ended
+from jointstiff.service.workers.queue import is_ended
 
 _KINDS: Final[Mapping[str, AnyKind]] = MappingProxyType({kind.name: kind for kind in KINDS})
 _RESTORE: Final = "restore a backup, or post it again"

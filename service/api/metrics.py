@@ -1,0 +1,77 @@
+"""Metrics in the text format of Prometheus; a server of their own answers with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+Gauges = Callable[[], dict[str, float]]
+
+_SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
+_HELP: Final = {
+    "database_up": "1 if the last look at the database succeeded.",
+    "workers": "Workers with a sign of life within 30 s.",
+    "failing_workers": "Workers of this service that end soon after each start.",
+    "stored_bytes": "Size of the database.",
+    "quota_bytes": "Size that the database may have.",
+    "connections": "Open connections.",
+    "held_body_bytes": "Bytes of bodies that are received or worked on.",
+    "unfinished_jobs": "Jobs that are queued or running.",
+}
+
+
+class Metrics:
+    """Counts of the requests of one application, and the state of its service.
+
+    Attributes:
+        registry: for the server that shows it.
+        gauges: return the state when it is asked for.
+    """
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self.gauges: Gauges = dict
+        labels = ["method", "route"]
+        self._requests = Counter(
+            "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry
+        )
+        self._seconds = Histogram(
+            "jointstiff_request_seconds",
+            "Time until the whole answer was given.",
+            labels,
+            registry=self.registry,
+            buckets=_SECONDS,
+        )
+        self.registry.register(_State(self))
+
+    def count(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count a request.
+
+        Args:
+            method: of those that HTTP has.
+            route: template of the address, not the address itself, of which there is no end.
+            status: of the answer.
+            seconds: until all of it was given.
+        """
+        self._requests.labels(method, route, str(status)).inc()
+        self._seconds.labels(method, route).observe(seconds)
+
+
+class _State(Collector):
+    """State of the service, looked up when it is asked for."""
+
+    def __init__(self, metrics: Metrics) -> None:
+        self._metrics = metrics
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield a gauge for each figure."""
+        for name, value in self._metrics.gauges().items():
+            yield GaugeMetricFamily(f"jointstiff_{name}", _HELP[name], value=value)
+
+    def describe(self) -> list[Metric]:
+        """Return nothing: the figures are not known yet when this is registered."""
+        return []

@@ -1,0 +1,110 @@
+"""Each request has an identifier that its answer, its problem document and its log line share, and is counted."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+
+import httpx
+import pytest
+from prometheus_client import generate_latest
+from support.in_process import Client, served
+
+from jointstiff.service.api.headers import ANSWER_HEADERS
+from jointstiff.service.logs import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
+from jointstiff.service.server import _showing
+from jointstiff.service.store import Store
+
+
+@pytest.fixture
+def store():
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
+@pytest.fixture
+def client(store):
+    return Client(store)
+
+
+@pytest.mark.parametrize("path", ["/health", "/v1/robots/none", "/v1/runs?limit=0", "/nowhere", "/live"])
+def test_every_answer_names_its_request(client, path):
+    first, second = client.get(path), client.get(path)
+    assert first.headers["x-request-id"] != second.headers["x-request-id"]
+    if first.headers.get("content-type") == "application/problem+json":
+        assert first.json()["request_id"] == first.headers["x-request-id"]
+
+
+def test_an_unexpected_error_names_its_request(store, monkeypatch):
+    def fail(**_options):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(store.robots, "page", fail)
+    with served(store) as url:
+        answer = httpx.get(f"{url}/v1/robots")
+    assert answer.status_code == 500
+    assert answer.json()["request_id"] == answer.headers["x-request-id"]
+
+
+def test_requests_are_counted_by_route_and_status(client):
+    client.get("/v1/robots/one")
+    client.get("/v1/robots/two")
+    client.request("BREW", "/v1/robots")
+    client._app.state.metrics.gauges = lambda: {"workers": 2, "database_up": True}
+    text = generate_latest(client._app.state.metrics.registry).decode()
+    line = 'jointstiff_requests_total{method="GET",route="/v1/robots/{robot_id}",status="404"} 2.0'
+    assert line in text
+    assert 'method="other"' in text
+    assert "jointstiff_workers 2.0" in text
+    assert "jointstiff_database_up 1.0" in text
+
+
+def test_metrics_are_shown_on_a_port_of_their_own(client):
+    client.get("/live")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with _showing(client._app.state.metrics, "127.0.0.1", port):
+        answer = httpx.get(f"http://127.0.0.1:{port}/metrics")
+    assert "jointstiff_request_seconds_count" in answer.text
+
+
+def test_a_line_of_the_log_has_what_belongs_to_the_request(client, caplog):
+    caplog.set_level(logging.INFO, ACCESS_LOGGER)
+    answer = client.get("/v1/robots/none")
+    (record,) = [record for record in caplog.records if record.name == ACCESS_LOGGER]
+    line = json.loads(JsonFormatter().format(record))
+    assert (line["method"], line["path"], line["status"]) == ("GET", "/v1/robots/none", 404)
+    assert line["level"] == "info"
+    assert record.seconds >= 0
+    assert answer.status_code == 404
+
+
+def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    monkeypatch.setenv("JOINTSTIFF_LOG_FORMAT", "text")
+    access = logging.getLogger(ACCESS_LOGGER)
+    level = access.level
+    try:
+        set_log_format(LogFormat.JSON)
+        try:
+            raise KeyError("odd")
+        except KeyError:
+            logging.getLogger("any").exception("it failed")
+    finally:
+        logging.captureWarnings(capture=False)
+        access.setLevel(level)
+    line = json.loads(capsys.readouterr().err)
+    assert (line["message"], line["level"]) == ("it failed", "error")
+    assert "KeyError: 'odd'" in line["exception"]
+
+
+def test_what_is_no_request_gets_a_problem_document_with_all_headers(store):
+    with served(store) as url, socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as connection:
+        connection.sendall(b"nonsense\r\n\r\n")
+        answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
+    head, _, body = answer.partition("\r\n\r\n")
+    assert head.startswith("HTTP/1.1 400 Bad Request\r\n")
+    assert {f"{name}: {value}" for name, value in ANSWER_HEADERS.items()} <= set(head.split("\r\n"))
+    assert json.loads(body)["status"] == 400
