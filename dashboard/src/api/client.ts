@@ -42,6 +42,7 @@ export function problemOf(error: unknown): Problem {
     detail: String(error),
     where: null,
     remedy: null,
+    request_id: null,
     errors: [],
   };
 }
@@ -81,6 +82,7 @@ function unreachable(): Problem {
     detail: words.detail,
     where: null,
     remedy: words.remedy,
+    request_id: null,
     errors: [],
   };
 }
@@ -94,6 +96,7 @@ function unreadable(status: number): Problem {
     detail: words.detail(status),
     where: null,
     remedy: words.remedy,
+    request_id: null,
     errors: [],
   };
 }
