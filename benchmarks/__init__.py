@@ -14,13 +14,15 @@ Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,00
 times 10 of 19), `post` (a run over HTTP), `start` (commands beside bare imports,
 idle memory), `exactness` (against exact rational arithmetic). By name only:
 `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability` (kill -9 of workers
-and services; twenty minutes); they start PostgreSQL servers of their own.
+and services; twenty minutes), which start PostgreSQL servers of their own; `plan` (optimal designs beside
+cvxpy), `plan_figaroh` and `plan_sizes` (1e5 and 1e6 candidates).
 
 Studies, which prove numbers instead of comparing times, by name only as well: `coverage` (how often intervals
 hold the truth; some minutes), `efficiency` (beside the Cramér-Rao bound), `robustness` (gross errors),
 `fanuc` (ten of thirty real configurations), `replication` (the paper's study on a simulated arm; see
 docs/replication.md), `links` (elastic links: held-out compensation, certificates, time; see
-docs/elastic-links.md; ten minutes), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
+docs/elastic-links.md; ten minutes), `plan_lists`, `plan_promise` and `plan_nuisance` (see docs/plan.md; some
+minutes each), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
 and `invariance` (why no characteristic length; see
 docs/no-characteristic-length.md).
 """

@@ -34,6 +34,8 @@ from benchmarks import (
     memory,
     paths,
     plan,
+    plan_promise,
+    plan_sizes,
     post,
     replication,
     resampling,
@@ -54,6 +56,11 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "start": start.run,
     "large": large.run,
     "plan": plan.run,
+    "plan_figaroh": plan.run_figaroh_section,
+    "plan_sizes": plan_sizes.run,
+    "plan_lists": plan_sizes.run_lists,
+    "plan_promise": plan_promise.run,
+    "plan_nuisance": plan_promise.run_nuisance,
     "exactness": exactness.run,
     "workers": workers.run,
     "durability": durability.run,
@@ -86,10 +93,13 @@ STUDIES = frozenset(
         "assessment",
         "integrity",
         "geometry",
+        "plan_lists",
+        "plan_promise",
+        "plan_nuisance",
     }
 )
 """They prove numbers and compare no times."""
-BY_NAME = frozenset({"workers", "durability", "plan"}) | STUDIES
+BY_NAME = frozenset({"workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
 """They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal

@@ -17,8 +17,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
-_BLOCK: Final = 8192
-"""Candidates packed at a time: a few MB."""
+_BLOCK: Final = 1024
+"""Candidates packed at a time: what a cache holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +139,16 @@ class PackedCandidates(Candidates):
         """
         p = rows.shape[-1]
         stack = rows[:, None] if rows.ndim == 3 else rows
-        first, second = (np.array([0]),) * 2 if rows.ndim == 3 else np.triu_indices(3)
-        j, k = np.triu_indices(p)
-        packed = np.empty((len(rows), len(first), len(j)))
+        pairs = [(a, b) for a in range(stack.shape[1]) for b in range(a, stack.shape[1])]
+        packed = np.empty((len(rows), len(pairs), p * (p + 1) // 2))
         for start in range(0, len(rows), _BLOCK):
-            block = stack[start : start + _BLOCK]
-            for e, (a, b) in enumerate(zip(first, second, strict=True)):
-                K = block[:, a].transpose(0, 2, 1) @ block[:, b]
-                packed[start : start + _BLOCK, e] = K[:, j, k] if a == b else 0.5 * (K[:, j, k] + K[:, k, j])
+            # Candidates last: sums over them run along the memory.
+            block = np.ascontiguousarray(stack[start : start + _BLOCK].transpose(1, 3, 2, 0))
+            for e, (a, b) in enumerate(pairs):
+                K = _upper_products(block[a], block[b])
+                packed[start : start + _BLOCK, e] = (
+                    K if a == b else 0.5 * (K + _upper_products(block[b], block[a]))
+                ).T
         return cls(packed, p)
 
     @property
@@ -199,7 +201,7 @@ class PackedCandidates(Candidates):
         """Return the sum of all information (p, p), of forces along all three axes where they are free."""
         axes = [0, 3, 5] if self.free else [0]
         total = np.empty((self._parameters, self._parameters))
-        sums = self._packed.sum(axis=0)[axes].sum(axis=0)
+        sums = np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0)
         total[self._rows, self._columns] = total[self._columns, self._rows] = sums
         return total
 
@@ -265,6 +267,19 @@ class ScaledCandidates(Candidates):
         """Return the sum of all information (p, p)."""
         total: FloatArray = self._candidates.total() * self._squares
         return total
+
+
+def _upper_products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the entries on and above the diagonal of leftᵀ right, row by row.
+
+    Args:
+        left: (p, m, N).
+        right: (p, m, N).
+
+    Returns:
+        (p (p + 1) / 2, N).
+    """
+    return np.concatenate([np.einsum("mn,cmn->cn", left[j], right[j:]) for j in range(len(left))])
 
 
 def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:

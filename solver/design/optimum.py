@@ -8,7 +8,7 @@ those of weight zero leave. The same sweep bounds what any weights can reach, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,10 +31,18 @@ _START: Final = 12
 """Readings chosen greedily to begin with."""
 _SAMPLE: Final = 2_000
 """Candidates among which these are sought."""
-_ADDED: Final = 10
+_AT_ONCE: Final = 50_000
+"""Candidates above twice which the search begins among some of them."""
+_COARSE_GAP: Final = 1e-6
+"""Gap at which that search ends."""
+_ADDED: Final = 20
 """Candidates that join in a round."""
 _ROUNDS: Final = 200
 _NO_WEIGHT: Final = 1e-13
+_SINGULAR: Final = 1e-11
+"""Ratio of eigenvalues below which information is taken to determine fewer parameters."""
+_PROMISING: Final = 0.999
+"""Share of the least price among those held at which a candidate may join."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,28 +76,60 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
         RequestError: the candidates do not determine the parameters.
         SolverError: the gap does not close.
     """
-    scaled = problem.scaled
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
         tolerance = GAP if smooth else LOOSE_GAP
-    held = _greedy(scaled)
-    weights = np.full(len(held), 1.0 / len(held))
+    return _in_own_units(problem, *_generated(problem.scaled, tolerance))
+
+
+def _generated(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray, Bound]:
+    """Generate columns until the gap closes; of many candidates first among some, which saves sweeps."""
+    held, weights = _start(problem, tolerance)
     efficiency = 0.0
     for _ in range(_ROUNDS):
-        weights, dual = _solve_held(scaled, held, weights)
-        M = scaled.matrix(held, weights)
-        bound = bound_of(scaled, M, dual)
+        weights, dual = _solve_held(problem, held, weights)
+        bound = bound_of(problem, problem.matrix(held, weights), dual)
         efficiency = bound.efficiency
         kept = weights > _NO_WEIGHT
         held, weights = held[np.flatnonzero(kept)], weights[kept]
         if 1.0 - efficiency <= tolerance:
-            return _in_own_units(problem, held, weights, bound)
-        new = scaled.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
+            return held, weights, bound
+        new = problem.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
         held, weights = held.joined(new), np.concatenate([weights, np.zeros(len(new))])
     raise SolverError(
         f"the gap of the design is {1.0 - efficiency:.1e} and does not close",
         remedy="report this with the request",
     )
+
+
+def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]:
+    """Return candidates with weights to begin with."""
+    step = len(problem.candidates) // _AT_ONCE
+    if step > 1:
+        coarse = replace(problem, candidates=problem.candidates[::step])
+        if _determined(coarse.base + coarse.candidates.total()):
+            held, weights, _ = _generated(coarse, max(tolerance, _COARSE_GAP))
+            return Atoms(step * held.index, held.force, held.information), weights
+    held = _completed(problem, _greedy(problem))
+    return held, np.full(len(held), 1.0 / len(held))
+
+
+def _completed(problem: DesignProblem, held: Atoms) -> Atoms:
+    """Add candidates until all parameters are determined, as those that were sampled may lack a rare one."""
+    for _ in range(problem.parameters):
+        M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
+        if _determined(M):
+            break
+        unseen = np.linalg.eigh(M)[1][:, 0]
+        G = np.outer(unseen, unseen)
+        best = np.array([int(np.argmax(problem.candidates.prices(G)))])
+        held = held.joined(problem.candidates.atoms(best, G))
+    return held
+
+
+def _determined(M: FloatArray) -> bool:
+    values = np.linalg.eigvalsh(M)
+    return bool(values[0] > _SINGULAR * values[-1])
 
 
 def _in_own_units(problem: DesignProblem, held: Atoms, weights: FloatArray, bound: Bound) -> Design:
@@ -139,12 +179,10 @@ def _greedy(problem: DesignProblem) -> Atoms:
 
 def _entering(problem: DesignProblem, prices: FloatArray, held: IndexArray) -> IndexArray:
     """Return the candidates of the best prices that are not held; with free forces also those that are."""
-    count = _ADDED
+    promising = np.flatnonzero(prices >= _PROMISING * prices[held].min())
     if not problem.candidates.free:
-        prices = prices.copy()
-        prices[held] = -np.inf
-        count = min(_ADDED, len(prices) - len(held))
-    if count >= len(prices):
-        return np.arange(len(prices))
-    best: IndexArray = np.argpartition(prices, -count)[-count:] if count else np.array([], dtype=np.intp)
+        promising = promising[~np.isin(promising, held)]
+    if len(promising) <= _ADDED:
+        return promising
+    best: IndexArray = promising[np.argpartition(prices[promising], -_ADDED)[-_ADDED:]]
     return best

@@ -189,6 +189,19 @@ class TestFreeForces:
         assert best <= criterion.information(exact.matrix) / exact.efficiency
 
 
+class TestRareCandidates:
+    @pytest.mark.parametrize("count", [5_000, 120_000])
+    @pytest.mark.parametrize("criterion", [CRITERIA[0], CRITERIA[3]], ids=["D", "E"])
+    def test_one_that_alone_excites_a_parameter_is_found(self, count, criterion):
+        """No evenly spread sample holds it, whether the search begins among all candidates or some."""
+        rows = random_rows(1, count)
+        rows[:, :, 3] = 0.0
+        rows[7, 0, 3] = 1.0
+        design = optimise(problem_of(rows, criterion))
+        assert 7 in design.atoms.index
+        assert design.bound.efficiency > 1 - 1e-5
+
+
 class TestRefusals:
     def test_a_parameter_that_nothing_excites(self):
         rows = random_rows(1, 30)

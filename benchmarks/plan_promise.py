@@ -1,0 +1,211 @@
+"""Plans carried out on exact springs and beams: what they promised beside what is found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from benchmarks.campaigns import default_robot
+from benchmarks.report import Figure, Section
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
+from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
+from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import Bounds
+from jointstiff.solver.design import Equipment, Loads, PlanRequest, plan_campaign
+from jointstiff.solver.design.experiment import drawn_postures
+from jointstiff.solver.fitting import Settings
+from jointstiff.solver.identification import identify
+from jointstiff.solver.links import (
+    WEIGHTS,
+    ElasticColumns,
+    ElasticModel,
+    Folds,
+    Plan,
+    first_certified,
+    fit_fold,
+)
+from jointstiff.solver.links.cross_validation import chosen_weight
+from jointstiff.solver.links.regressor import elastic_blocks
+from jointstiff.solver.readings import Measurements
+
+__all__ = ["run", "run_nuisance"]
+
+_SIGMA, _FORCE = 2e-5, 1500.0
+_PLACES = np.array(list(TARGETS.values()))
+_COLUMNS = ElasticColumns(6, tuple(range(6)))
+_MODEL = ElasticModel("joints_and_links", _COLUMNS)
+_PENALTIES = Plan(folds=4, weights=WEIGHTS[::2])
+_WORK_AREA = np.array([[0.5, -2.0, 0.2], [3.0, 2.0, 2.2]])
+_WAYS = ("links as nuisance", "joints alone", "random")
+
+
+def run(*, quick: bool) -> list[Section]:
+    """200 plans on exact springs: deviations of the estimates over what was promised."""
+    plans = 4 if quick else 200
+    promised, stated, deviation = (
+        np.array(part) for part in zip(*(_carried_out(seed) for seed in range(plans)), strict=True)
+    )
+    ratios = np.sqrt(np.square(deviation / promised).mean(axis=0))
+    overall = float(np.sqrt(np.square(deviation / promised).mean()))
+    sampling = 1.0 / np.sqrt(2.0 * deviation.size)
+    joints = [f"joint {j + 1}" for j in range(len(ratios))]
+    return [
+        Section(
+            title=f"Exact springs: found over promised uncertainty, {plans} plans of 8 to 30 readings",
+            columns=("", *joints, "all"),
+            rows=(
+                ("scatter / promised", *(f"{ratio:.3f}" for ratio in ratios), f"{overall:.3f}"),
+                ("stated / promised", *(f"{x:.4f}" for x in (stated / promised).mean(axis=0)), ""),
+            ),
+            figures=(
+                Figure(
+                    "plans: |root mean square of deviation / promised − 1|, less two sampling errors",
+                    abs(overall - 1.0) - 2.0 * sampling,
+                    "at most",
+                    0.01,
+                ),
+                Figure(
+                    "plans: greatest |stated / promised − 1| of an identification",
+                    float(np.abs(stated / promised - 1.0).max()),
+                    "at most",
+                    0.01,
+                ),
+            ),
+            notes=(f"sampling error of the overall ratio: {sampling:.3f}",),
+        )
+    ]
+
+
+def run_nuisance(*, quick: bool) -> list[Section]:
+    """Plans with and without links as nuisance, and random ones, on exact beams."""
+    arms = 2 if quick else 24
+    errors = np.array([_Beams(seed).errors for seed in range(arms)])
+    rms = np.sqrt(np.square(errors).mean(axis=0))
+    best = (errors.argmin(axis=1)[:, None] == np.arange(len(_WAYS))).sum(axis=0)
+    rows = [
+        (way, f"{1e6 * rms[i]:.2f}", f"{1e6 * np.median(errors[:, i]):.2f}", str(best[i]))
+        for i, way in enumerate(_WAYS)
+    ]
+    figures = [
+        Figure(
+            f"beams: error of held-out predictions, {way} / with nuisance", rms[i] / rms[0], "at least", 1.0
+        )
+        for i, way in enumerate(_WAYS[1:], start=1)
+    ]
+    return [
+        Section(
+            title=f"Exact beams, {arms} arms, 20 readings fitted by joints and links: held-out predictions",
+            columns=("plan", "rms error, µm", "median arm, µm", "best on"),
+            rows=tuple(rows),
+            figures=tuple(figures),
+            notes=("held out: 200 postures under random pulls, exact, in and out of the work area",),
+        )
+    ]
+
+
+def _tools() -> Equipment:
+    loads = Loads("any_direction", _FORCE, np.full(6, np.inf))
+    return Equipment(_PLACES, np.array(LOAD_POINT), loads, _SIGMA)
+
+
+def _measurements(
+    joints: FloatArray, force: FloatArray, unloaded: FloatArray, loaded: FloatArray
+) -> Measurements:
+    present = np.ones(unloaded.shape[:2], dtype=np.bool_)
+    return Measurements(
+        joints=joints,
+        force=force,
+        moment=np.zeros((len(joints), 3)),
+        load_point=np.broadcast_to(np.array(LOAD_POINT), (len(joints), 3)),
+        position=unloaded,
+        in_flange=~present,
+        deflection=loaded - unloaded,
+        present=present,
+        sigma=_SIGMA,
+    )
+
+
+def _carried_out(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a plan promised, what the identification states, and how far it is from the springs."""
+    arm, random = default_arm(), np.random.default_rng([seed, 70])
+    robot = default_robot(arm)
+    request = PlanRequest(
+        _tools(),
+        readings=int(random.integers(8, 31)),
+        nominal=arm.compliances,
+        prior=np.full(6, np.inf),
+        candidates=300,
+        validation=0.0,
+        seed=seed,
+    )
+    plan = plan_campaign(robot, request)
+    points = np.broadcast_to(np.array(LOAD_POINT), (len(plan.joints), 3))
+    exact = deflections(arm, plan.joints, plan.force, np.zeros_like(points), points, _PLACES)
+    unloaded, loaded = np.stack(exact) + _SIGMA * random.standard_normal((2, len(points), 3, 3))
+    settings = Settings(
+        "partial_pose", "covariance", Bounds.unconstrained(robot.n), complementary_stiffness=True
+    )
+    found = identify(robot, _measurements(plan.joints, plan.force, unloaded, loaded), settings)
+    stated = np.array([joint.standard_uncertainty for joint in found.joints], dtype=np.float64)
+    return plan.uncertainty * arm.compliances, stated, found.compliance - arm.compliances
+
+
+@dataclass(frozen=True)
+class _Beams:
+    """One arm whose links are beams, and three ways to choose readings on it."""
+
+    seed: int
+
+    @cached_property
+    def elastic(self) -> ElasticArm:
+        bending = 6e6 * 10.0 ** np.random.default_rng([self.seed, 71]).uniform(-0.3, 0.5)
+        return beam_arm(default_arm(), bending=bending)
+
+    @property
+    def errors(self) -> list[float]:
+        """Return the root mean square errors of held-out predictions [m], in the order of the ways."""
+        request = PlanRequest(
+            _tools(),
+            readings=20,
+            nominal=self.elastic.arm.compliances,
+            prior=np.full(6, np.inf),
+            criterion="work_area",
+            work_area=_WORK_AREA,
+            candidates=800,
+            validation=0.0,
+            seed=self.seed,
+        )
+        robot = default_robot(self.elastic.arm)
+        plans = [plan_campaign(robot, replace(request, links=links)) for links in (True, False)]
+        lists = [(plan.joints, plan.force) for plan in plans]
+        return [self._error(*each) for each in (*lists, self._random(20, 72))]
+
+    def _random(self, count: int, stream: int) -> tuple[FloatArray, FloatArray]:
+        """Draw postures whose load point is in the work area, and pulls of any direction."""
+        random = np.random.default_rng([self.seed, stream])
+        robot = default_robot(self.elastic.arm)
+        postures = drawn_postures(robot, 20 * count, int(random.integers(2**31)))
+        place = _tools().load_place(robot, postures)
+        inside = ((place >= _WORK_AREA[0]) & (place <= _WORK_AREA[1])).all(axis=1)
+        pulls = random.standard_normal((count, 3))
+        return postures[inside][:count], _FORCE * pulls / np.linalg.norm(pulls, axis=1, keepdims=True)
+
+    def _read(self, joints: FloatArray, force: FloatArray, sigma: float) -> Measurements:
+        points = np.broadcast_to(np.array(LOAD_POINT), (len(joints), 3))
+        exact = np.stack(elastic_deflections(self.elastic, joints, force, points, _PLACES))
+        noise = np.random.default_rng([self.seed, 73]).standard_normal(exact.shape)
+        return _measurements(joints, force, *(exact + sigma * noise))
+
+    def _error(self, joints: FloatArray, force: FloatArray) -> float:
+        """Return the error of predictions by joints and links fitted to readings of a list [m]."""
+        robot, measured = default_robot(self.elastic.arm), self._read(joints, force, _SIGMA)
+        folds = Folds(robot, measured, _COLUMNS, np.ones(6, dtype=np.bool_), _PENALTIES)
+        fits = [fit_fold(folds, _MODEL, fold, _PENALTIES.weights) for fold in range(len(folds))]
+        first = chosen_weight(np.array([fit.error for fit in fits]), _PENALTIES.rule)
+        found = first_certified(robot, measured, folds, _MODEL, _PENALTIES.weights[first:])
+        held_out = self._read(*self._random(200, 74), 0.0)
+        predicted = [block.rows @ found.entries for block in elastic_blocks(robot, held_out, _COLUMNS)]
+        return float(np.sqrt(np.square(np.concatenate(predicted) - held_out.deflection).sum(axis=2).mean()))
