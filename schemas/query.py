@@ -101,6 +101,13 @@ class GeometryQuery(JobQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by the robot of the nominal model.")
 
 
+class MapQuery(JobQuery):
+    """Which maps."""
+
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
+
+
 class PlanQuery(JobQuery):
     """Which plans."""
 

@@ -28,6 +28,7 @@ from jointstiff.service.api import (
     install_error_handlers,
     install_page,
     kinematics,
+    maps,
     measurement_sets,
     robots,
 )
@@ -95,7 +96,7 @@ def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | 
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.add_middleware(BodyLimits)
-    for module in (robots, kinematics, measurement_sets, imports, comparisons, deflections, health):
+    for module in (robots, kinematics, measurement_sets, imports, comparisons, maps, deflections, health):
         app.include_router(module.router)
     for kind in KINDS:
         app.include_router(job_routes(kind))

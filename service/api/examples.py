@@ -250,11 +250,33 @@ _PLANS: Final[dict[str, Any]] = {
     },
 }
 
+_MAPS: Final[dict[str, Any]] = {
+    "milling a plate": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.4]],
+        "grid": [9, 13, 1],
+        "place": [0.0, 0.0, 0.25],
+        "turns": 8,
+        "force": [0.0, 300.0, -500.0],
+    },
+    "the same posture throughout, force along with the tool": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 1.2]],
+        "grid": [9, 13, 5],
+        "place": [0.0, 0.0, 0.25],
+        "directions": [[0.0, 0.0, -1.0], [0.5, 0.0, -0.8660254]],
+        "force": [100.0, 0.0, -400.0],
+        "axes": "flange",
+        "near": [0.0, -0.5, 0.8, 0.0, 1.0, 0.0],
+    },
+}
+
 JOBS: Final = {
     "run": _RUNS,
     "comparison": _COMPARISONS,
     "pair": _PAIRS,
     "geometry": _GEOMETRIES,
     "plan": _PLANS,
+    "map": _MAPS,
 }
 """Examples of requests, by the name of the kind of job."""

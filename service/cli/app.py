@@ -10,6 +10,7 @@ from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
+from jointstiff.service.cli.maps import map_area
 from jointstiff.service.cli.plan import plan
 from jointstiff.service.cli.predict import predict
 from jointstiff.service.cli.services import demo, post, serve, worker
@@ -27,6 +28,7 @@ app = typer.Typer(
 
 app.command()(simulate)
 app.command("import")(import_readings)
+app.command("map")(map_area)
 for command in (
     geometry,
     plan,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         unexpected_failure,
     )
     from jointstiff.service.computation.geometry import as_request_errors, geometry_work
+    from jointstiff.service.computation.maps import MapWork
     from jointstiff.service.computation.pair import Side, pair_work
     from jointstiff.service.computation.plan import Planned, plan_work
     from jointstiff.service.computation.prepared import (
@@ -36,6 +37,7 @@ else:
         deflection="predict_by_run",
         execution="carry_out final_state new_job outcome_of unexpected_failure",
         geometry="as_request_errors geometry_work",
+        maps="MapWork",
         pair="Side pair_work",
         plan="Planned plan_work",
         prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
@@ -45,6 +47,7 @@ else:
 
 __all__ = [
     "ComparisonWork",
+    "MapWork",
     "Planned",
     "PreparedRobot",
     "PreparedSet",

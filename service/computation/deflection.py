@@ -30,7 +30,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     Raises:
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
-    stored = _model_of(run)
+    stored = model_of(run)
     model, error = to_joint_model(robot, stored)
     cases = to_load_cases(request, robot)
     weight = to_own_weight(request, robot)
@@ -42,14 +42,19 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
         remarks=[
-            *_remarks(run, weight is not None),
-            *_no_bound(error, stored.no_error, request.confidence),
+            *remarks_of(run, weighed=weight is not None),
+            *no_bound(error, stored.no_error, request.confidence),
         ],
         cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
     )
 
 
-def _model_of(run: Run) -> IdentifiedModel:
+def model_of(run: Run) -> IdentifiedModel:
+    """Return the model of a run that predicts.
+
+    Raises:
+        RequestError: the run has none.
+    """
     if run.result is None:
         raise RequestError(
             f"run '{run.id}' has {run.state} and has no model",
@@ -65,7 +70,8 @@ def _model_of(run: Run) -> IdentifiedModel:
     return run.result.model
 
 
-def _remarks(run: Run, weighed: bool) -> list[str]:
+def remarks_of(run: Run, *, weighed: bool) -> list[str]:
+    """Return what holds for all predictions of a run: whether own weight is in them, and K_c in the fit."""
     remarks = [] if weighed else ["own weight is left out, as no masses are given"]
     if run.request.complementary_stiffness == "neglected":
         remarks.append(
@@ -75,7 +81,7 @@ def _remarks(run: Run, weighed: bool) -> list[str]:
     return remarks
 
 
-def _no_bound(error: ModelError | None, reason: str | None, confidence: float) -> list[str]:
+def no_bound(error: ModelError | None, reason: str | None, confidence: float) -> list[str]:
     """Return why there is no bound of the model error in any case, if there is none."""
     level = f"no bound of the model error at {100 * confidence:g} %"
     if error is None:

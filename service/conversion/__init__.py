@@ -25,6 +25,14 @@ if TYPE_CHECKING:
         to_selection,
     )
     from jointstiff.service.conversion.load_case_table import prediction_csv, read_load_cases
+    from jointstiff.service.conversion.maps import (
+        map_columns,
+        map_csv,
+        map_npz,
+        to_map_result,
+        to_map_task,
+        to_places,
+    )
     from jointstiff.service.conversion.measurements import to_findings, to_measurements, to_warnings
     from jointstiff.service.conversion.pairs import AssessedSide, to_pair_result
     from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
@@ -57,6 +65,7 @@ else:
         geometry="to_geometry_result",
         links="to_elastic_columns to_links_result to_plan to_selection",
         load_case_table="prediction_csv read_load_cases",
+        maps="map_columns map_csv map_npz to_map_result to_map_task to_places",
         measurements="to_findings to_measurements to_warnings",
         pairs="AssessedSide to_pair_result",
         parsing="MAX_SET_BYTES MalformedError NOT_JSON parse",
@@ -85,6 +94,9 @@ __all__ = [
     "describe_wrist",
     "dh_kinematics",
     "in_base",
+    "map_columns",
+    "map_csv",
+    "map_npz",
     "parse",
     "prediction_csv",
     "read_load_cases",
@@ -105,9 +117,12 @@ __all__ = [
     "to_kinematics",
     "to_links_result",
     "to_load_cases",
+    "to_map_result",
+    "to_map_task",
     "to_measurements",
     "to_own_weight",
     "to_pair_result",
+    "to_places",
     "to_plan",
     "to_plan_result",
     "to_poses",

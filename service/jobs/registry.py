@@ -8,9 +8,10 @@ from typing import Final
 
 from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
 from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
+from jointstiff.schemas.map import Map, MapRequest, MapSummary
 from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
 from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
-from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, PairQuery, PlanQuery, RunQuery
+from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, MapQuery, PairQuery, PlanQuery, RunQuery
 from jointstiff.schemas.run import Run, RunRequest, RunSummary
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
@@ -89,6 +90,20 @@ The list comes with a certificate: the least share of the best list's informatio
 sweep over all candidates. It says how sure each joint will be, what random and one-at-a-time plans would
 give, and how many readings were struck out for which reason. What cannot be planned is refused, saying
 what to change, and nothing is stored.""",
+    ),
+    Stepped(
+        message=Map,
+        request=MapRequest,
+        summary=MapSummary,
+        query=MapQuery,
+        work=works.map_places,
+        max_bytes=_OPTIONS_BYTES,
+        description="""Map a work area: how far the tool bends at each place, by the model of a run.
+
+Each place takes the stiffest posture, or the nearest to a given one, of all branches of the inverse
+kinematics and all orientations of the tool within the joints' limits; its deflection is the exact balance
+of springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
+201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
     ),
 )
 """All kinds of jobs: routes, listings, the index, deletion, addresses and tests iterate over them."""

@@ -8,11 +8,13 @@ from typing import Any
 
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.map import MapRequest
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.plan import PlanRequest
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.computation import (
     ComparisonWork,
+    MapWork,
     Planned,
     QuickWork,
     Side,
@@ -89,6 +91,18 @@ def plan(resources: Resources, request: PlanRequest) -> QuickWork:
     with _named_by("measurement_set_id"):
         prepared = resources.sets.prepared(request.measurement_set_id)
     return plan_work(Planned(prepared.robot, prepared.robot_id, prepared.content, prepared), request)
+
+
+def map_places(resources: Resources, request: MapRequest) -> MapWork:
+    """Return the work of a map.
+
+    Raises:
+        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+    """
+    with _named_by("run_id"):
+        run = stored_job(resources.store, Run, request.run_id)
+        prepared = resources.sets.prepared(run.request.measurement_set_id)
+    return MapWork(prepared.robot, prepared.robot_id, run, request)
 
 
 def _side(resources: Resources, name: str, request: PairRequest) -> Side:

@@ -161,18 +161,28 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
     from jointstiff.service.computation import predict_by_run
     from jointstiff.service.conversion import read_load_cases
 
-    given = run is not None
+    run = model_run(campaign, run)
+    with as_campaign_error("robot"):
+        robot = _robot(campaign.robot.model_dump_json()).robot
+    with as_campaign_error("prediction"):
+        cases = read_load_cases(table, robot.joint_names, **options)
+        return predict_by_run(robot, run, cases)
+
+
+def model_run(campaign: Campaign, run: Run | None) -> Run:
+    """Return the run of a campaign that predicts: the one given, or identified now, as the campaign says.
+
+    Raises:
+        CampaignError: robot or readings cannot be used, the run has failed, or is of another campaign.
+    """
     if run is None:
         run = identify(campaign, campaign.run)
         if run.error is not None:
             raise CampaignError(run.error)
-    with as_campaign_error("robot"):
-        robot = _robot(campaign.robot.model_dump_json()).robot
+        return run
     with as_campaign_error("prediction"):
-        if given:
-            _refuse_other_run(campaign, run)
-        cases = read_load_cases(table, robot.joint_names, **options)
-        return predict_by_run(robot, run, cases)
+        _refuse_other_run(campaign, run)
+    return run
 
 
 def _refuse_other_run(campaign: Campaign, run: Run) -> None:

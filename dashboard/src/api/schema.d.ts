@@ -216,6 +216,48 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/maps/{map_id}/map.csv": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Map Table
+         * @description Get all places as a table: status, place, posture, deflection, intervals, compliance; units in headers.
+         *
+         *     The table is computed again from the map's run, which never changes: keep the run as long as the map.
+         */
+        get: operations["getMapTable"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps/{map_id}/map.npz": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Map Arrays
+         * @description Get the same as numpy's npz, to the last digit.
+         */
+        get: operations["getMapArrays"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/deflections": {
         parameters: {
             query?: never;
@@ -738,6 +780,119 @@ export interface paths {
          * @description Restore a deleted plan. One that is not deleted stays as it is.
          */
         post: operations["restorePlan"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Maps
+         * @description List maps without their results, newest first.
+         */
+        get: operations["listMaps"];
+        put?: never;
+        /**
+         * Create Map
+         * @description Map a work area: how far the tool bends at each place, by the model of a run.
+         *
+         *     Each place takes the stiffest posture, or the nearest to a given one, of all branches of the inverse
+         *     kinematics and all orientations of the tool within the joints' limits; its deflection is the exact balance
+         *     of springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
+         *     201 with the finished map, or 202 if it takes longer than `wait` seconds.
+         */
+        post: operations["createMap"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps/{map_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Map
+         * @description Get a map: request, state, result and provenance. Once finished, it never changes.
+         */
+        get: operations["getMap"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Map
+         * @description Delete a map. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
+         */
+        delete: operations["deleteMap"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps/{map_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Map
+         * @description Restore a deleted map. One that is not deleted stays as it is.
+         */
+        post: operations["restoreMap"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps/{map_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Map
+         * @description Follow a map: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followMap"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/maps/{map_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Map
+         * @description Cancel a map. Its workers stop at their next step; a finished one stays as it is.
+         */
+        post: operations["cancelMap"];
         delete?: never;
         options?: never;
         head?: never;
@@ -3502,6 +3657,495 @@ export interface components {
             ] | null;
         };
         /**
+         * Map
+         * @description A stored map. Once finished, it never changes.
+         */
+        Map: {
+            /** Id */
+            id: string;
+            /**
+             * State
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description Progress; null for a job that is computed immediately. */
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["MapRequest-Output"];
+            /** @description Present if the map was made. */
+            result: components["schemas"]["MapResult"] | null;
+            /** @description Present if the job has failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+        };
+        /**
+         * MapCounts
+         * @description Places by what became of them.
+         */
+        MapCounts: {
+            /**
+             * Reached
+             * @description They have numbers.
+             */
+            reached: number;
+            /**
+             * Out Of Reach
+             * @description No posture brings the tool there in any orientation.
+             */
+            out_of_reach: number;
+            /**
+             * Joint Limits
+             * @description Every posture is beyond the joints' limits.
+             */
+            joint_limits: number;
+            /**
+             * Unseen Joint
+             * @description The load twists a joint of which the readings say nothing: no number holds.
+             */
+            unseen_joint: number;
+            /**
+             * Overloaded
+             * @description The load takes half of a joint's stiffness away, or turns it by a quarter radian.
+             */
+            overloaded: number;
+        };
+        /**
+         * MapPlace
+         * @description One place.
+         */
+        MapPlace: {
+            /**
+             * Position
+             * @description In R0.
+             */
+            position: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Joints
+             * @description Without the load, controller's angles.
+             */
+            joints: number[];
+            /**
+             * Tool Direction
+             * @description In which the tool's axis points.
+             */
+            tool_direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Displacement
+             * @description Loaded minus unloaded, axes of R0.
+             */
+            displacement: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Deflection
+             * @description Its length.
+             */
+            deflection: number;
+            /**
+             * Readings Only
+             * @description Interval of that length from the readings alone; null where no uncertainty is known.
+             */
+            readings_only: [
+                number,
+                number
+            ] | null;
+            /**
+             * With Model Error
+             * @description With the model error, too; null where there is no bound.
+             */
+            with_model_error: [
+                number,
+                number
+            ] | null;
+            /**
+             * Compliance Along
+             * @description Along the direction; null where a joint that the readings say nothing of has a part.
+             */
+            compliance_along: number | null;
+            /**
+             * Compliance Across
+             * @description The greatest across it; likewise.
+             */
+            compliance_across: number | null;
+            /**
+             * Extrapolation
+             * @description Load, or uncertainty per load, over the campaign's greatest: above 1 it extrapolates. Null without a bound.
+             */
+            extrapolation: number | null;
+        };
+        /**
+         * MapQuantile
+         * @description A quantile of the deflection over the places reached.
+         */
+        MapQuantile: {
+            /** Share */
+            share: number;
+            /** Deflection */
+            deflection: number;
+        };
+        /**
+         * MapRequest
+         * @description A map as it is posted.
+         */
+        "MapRequest-Input": {
+            /** Name */
+            name?: string | null;
+            /**
+             * Area
+             * @description Least and greatest corner, in R0.
+             */
+            area: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Grid
+             * @description Places along x, y and z, the faces of the box included; a single one is in the middle.
+             */
+            grid: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Place
+             * @description Of the tool, flange frame: it is brought to the places.
+             */
+            place: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame; the tool's place if absent.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Tool Axis
+             * @description In the flange frame.
+             * @default [
+             *       0,
+             *       0,
+             *       1
+             *     ]
+             */
+            tool_axis?: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Directions
+             * @description In which the tool's axis may point, axes of R0.
+             * @default [
+             *       [
+             *         0,
+             *         0,
+             *         -1
+             *       ]
+             *     ]
+             */
+            directions?: [
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Turns
+             * @description Angles about the tool's axis, evenly over a full turn. At the first the flange's x axis, seen along the tool, points along x of R0 (y where x has no part across the tool).
+             * @default 1
+             */
+            turns?: number;
+            /**
+             * Force
+             * @description Of the process on the robot.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Likewise, about the load point.
+             */
+            moment?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Axes
+             * @description In which force, moment and `direction` are given.
+             * @default base
+             * @enum {string}
+             */
+            axes?: "base" | "flange";
+            /**
+             * Direction
+             * @description Along and across which compliance is asked for; along the force if absent.
+             */
+            direction?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Limits
+             * @description Least and greatest angles of joints, as the controller shows them, beside the robot's.
+             */
+            limits?: {
+                [key: string]: [
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Near
+             * @description Controller's angles: each place takes the posture nearest to them, of all branches and orientations; the stiffest under the process if absent.
+             */
+            near?: number[] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+            /**
+             * Run Id
+             * @description The run whose model predicts.
+             */
+            run_id: string;
+        };
+        /**
+         * MapRequestOutput
+         * @description A map as it is posted.
+         */
+        "MapRequest-Output": {
+            /** Name */
+            name: string | null;
+            /**
+             * Area
+             * @description Least and greatest corner, in R0.
+             */
+            area: [
+                [
+                    number,
+                    number,
+                    number
+                ],
+                [
+                    number,
+                    number,
+                    number
+                ]
+            ];
+            /**
+             * Grid
+             * @description Places along x, y and z, the faces of the box included; a single one is in the middle.
+             */
+            grid: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Place
+             * @description Of the tool, flange frame: it is brought to the places.
+             */
+            place: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame; the tool's place if absent.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Tool Axis
+             * @description In the flange frame.
+             * @default [
+             *       0,
+             *       0,
+             *       1
+             *     ]
+             */
+            tool_axis: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Directions
+             * @description In which the tool's axis may point, axes of R0.
+             * @default [
+             *       [
+             *         0,
+             *         0,
+             *         -1
+             *       ]
+             *     ]
+             */
+            directions: [
+                number,
+                number,
+                number
+            ][];
+            /**
+             * Turns
+             * @description Angles about the tool's axis, evenly over a full turn. At the first the flange's x axis, seen along the tool, points along x of R0 (y where x has no part across the tool).
+             * @default 1
+             */
+            turns: number;
+            /**
+             * Force
+             * @description Of the process on the robot.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Likewise, about the load point.
+             */
+            moment: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Axes
+             * @description In which force, moment and `direction` are given.
+             * @default base
+             * @enum {string}
+             */
+            axes: "base" | "flange";
+            /**
+             * Direction
+             * @description Along and across which compliance is asked for; along the force if absent.
+             */
+            direction: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Limits
+             * @description Least and greatest angles of joints, as the controller shows them, beside the robot's.
+             */
+            limits: {
+                [key: string]: [
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Near
+             * @description Controller's angles: each place takes the posture nearest to them, of all branches and orientations; the stiffest under the process if absent.
+             */
+            near: number[] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence: number;
+            /**
+             * Run Id
+             * @description The run whose model predicts.
+             */
+            run_id: string;
+        };
+        /**
+         * MapResult
+         * @description A summary; the places themselves are downloaded as CSV or npz.
+         */
+        MapResult: {
+            /** Places */
+            places: number;
+            counts: components["schemas"]["MapCounts"];
+            /**
+             * Quantiles
+             * @description Empty where no place is reached.
+             */
+            quantiles: components["schemas"]["MapQuantile"][];
+            /** @description Where the tool bends most; null where no place is reached. */
+            worst: components["schemas"]["MapPlace"] | null;
+            /** @description Where it bends least. */
+            stiffest: components["schemas"]["MapPlace"] | null;
+            /**
+             * Extrapolated
+             * @description Places reached whose load or posture is beyond the campaign's.
+             */
+            extrapolated: number;
+            /**
+             * Model Error Postures
+             * @description Postures that the bound of the model error rests on.
+             */
+            model_error_postures: number;
+            /**
+             * Remarks
+             * @description What holds for all places.
+             */
+            remarks: string[];
+        };
+        /**
+         * MapSummary
+         * @description A map in a listing.
+         */
+        MapSummary: {
+            /** Id */
+            id: string;
+            /** Robot Id */
+            robot_id: string;
+            /** Run Id */
+            run_id: string;
+            /** Name */
+            name: string | null;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
+        };
+        /**
          * MeasurementSet
          * @description A stored measurement set: what was posted, and what was noticed.
          */
@@ -4093,6 +4737,19 @@ export interface components {
              * @description The resources on this page, newest first.
              */
             items: components["schemas"]["GeometrySummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
+        /** Page[MapSummary] */
+        Page_MapSummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["MapSummary"][];
             /**
              * Next
              * @description Value of `cursor` for the following page; null on the last page.
@@ -7963,6 +8620,122 @@ export interface operations {
             };
         };
     };
+    getMapTable: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description One row a place (RFC 4180). */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/csv": unknown;
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getMapArrays: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Arrays `headers`, `table` and `status`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/zip": unknown;
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     computeDeflections: {
         parameters: {
             query?: never;
@@ -9767,6 +10540,406 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Plan"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    listMaps: {
+        parameters: {
+            query?: {
+                /** @description Maximum number of resources per page. */
+                limit?: number;
+                /** @description `next` of the previous page; omit it for the first page. */
+                cursor?: string | null;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
+                /** @description Filter by name (exact). */
+                name?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_MapSummary_"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createMap: {
+        parameters: {
+            query?: {
+                /** @description Time to wait for a long job to finish, in seconds. */
+                wait?: number;
+            };
+            header?: {
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["MapRequest-Input"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Map"];
+                };
+            };
+            /** @description Stored but not finished: poll its address, or follow its events. */
+            202: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Map"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getMap: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Map"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteMap: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted. `restore` undoes this for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreMap: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Map"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    followMap: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": unknown;
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancelMap: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Map"];
                 };
             };
             /** @description The resource does not exist. */

@@ -217,6 +217,9 @@ class TestHttp:
             body = next(iter(JOBS["geometry"].values()))
         if collection == "plans":
             body |= {"load": {"kind": "any_direction", "force": 1500.0}, "candidates": 100, "readings": 8}
+        if collection == "maps":
+            run = client.post("/v1/runs", json=body).json()["id"]
+            body = next(iter(JOBS["map"].values())) | {"run_id": run, "force": [0.0, 0.0, -500.0]}
         key = {"Idempotency-Key": uuid.uuid4().hex}
         created = client.post(f"/v1/{collection}", json=body, headers=key)
         assert created.status_code == 201, created.text
