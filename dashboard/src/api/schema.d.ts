@@ -10578,10 +10578,10 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the previous page; omit it for the first page. */
                 cursor?: string | null;
-                /** @description Filter by state. */
-                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
                 /** @description Filter by robot. */
                 robot_id?: string | null;
                 /** @description Filter by name (exact). */
@@ -10710,6 +10710,15 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };
