@@ -16,13 +16,6 @@ KeyId = Annotated[str, Field(pattern=r"^[0-9a-f]{10}$")]
 _ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues keys and reads the audit."
 
 
-class Requester(Message):
-    """The key that asked for a job."""
-
-    key_id: str = Field(description="Id of the key.")
-    key_name: str = Field(description="Name of the key.")
-
-
 class KeyRequest(Message):
     """A key that is asked for."""
 

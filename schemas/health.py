@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from jointstiff.schemas.access import Access
 from jointstiff.schemas.fields import Message
 
 
@@ -27,7 +28,8 @@ class Health(Message):
     quota_bytes: int | None = Field(
         description="Size from which on nothing more is added (507); null: any size (`--quota`)."
     )
-    access: Literal["loopback", "none"] = Field(
-        description="Who is answered. `loopback`: programs of the service's own machine. `none`: whoever "
-        "reaches its address (`--no-access-control`); a proxy before it must authenticate."
+    access: Access = Field(
+        description="Who is answered. `loopback`: programs of the service's own machine. `keys`: who "
+        "has a key. `none`: whoever reaches its address (`--no-access-control`); a proxy before it must "
+        "authenticate."
     )

@@ -24,6 +24,13 @@ class Provenance(Message):
     ended_at: Timestamp | None
 
 
+class Requester(Message):
+    """The key that asked for a job."""
+
+    key_id: str = Field(description="Id of the key.")
+    key_name: str = Field(description="Name of the key.")
+
+
 class Progress(Message):
     """Units of work that are done."""
 
@@ -64,3 +71,6 @@ class Job(Message):
     result: Message | None = Field(description="Time of success; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
+    requested_by: Requester | None = Field(
+        default=None, description="Key that asked for it; null if the service demanded none."
+    )

@@ -9,8 +9,8 @@ from typing import Any, Final
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
-from fastapi.routing import APIRoute
 
+from jointstiff.service.access import Keyring
 from jointstiff.service.api import (
     LARGE_BODIES,
     AnswerHeaders,
@@ -21,17 +21,22 @@ from jointstiff.service.api import (
     Posture,
     PostureGuard,
     Watch,
+    audit,
     comparisons,
     deflections,
     health,
     imports,
     install_error_handlers,
     install_page,
+    keys,
     kinematics,
     maps,
     measurement_sets,
     robots,
+    sessions,
 )
+from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
+from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.jobs import job_routes
 from jointstiff.service.api.methods import Methods
 from jointstiff.service.jobs import KINDS, Enqueue, Parts
@@ -64,16 +69,25 @@ class _Application(FastAPI):
         return document
 
 
-def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | None = None) -> FastAPI:
+def create_app(
+    store: Store,
+    enqueue: Enqueue | None = None,
+    posture: Posture | None = None,
+    keyring: Keyring | None = None,
+) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
     Args:
         store: where robots, measurement sets and runs are kept.
         enqueue: leaves long jobs to workers; without it they are carried out at once.
         posture: whom it trusts; without it, who is on this machine.
+        keyring: keys that open the service, where the posture demands one; those of the store without it.
 
     Returns:
         The ASGI application.
+
+    Raises:
+        UndeclaredRoleError: a route does not say which role it needs.
     """
     app = _Application(
         title="Jointstiff",
@@ -81,14 +95,17 @@ def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | 
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
-        generate_unique_id_function=_operation_id,
+        generate_unique_id_function=operation_id,
         docs_url=None,  # its page loads scripts from other hosts
         redoc_url=None,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
     posture = posture or Posture()
-    app.state.watch = Watch(store)
+    demands_keys = posture.access == "keys"
+    keyring = keyring or Keyring(store)
+    app.state.watch = watch = Watch(store, keyring if demands_keys else None)
+    app.state.gate = gate = Gate(store, keyring, watch, posture.access)
     app.state.access = posture.access
     app.state.parts = Parts.of(store, enqueue)
     app.state.is_closing = lambda: False
@@ -98,22 +115,20 @@ def create_app(store: Store, enqueue: Enqueue | None = None, posture: Posture | 
     app.add_middleware(BodyLimits)
     for module in (robots, kinematics, measurement_sets, imports, comparisons, maps, deflections, health):
         app.include_router(module.router)
+    for module in (sessions, keys, audit):
+        app.include_router(module.router)
     for kind in KINDS:
         app.include_router(job_routes(kind))
     install_page(app)
     install_error_handlers(app)
     app.add_middleware(Methods, routes=app.routes)
+    public_paths(app.routes)  # now, as middleware is made with the first request
+    app.add_middleware(AccessGuard, gate=gate, store=store, routes=app.routes)
     app.add_middleware(PostureGuard, posture=posture)
     app.add_middleware(AnswerHeaders)
     app.state.metrics = Metrics()
     app.add_middleware(Observed, metrics=app.state.metrics)
     return app
-
-
-def _operation_id(route: APIRoute) -> str:
-    """Return the name of an operation for generated clients, such as `createRun`."""
-    first, *others = route.name.split("_")
-    return first + "".join(word.capitalize() for word in others)
 
 
 @asynccontextmanager

@@ -20,6 +20,7 @@ from prometheus_client import start_http_server
 from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
+from jointstiff.service.access import Keyring, KeysFileError
 from jointstiff.service.api import Metrics, Posture
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
@@ -68,6 +69,8 @@ def run_server(
     quota: int | None = None,
     metrics: tuple[str, int] | None = None,
     log_format: LogFormat = LogFormat.TEXT,
+    require_key: bool = False,
+    keys_file: Path | None = None,
 ) -> None:
     """Serve until interrupted.
 
@@ -83,18 +86,23 @@ def run_server(
         metrics: address and port of a server for metrics; none without.
         log_format: of the logs of the service and its workers.
         quota: size of the database [bytes] from which on nothing more is added; None for any.
+        require_key: demand a key on a loopback address, too.
+        keys_file: file of keys, which open the service as those of the database do; they are demanded then.
 
     Raises:
         StoreError: the database cannot be used.
         ServerError: the address cannot be listened on.
     """
     set_log_format(log_format)
-    posture = _posture(host, allowed_hosts, access_control=access_control)
+    posture = _posture(
+        host, allowed_hosts, access_control=access_control, require_key=require_key or keys_file is not None
+    )
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         listener = stack.enter_context(_listen(host, port))
         store = stack.enter_context(Store.open(database, quota))
+        keyring = _keyring(store, keys_file, database, posture)
         queue = stack.enter_context(closing(JobQueue(store, database)))
         port = listener.getsockname()[1]
         prefix = f"{socket.gethostname()}-{port}-{_mark(database)}"
@@ -108,7 +116,7 @@ def run_server(
         )
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture)
+        app = create_app(store, queue.enqueue, posture, keyring)
         app.state.failing_workers = lambda: supervisor.failing
         config = uvicorn.Config(
             app,
@@ -192,15 +200,39 @@ def _shown(database: str) -> str:
     return url.render_as_string(hide_password=True)
 
 
-def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool) -> Posture:
+def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, require_key: bool) -> Posture:
     try:
-        return Posture.of(host, tuple(allowed_hosts), access_control=access_control)
+        return Posture.of(host, tuple(allowed_hosts), access_control=access_control, require_key=require_key)
     except ValueError as error:
         raise ServerError(
             f"will not listen on {host}: {error}",
-            "listen on 127.0.0.1, or put a proxy that authenticates before it and add --no-access-control "
-            "and --allowed-host NAME, the name in its addresses ('*' for any)",
+            "demand keys (make one with `jointstiff keys create`), or put a proxy that authenticates before "
+            "it and add --no-access-control and --allowed-host NAME, the name in its addresses ('*' for any)",
         ) from error
+
+
+def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -> Keyring:
+    """Return the keys that open the service.
+
+    Raises:
+        ServerError: it demands a key, and there is none.
+    """
+    keyring = Keyring(store, file)
+    if posture.access != "keys":
+        return keyring
+    try:
+        keyring.open_file()
+    except KeysFileError as error:
+        raise ServerError(error.reason, error.remedy) from error
+    keyring.look()
+    if not keyring.has_keys():
+        raise ServerError(
+            "will not start: it demands keys, and there is none that is valid",
+            f'make one: jointstiff keys create "tablet hall 3" --role operator --database {_shown(database)} '
+            "(or --keys-file FILE); or listen on 127.0.0.1 without --require-key; or put a proxy that "
+            "authenticates before it and add --no-access-control and --allowed-host NAME",
+        )
+    return keyring
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -10,10 +10,10 @@ from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import Depends, Header, HTTPException, Request, Response, params
 from fastapi.exceptions import RequestValidationError
-from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from starlette.datastructures import FormData
 
+from jointstiff.service.api.access import AccessRoute
 from jointstiff.service.api.forms import read_form
 from jointstiff.service.api.limits import SMALL_BYTES, refuse_structure
 from jointstiff.service.conversion import MalformedError, parse
@@ -24,7 +24,7 @@ MAX_KEY_LENGTH: Final = 255
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
-class BodyRoute(APIRoute):
+class BodyRoute(AccessRoute):
     """Route that parses its body itself: FastAPI describes it, and finds it validated.
 
     FastAPI would parse on the event loop, list faults without end, and take any media type.

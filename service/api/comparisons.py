@@ -7,6 +7,7 @@ from typing import Any, Final, cast
 from fastapi import APIRouter, HTTPException, Response
 
 from jointstiff.schemas.comparison import Comparison
+from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import comparison_csv
@@ -15,11 +16,12 @@ _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The table as CSV (RFC 4180).", "content": {"text/csv": {}}}
 }
 
-router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
+router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"], route_class=AccessRoute)
 
 
 @router.get(
     "/{comparison_id}/table.csv",
+    dependencies=[VIEWER],
     response_class=Response,
     responses=_TABLE | problems(404, 409, 422),
 )

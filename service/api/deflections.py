@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request, Response
 
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.run import Run
+from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import DEFLECTIONS, shown
 from jointstiff.service.api.parts import PartsOf, json_response, problems
@@ -21,7 +22,9 @@ from jointstiff.solver.errors import RequestError
 router = APIRouter(prefix="/v1/deflections", tags=["runs"], route_class=BodyRoute)
 
 
-@router.post("", response_model=DeflectionResult, responses=problems(400, 413, 415, 422))
+@router.post(
+    "", dependencies=[OPERATOR], response_model=DeflectionResult, responses=problems(400, 413, 415, 422)
+)
 async def compute_deflections(
     request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, shown(DEFLECTIONS)]
 ) -> Response:

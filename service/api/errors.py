@@ -26,6 +26,7 @@ _REMEDIES: Final = {
 
 RETRY_SECONDS: Final = {429: 10, 503: 5}
 """When a refused request may be sent again, by status."""
+_UNAUTHORISED: Final = 401
 
 _logger = logging.getLogger(__name__)
 
@@ -46,23 +47,33 @@ def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> R
     It has all headers itself: the answer to an unexpected error passes no middleware.
     """
     identifier = REQUEST_ID.get()
-    named = {} if identifier is None else {REQUEST_ID_HEADER: identifier}
+    given = dict(headers or {})
+    if problem.status in RETRY_SECONDS:
+        given["Retry-After"] = str(RETRY_SECONDS[problem.status])
+    if problem.status == _UNAUTHORISED:
+        given["WWW-Authenticate"] = 'Bearer realm="jointstiff"'
+    if identifier is not None:
+        given[REQUEST_ID_HEADER] = identifier
     return Response(
         problem.model_copy(update={"request_id": identifier}).model_dump_json(),
         problem.status,
         media_type="application/problem+json",
-        headers={**ANSWER_HEADERS, **named, **(headers or {})},
+        headers={**ANSWER_HEADERS, **given},
     )
+
+
+def answer_error(error: JointstiffError | StoreError) -> Response:
+    """Return the answer to one of the project's errors."""
+    problem = problem_of(error)
+    if problem.status >= 500:
+        _logger.error("%s: %s", type(error).__name__, error)
+    return answer_problem(problem)
 
 
 def _refused(_: Request, error: Exception) -> Response:
     if not isinstance(error, JointstiffError | StoreError):
         raise error
-    problem = problem_of(error)
-    if problem.status >= 500:
-        _logger.error("%s: %s", type(error).__name__, error)
-    seconds = RETRY_SECONDS.get(problem.status)
-    return answer_problem(problem, {"Retry-After": str(seconds)} if seconds else None)
+    return answer_error(error)
 
 
 def _malformed(_: Request, error: Exception) -> Response:

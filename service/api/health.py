@@ -5,27 +5,28 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 
 from jointstiff.schemas.health import Health
+from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
 from jointstiff.service.api.parts import problems
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.jobs import KINDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
-router = APIRouter(tags=["health"])
+router = APIRouter(tags=["health"], route_class=AccessRoute)
 
 
-@router.get("/health", response_model=Health, responses=problems())
+@router.get("/health", dependencies=[VIEWER], response_model=Health, responses=problems())
 async def get_health(request: Request) -> Health:
     """Return the version of the service, its database and the number of its workers, as last looked at."""
     return await _health(request)
 
 
-@router.get("/ready", response_model=Health, responses=problems())
+@router.get("/ready", dependencies=[VIEWER], response_model=Health, responses=problems())
 async def get_ready(request: Request) -> Health:
     """Return the same as /health: 503 while the database does not answer, so that no work should be sent."""
     return await _health(request)
 
 
-@router.get("/live", status_code=204, response_class=Response)
+@router.get("/live", dependencies=[PUBLIC], status_code=204, response_class=Response)
 async def get_live() -> Response:
     """Return nothing: the process answers, whatever its database does."""
     return Response(status_code=204)
@@ -47,7 +48,7 @@ async def _health(request: Request) -> Health:
     )
 
 
-@router.get("/v1", include_in_schema=False)
+@router.get("/v1", dependencies=[VIEWER], include_in_schema=False)
 def get_index() -> dict[str, str]:
     """Return the addresses of the API; the page for people is at /."""
     return {
@@ -61,4 +62,7 @@ def get_index() -> dict[str, str]:
         "deflections": "/v1/deflections",
         "imports": "/v1/imports",
         "kinematics": "/v1/kinematics",
+        "session": "/v1/session",
+        "keys": "/v1/keys",
+        "audit": "/v1/audit",
     }

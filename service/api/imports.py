@@ -11,6 +11,7 @@ from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Name
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
+from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import IMPORTS
 from jointstiff.service.api.forms import MAX_FILES
@@ -48,7 +49,7 @@ _Options = Annotated[
 router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=BodyRoute)
 
 
-@router.post("", response_model=ImportAnswer, responses=problems(400, 413, 415, 422))
+@router.post("", dependencies=[OPERATOR], response_model=ImportAnswer, responses=problems(400, 413, 415, 422))
 async def create_import(request: Request, files: _Files, options: _Options = _DEFAULTS) -> Response:
     """Understand files of readings, and show what was understood. Nothing is stored.
 

@@ -11,7 +11,9 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from jointstiff.schemas.fields import Message, Page
+from jointstiff.schemas.job import Requester
 from jointstiff.schemas.query import JobQuery, WaitQuery
+from jointstiff.service.api.access import OPERATOR, VIEWER, RequesterOf
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.examples import JOBS, shown
@@ -25,9 +27,10 @@ from jointstiff.service.api.parts import (
     problems,
 )
 from jointstiff.service.jobs import AnyKind, Jobs, Stepped
-from jointstiff.service.store import OPEN_STATES, IdempotencyKey, NotFoundError, StoreUnavailableError
+from jointstiff.service.store import OPEN_STATES, JobRecord, NotFoundError, StoreUnavailableError
 
 JobId = Annotated[str, Path(max_length=64)]
+AskedBy = Annotated[Requester | None, RequesterOf]
 Wait = Annotated[WaitQuery, Query()]
 Route = TypeVar("Route", bound=Callable[..., Any])
 
@@ -71,12 +74,13 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
     body = Annotated[kind.request, shown(JOBS[kind.name])]  # type: ignore[name-defined]
 
     async def create_stepped(
-        jobs: Jobs, body: Message, key: Key, query: Wait, followers: FollowersOf
+        jobs: Jobs, body: Message, key: Key, asked_by: AskedBy, query: Wait, followers: FollowersOf
     ) -> Response:
-        return await answer(jobs, body, key, query.wait, followers)
+        record = await run_in_threadpool(jobs.create, body, key, asked_by)
+        return await answer(jobs, record, query.wait, followers)
 
-    def create_quick(jobs: Jobs, body: Message, key: Key) -> Response:
-        record = jobs.create(body, key)
+    def create_quick(jobs: Jobs, body: Message, key: Key, asked_by: AskedBy) -> Response:
+        record = jobs.create(body, key, asked_by)
         return created(kind.collection, record.id, record.document)
 
     stepped = isinstance(kind, Stepped)
@@ -84,6 +88,7 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
     router.post(
         "",
         name=f"create_{kind.name}",
+        dependencies=[OPERATOR],
         description=kind.description,
         status_code=201,
         response_model=kind.message,
@@ -95,6 +100,7 @@ def _add_list(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> Non
     @router.get(
         "",
         name=f"list_{kind.collection}",
+        dependencies=[VIEWER],
         description=f"List {kind.collection} without their results, newest first.",
         response_model=Page[kind.summary],  # type: ignore[name-defined]
         responses=problems(422),
@@ -108,6 +114,7 @@ def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None
     @router.get(
         f"/{{{kind.name}_id}}",
         name=f"get_{kind.name}",
+        dependencies=[VIEWER],
         description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
         "changes.",
         response_model=kind.message,
@@ -122,6 +129,7 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
     @router.delete(
         f"/{{{kind.name}_id}}",
         name=f"delete_{kind.name}",
+        dependencies=[OPERATOR],
         description=f"Delete a {kind.name}. Resources made from it are kept. It can be restored for 30 days. "
         "Cancel an unfinished one first.",
         status_code=204,
@@ -136,6 +144,7 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
     @router.post(
         f"/{{{kind.name}_id}}/restore",
         name=f"restore_{kind.name}",
+        dependencies=[OPERATOR],
         description=f"Restore a deleted {kind.name}. One that is not deleted stays as it is.",
         response_model=kind.message,
         responses=problems(404, 422),
@@ -155,6 +164,7 @@ def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> 
     @router.get(
         f"/{{{kind.name}_id}}/events",
         name=f"follow_{kind.name}",
+        dependencies=[VIEWER],
         description=f"Follow a {kind.name}: `progress` events with state and progress, then one `end` event.",
         response_class=EventSourceResponse,
         responses=problems(404, 422),
@@ -167,6 +177,7 @@ def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> 
     @router.post(
         f"/{{{kind.name}_id}}/cancel",
         name=f"cancel_{kind.name}",
+        dependencies=[OPERATOR],
         description=f"Cancel a {kind.name}. Its workers stop at their next step; a finished one "
         "stays as it is.",
         response_model=kind.message,
@@ -177,23 +188,16 @@ def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> 
         return json_response(jobs.cancel(job_id).model_dump_json())
 
 
-async def answer(
-    jobs: Jobs, body: Message, key: IdempotencyKey | None, wait: float, followers: Followers
-) -> Response:
-    """Create a job; 201 with the job if it ends within `wait` seconds, else 202 with the job as it is.
+async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
+    """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is.
 
     Args:
         jobs: those of its kind.
-        body: what is asked for.
-        key: the idempotency key that came with it.
+        record: the job.
         wait: in seconds.
         followers: those who follow jobs.
-
-    Raises:
-        RequestError: it cannot be done, and nothing is stored.
     """
     collection = jobs.kind.collection
-    record = await run_in_threadpool(jobs.create, body, key)
     if record.state not in OPEN_STATES:
         return created(collection, record.id, record.document)
     try:

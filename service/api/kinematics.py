@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
+from jointstiff.service.api.access import VIEWER
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.conversion import to_kinematics
@@ -14,6 +15,7 @@ router = APIRouter(prefix="/v1/kinematics", tags=["robots"], route_class=BodyRou
 
 @router.post(
     "",
+    dependencies=[VIEWER],  # a drawing of what is stored, or might be
     response_model=Kinematics,
     responses=problems(400, 404, 413, 415, 422),
 )

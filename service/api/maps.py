@@ -9,6 +9,7 @@ from fastapi import APIRouter, HTTPException, Request, Response
 
 from jointstiff.schemas.map import Map
 from jointstiff.service.api.bodies import large_bodies
+from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.computation import MapWork
@@ -21,10 +22,15 @@ _NPZ: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "Arrays `headers`, `table` and `status`.", "content": {"application/zip": {}}}
 }
 
-router = APIRouter(prefix="/v1/maps", tags=["maps"])
+router = APIRouter(prefix="/v1/maps", tags=["maps"], route_class=AccessRoute)
 
 
-@router.get("/{map_id}/map.csv", response_class=Response, responses=_CSV | problems(404, 409, 422))
+@router.get(
+    "/{map_id}/map.csv",
+    dependencies=[VIEWER],
+    response_class=Response,
+    responses=_CSV | problems(404, 409, 422),
+)
 async def get_map_table(request: Request, parts: PartsOf, map_id: JobId) -> Response:
     """Get all places as a table: status, place, posture, deflection, intervals, compliance; units in headers.
 
@@ -36,7 +42,12 @@ async def get_map_table(request: Request, parts: PartsOf, map_id: JobId) -> Resp
     return Response(text, media_type="text/csv", headers=_attached(map_id, "csv"))
 
 
-@router.get("/{map_id}/map.npz", response_class=Response, responses=_NPZ | problems(404, 409, 422))
+@router.get(
+    "/{map_id}/map.npz",
+    dependencies=[VIEWER],
+    response_class=Response,
+    responses=_NPZ | problems(404, 409, 422),
+)
 async def get_map_arrays(request: Request, parts: PartsOf, map_id: JobId) -> Response:
     """Get the same as numpy's npz, to the last digit."""
     jobs = parts.jobs[Map.kind]

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Query, Response
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
 from jointstiff.schemas.query import SetQuery
+from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
@@ -19,6 +20,7 @@ router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], rou
 
 @router.post(
     "",
+    dependencies=[OPERATOR],
     status_code=201,
     response_model=MeasurementSet,
     responses=LOCATION | problems(400, 413, 415, 422, 507),
@@ -38,7 +40,7 @@ def create_measurement_set(
     return created("measurement-sets", record.id, assembled(record).model_dump_json())
 
 
-@router.get("", response_model=Page[MeasurementSetSummary], responses=problems(422))
+@router.get("", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary], responses=problems(422))
 def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
     page = parts.store.sets.page(
@@ -48,14 +50,18 @@ def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -
     return Page(items=items, next=page.next)
 
 
-@router.get("/{set_id}", response_model=MeasurementSet, responses=problems(404, 422))
+@router.get("/{set_id}", dependencies=[VIEWER], response_model=MeasurementSet, responses=problems(404, 422))
 def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a measurement set as it was posted, with what was noticed."""
     return json_response(parts.sets.document(set_id).model_dump_json())
 
 
 @router.delete(
-    "/{set_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+    "/{set_id}",
+    dependencies=[OPERATOR],
+    status_code=204,
+    response_class=Response,
+    responses=DELETED | problems(404, 409, 422),
 )
 def delete_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Delete a measurement set that no job refers to. It can be restored for 30 days."""
@@ -63,7 +69,9 @@ def delete_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_lengt
     return Response(status_code=204)
 
 
-@router.post("/{set_id}/restore", response_model=MeasurementSet, responses=problems(404, 422))
+@router.post(
+    "/{set_id}/restore", dependencies=[OPERATOR], response_model=MeasurementSet, responses=problems(404, 422)
+)
 def restore_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Restore a deleted measurement set. One that is not deleted stays as it is."""
     return json_response(parts.sets.restore(set_id).model_dump_json())

@@ -10,6 +10,7 @@ from typing import Final
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from jointstiff.service.access import without_keys
 from jointstiff.service.api.metrics import Metrics
 from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
 
@@ -58,5 +59,6 @@ class Observed:
         route = getattr(scope.get("route"), "path", "other")
         self._metrics.count(method, route, status, seconds)
         if _logger.isEnabledFor(logging.INFO):
-            line = {"method": method, "path": scope["path"], "status": status, "seconds": round(seconds, 4)}
-            _logger.info("%s %s %d", method, scope["path"], status, extra=line)
+            path = without_keys(scope["path"])  # where one was put by mistake
+            line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
+            _logger.info("%s %s %d", method, path, status, extra=line)

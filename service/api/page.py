@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
+
+from jointstiff.service.api.access import PUBLIC, AccessRoute
 
 BUNDLE: Final = Path(__file__).parents[1] / "static"
 DOCS: Final = Path(__file__).parents[1] / "static-docs"
@@ -61,11 +64,17 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
     def icon() -> Response:
         return FileResponse(bundle / "favicon.svg", headers=SECURITY_HEADERS)
 
-    app.add_api_route("/", page, include_in_schema=False)
-    app.add_api_route("/favicon.svg", icon, include_in_schema=False)
+    _add(app, "/", page)
+    _add(app, "/favicon.svg", icon)
     if (bundle / "assets").is_dir():
         app.mount("/assets", _Assets(directory=bundle / "assets"), name="assets")
     _install_docs(app, docs)
+
+
+def _add(app: FastAPI, path: str, endpoint: Callable[[], Response]) -> None:
+    """Add an address that needs no key: the page has to be there to sign in on it."""
+    route = AccessRoute(path, endpoint, dependencies=[PUBLIC], include_in_schema=False)
+    app.router.routes.append(route)
 
 
 def _install_docs(app: FastAPI, docs: Path) -> None:
@@ -77,7 +86,7 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
             return PlainTextResponse(_NO_DOCS, 404)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
-    app.add_api_route("/docs", enter, include_in_schema=False)
-    app.add_api_route("/docs/", index, include_in_schema=False)
+    _add(app, "/docs", enter)
+    _add(app, "/docs/", index)
     if docs.is_dir():
         app.mount("/docs", _Docs(directory=docs), name="docs")

@@ -31,14 +31,14 @@ def created(collection: str, identifier: str, text: str, status: int = 201) -> R
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Describe the errors a route may answer with, for OpenAPI; 503 is one of each."""
+    """Describe the errors a route may answer with, for OpenAPI; those of access and 503 are some of each."""
     schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {
         status: {
             "description": _DESCRIPTIONS[status],
             "content": {"application/problem+json": {"schema": schema}},
         }
-        for status in (*statuses, 503)
+        for status in sorted({*statuses, 401, 403, 429, 503})
     }
 
 
@@ -68,12 +68,14 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {
 
 _DESCRIPTIONS: Final = {
     400: "The client disconnected before its body was complete.",
+    401: "A key is needed, and none came that opens the service.",
+    403: "The role of the key does not allow it, or a page of another site asks for a change.",
     404: "The resource does not exist.",
     409: "The resource's state does not allow this; see `remedy`.",
     413: "The body is too large.",
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    429: "The queue is full; try again later.",
     507: "The database has the size that it may have.",
+    429: "The queue is full, or too many wrong keys came; try again later.",
     503: "The database is not available; try again later.",
 }

@@ -5,19 +5,19 @@ from __future__ import annotations
 import ipaddress
 import re
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from jointstiff.schemas.access import Access
 from jointstiff.service.api.errors import answer_problem
 from jointstiff.service.problems import http_problem
 
-Access = Literal["loopback", "none"]
-
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
-_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that change nothing."""
 _OWN_PAGES: Final = frozenset({"same-origin", "none"})
 """Values of Sec-Fetch-Site (W3C Fetch Metadata) of our own page, and of what a person entered."""
 _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
@@ -28,7 +28,8 @@ class Posture:
     """Whom the service trusts.
 
     Attributes:
-        access: `loopback`: programs of this machine; `none`: whoever reaches the address.
+        access: `loopback`: programs of this machine; `keys`: who has a key; `none`: whoever reaches the
+            address.
         hosts: names in the Host header that are answered, without port; None answers all.
     """
 
@@ -36,22 +37,29 @@ class Posture:
     hosts: frozenset[str] | None = LOOPBACK_NAMES
 
     @classmethod
-    def of(cls, address: str, allowed: tuple[str, ...], *, access_control: bool) -> Posture:
+    def of(
+        cls, address: str, allowed: tuple[str, ...], *, access_control: bool, require_key: bool = False
+    ) -> Posture:
         """Return the posture of a service that listens on an address.
 
         Args:
             address: that it listens on.
             allowed: further names that it has; `*` stands for any, where others reach it.
             access_control: whether the service itself controls who is answered.
+            require_key: demand a key on a loopback address, too.
 
         Raises:
-            ValueError: others reach the address, and nothing controls who is answered, or under which name.
+            ValueError: the service would control nothing, or answer under no name.
         """
         named = frozenset(name.strip().rstrip(".").lower() for name in allowed)
+        own = LOOPBACK_NAMES | {_bracketed(address)}
+        if require_key and not access_control:
+            raise ValueError("it cannot both demand keys and leave the control to a proxy")
         if is_loopback(address):
-            return cls("loopback", LOOPBACK_NAMES | named | {_bracketed(address)})
+            return cls("keys" if require_key else "loopback", own | named)
         if access_control:
-            raise ValueError("others reach this address, and the service would answer all of them")
+            # A rebound name has neither the cookie nor the key: without names given, all are answered.
+            return cls("keys", own | named if named - {"*"} else None)
         if not named:
             raise ValueError("others reach this address, and no name of the service is given")
         return cls("none", None if "*" in named else LOOPBACK_NAMES | named)
@@ -97,7 +105,7 @@ class PostureGuard:
         parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
         if parsed is None or not self._is_ours(parsed[1]):
             return 421, "the service has no such name", "name it with --allowed-host where it is started"
-        if scope["method"] not in _SAFE and not _is_own_page(headers, hosts[0]):
+        if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
             return 403, "a page of another site asks for a change", "use the service's own page, or a program"
         return None
 

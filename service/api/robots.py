@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Query, Response
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.query import RobotQuery
 from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
+from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOTS, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
@@ -18,6 +19,7 @@ router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 
 @router.post(
     "",
+    dependencies=[OPERATOR],
     status_code=201,
     response_model=Robot,
     responses=LOCATION | problems(400, 413, 415, 422, 507),
@@ -34,7 +36,7 @@ def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], k
     return created("robots", record.id, record.document)
 
 
-@router.get("", response_model=Page[RobotSummary], responses=problems(422))
+@router.get("", dependencies=[VIEWER], response_model=Page[RobotSummary], responses=problems(422))
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
     page = parts.store.robots.page(
@@ -45,14 +47,18 @@ def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[R
     return Page(items=items, next=page.next)
 
 
-@router.get("/{robot_id}", response_model=Robot, responses=problems(404, 422))
+@router.get("/{robot_id}", dependencies=[VIEWER], response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a robot, with its kinematics as they were understood."""
     return json_response(parts.store.robots.get(robot_id).document)
 
 
 @router.delete(
-    "/{robot_id}", status_code=204, response_class=Response, responses=DELETED | problems(404, 409, 422)
+    "/{robot_id}",
+    dependencies=[OPERATOR],
+    status_code=204,
+    response_class=Response,
+    responses=DELETED | problems(404, 409, 422),
 )
 def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
@@ -60,7 +66,9 @@ def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) 
     return Response(status_code=204)
 
 
-@router.post("/{robot_id}/restore", response_model=Robot, responses=problems(404, 422))
+@router.post(
+    "/{robot_id}/restore", dependencies=[OPERATOR], response_model=Robot, responses=problems(404, 422)
+)
 def restore_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Restore a deleted robot. One that is not deleted stays as it is."""
     return json_response(parts.robots.restore(robot_id))

@@ -10,6 +10,7 @@ from typing import Final, Literal, NamedTuple
 
 from anyio.to_thread import run_sync
 
+from jointstiff.service.access import Keyring
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store import SILENT_SECONDS, Store
 
@@ -45,13 +46,15 @@ class Watch:
     Used as a context manager, it looks until the block ends; before and after that each question is a look.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, keyring: Keyring | None = None) -> None:
         """Watch the database of a store.
 
         Args:
             store: which stays the caller's to close.
+            keyring: to keep up to date, so that a key that was revoked is refused after the next look.
         """
         self._store = store
+        self._keyring = keyring
         self._seen: Seen | None = None
         self._ended = threading.Event()
 
@@ -98,6 +101,8 @@ class Watch:
     def _look(self) -> Seen:
         try:
             database = self._store.ping()
+            if self._keyring is not None:
+                self._keyring.look()
             workers = len(self._store.heartbeats.living(timedelta(seconds=SILENT_SECONDS)))
             stored = self._store.quota.used()
         except StoreError as error:

@@ -10,6 +10,7 @@ from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
+from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.maps import map_area
 from jointstiff.service.cli.plan import plan
 from jointstiff.service.cli.predict import predict
@@ -45,6 +46,7 @@ for command in (
     doctor,
 ):
     app.command()(command)
+app.add_typer(keys, name="keys")
 
 
 def _version(value: bool) -> None:

@@ -49,6 +49,17 @@ DatabaseUrl = Annotated[
     ),
 ]
 Details = Annotated[bool, typer.Option("--details", help="Print all reasons, warnings, advice and evidence.")]
+ServerAddress = Annotated[
+    str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service.")
+]
+KeysFilePath = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="JOINTSTIFF_KEYS_FILE",
+        metavar="FILE",
+        help="File of keys, such as a container gets as a secret; it holds hashes only.",
+    ),
+]
 Resample = Annotated[
     int | None,
     typer.Option(min=1, metavar="M", help="Resample: repeat each fit on M random configurations."),

@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointstiff.service.cli.answers import failed, refused, warn
-from jointstiff.service.cli.options import CampaignFile, DatabaseUrl, Details, Unit, UnitChoice
+from jointstiff.service.cli.options import (
+    CampaignFile,
+    DatabaseUrl,
+    Details,
+    KeysFilePath,
+    ServerAddress,
+    Unit,
+    UnitChoice,
+)
 from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
@@ -66,6 +74,11 @@ def serve(
         str, typer.Option(help="Address of that port; whoever reaches it reads the metrics.")
     ] = "127.0.0.1",
     log_format: LogLines = LogFormat.TEXT,
+    require_key: Annotated[
+        bool,
+        typer.Option("--require-key", help="Demand a key (`jointstiff keys create`) from this machine, too."),
+    ] = False,
+    keys_file: KeysFilePath = None,
 ) -> None:
     """Start the service."""
     from jointstiff.service.problems import StoreError
@@ -82,6 +95,8 @@ def serve(
             metrics=None if metrics_port is None else (metrics_host, metrics_port),
             log_format=log_format,
             quota=quota and quota * 1_000_000,
+            require_key=require_key,
+            keys_file=keys_file,
         )
     except (StoreError, ServerError) as error:
         raise failed(error.reason, error.remedy) from error
@@ -114,13 +129,14 @@ def worker(
 def post(
     file: CampaignFile,
     *,
-    server: Annotated[
-        str, typer.Option(envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service.")
-    ] = "http://127.0.0.1:8000",
+    server: ServerAddress = "http://127.0.0.1:8000",
     unit: Unit = UnitChoice.MEGA,
     details: Details = False,
 ) -> None:
-    """Post a campaign to a running service, and show its answer."""
+    """Post a campaign to a running service, and show its answer.
+
+    Where the service demands a key, the environment variable JOINTSTIFF_KEY has it.
+    """
     from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
     from jointstiff.service.render import console, run_report
 

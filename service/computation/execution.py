@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.job import Job, JobState, Progress, Provenance
+from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.computation.work import QuickWork, SteppedWork, Work
 from jointstiff.service.problems import http_problem, problem_of
@@ -22,13 +22,16 @@ OnProgress = Callable[[Progress], object]
 _logger = logging.getLogger(__name__)
 
 
-def new_job(message: type[AnyJob], request: Message, work: Work) -> AnyJob:
+def new_job(
+    message: type[AnyJob], request: Message, work: Work, requested_by: Requester | None = None
+) -> AnyJob:
     """Return a queued job; without progress if it is carried out at once.
 
     Args:
         message: its type.
         request: what is asked for.
         work: what the request takes.
+        requested_by: who asks a service for it.
     """
     progress, details = None, {}
     if isinstance(work, QuickWork):
@@ -51,6 +54,7 @@ def new_job(message: type[AnyJob], request: Message, work: Work) -> AnyJob:
             "result": None,
             "error": None,
             "provenance": provenance,
+            "requested_by": requested_by,
             **details,
         }
     )

@@ -8,7 +8,7 @@ from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
     from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
-    from jointstiff.service.conversion.csv_table import comparison_csv
+    from jointstiff.service.conversion.csv_table import comparison_csv, guarded
     from jointstiff.service.conversion.deflections import (
         to_directions,
         to_identified_model,
@@ -59,7 +59,7 @@ else:
     __getattr__ = names_of(
         __name__,
         assessments="combined to_assessment to_joints",
-        csv_table="comparison_csv",
+        csv_table="comparison_csv guarded",
         deflections="to_directions to_identified_model to_joint_model to_load_cases to_own_weight",
         frames="in_base stated_transform to_resolved",
         geometry="to_geometry_result",
@@ -93,6 +93,7 @@ __all__ = [
     "describe_joints",
     "describe_wrist",
     "dh_kinematics",
+    "guarded",
     "in_base",
     "map_columns",
     "map_csv",

@@ -12,7 +12,7 @@ from typing import Any, Final
 from sqlalchemy import Connection
 
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.computation import (
     Work,
@@ -66,8 +66,15 @@ class Jobs:
         self._resources = resources
         self._enqueue = enqueue
 
-    def create(self, request: Message, key: IdempotencyKey | None) -> JobRecord:
+    def create(
+        self, request: Message, key: IdempotencyKey | None, requested_by: Requester | None = None
+    ) -> JobRecord:
         """Store a job: carried out, or enqueued if it takes long and there are workers.
+
+        Args:
+            request: what is asked for.
+            key: the idempotency key that came with it.
+            requested_by: who asks.
 
         Raises:
             RequestError: what is asked for does not exist, or the readings cannot support it.
@@ -78,7 +85,7 @@ class Jobs:
         if key is not None and (before := self._records.find(key)) is not None:
             return before
         work: Work = self.kind.work(self._resources, request)
-        job = new_job(self.kind.message, request, work)
+        job = new_job(self.kind.message, request, work, requested_by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
             return self._records.add(self.kind.record(carry_out(job, work), work.robot_id), key)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 from uuid import uuid4
@@ -21,6 +22,7 @@ from jointstiff.service.library.answers import alien, no_address, problem_in, si
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
+from jointstiff.service.problems import http_problem
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
@@ -46,16 +48,20 @@ class Client:
 
         Args:
             url: of the service, such as http://127.0.0.1:8000.
-            key: that the service or a proxy before it demands.
+            key: that the service or a proxy before it demands; without it the environment variable
+                JOINTSTIFF_KEY, if there is one.
             warn: called when the service does not answer and requests are repeated.
             transport: carries the requests, if not over the network.
 
         Raises:
-            RefusedError: there can be no such address.
+            RefusedError: there can be no such address, or no such key.
         """
         if not url.startswith(("http://", "https://")):
             raise RefusedError(no_address(url))
-        headers = {} if key is None else {"Authorization": f"Bearer {key}"}
+        key = (os.environ.get("JOINTSTIFF_KEY", "") if key is None else key).strip()
+        if not (key.isascii() and key.isprintable()):  # HTTP's own complaint would show the key
+            raise RefusedError(http_problem(401, "what was given cannot be a key", "copy the whole key"))
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
             self._http = httpx.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx.InvalidURL as error:

@@ -187,12 +187,6 @@ class WrongKeysError(KeyRefusedError):
 class RoleError(StoreError):
     """The role of a key does not allow what it asks for."""
 
-    def __init__(self, role: str, needed: str) -> None:
-        super().__init__(
-            f"the key's role is {role}, and this needs the role {needed}",
-            f"use a key with the role {needed}; `jointstiff keys create` makes one",
-        )
-
 
 class IdempotencyConflictError(StoreError):
     """An idempotency key came again with another body.

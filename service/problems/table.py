@@ -69,7 +69,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         NotFoundError: (404, "not-found", "The resource does not exist"),
         WrongKeysError: (429, "too-many-wrong-keys", "Too many wrong keys"),
         KeyRefusedError: (401, "no-valid-key", "A valid key is needed"),
-        RoleError: (403, "role", "The key's role does not allow this"),
+        RoleError: (403, "role", "The role does not allow this"),
         StoreUnavailableError: (503, "store-unavailable", "The database is not available"),
         StoreError: (500, "store", "The database cannot be used"),
     }

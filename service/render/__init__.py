@@ -9,6 +9,7 @@ from jointstiff.solver.doors import names_of
 if TYPE_CHECKING:
     from jointstiff.service.render.geometry_table import geometry_report
     from jointstiff.service.render.import_table import import_report
+    from jointstiff.service.render.keys_table import keys_table
     from jointstiff.service.render.map_table import map_report
     from jointstiff.service.render.methods_table import comparison_report
     from jointstiff.service.render.pair_table import pair_report
@@ -21,6 +22,7 @@ else:
         __name__,
         geometry_table="geometry_report",
         import_table="import_report",
+        keys_table="keys_table",
         map_table="map_report",
         methods_table="comparison_report",
         pair_table="pair_report",
@@ -36,6 +38,7 @@ __all__ = [
     "console",
     "geometry_report",
     "import_report",
+    "keys_table",
     "map_report",
     "pair_report",
     "plan_csv",

@@ -113,14 +113,19 @@ def test_on_a_loopback_address_no_sign_stands_for_any_name():
         assert_refused(client.get("/health"), 421)
 
 
-@pytest.mark.parametrize("options", [[], ["--no-access-control"]])
-@pytest.mark.parametrize("host", ["::", "192.0.2.1", "cell3.example"])
-def test_the_service_does_not_start_where_others_reach_it(host, options, tmp_path):
-    database = tmp_path / "jointstiff.db"
-    ended = CliRunner().invoke(
-        command, ["serve", "--host", host, "--database", f"sqlite:///{database}", *options]
-    )
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--host", "::"], "keys create"),
+        (["--require-key"], "keys create"),
+        (["--keys-file", "missing.json"], "keys create"),
+        (["--host", "192.0.2.1", "--no-access-control"], "--allowed-host"),
+        (["--host", "::", "--no-access-control", "--require-key"], "both"),
+    ],
+)
+def test_the_service_does_not_start_where_nothing_controls_who_is_answered(options, reason, tmp_path):
+    database = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    ended = CliRunner().invoke(command, ["serve", "--port", "0", "--database", database, *options])
     assert ended.exit_code == 2
-    assert "--no-access-control" in ended.output
-    assert "--allowed-host" in ended.output
-    assert not database.exists()
+    assert reason in ended.output
+    assert "remedy" in ended.output

@@ -262,6 +262,7 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
                 raise error
             return super().current(job_id)
 
-    told = asyncio.run(answer(Lost([1]), REQUEST, None, 0.1, hurried()))
+    jobs = Lost([1])
+    told = asyncio.run(answer(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
     assert json.loads(told.body)["state"] == "queued"

@@ -1,0 +1,185 @@
+"""The gate: recognises who asks by a key or by the cookie of a session, and signs browsers in and out."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from anyio import CapacityLimiter, sleep
+from anyio.to_thread import run_sync
+from starlette.requests import HTTPConnection
+
+from jointstiff.schemas.access import Access
+from jointstiff.service.access import Keyring, Throttle, digest, mint_token
+from jointstiff.service.api.watch import Watch
+from jointstiff.service.problems import KeyRefusedError, StoreError, WrongKeysError
+from jointstiff.service.store import MINUTE, SESSION_LONGEST, AccessKey, SessionRecord, Store
+
+SLOW_SECONDS: Final = 1.0
+"""Time that each further wrong key of an address takes."""
+MOST_SLOW: Final = 64
+"""Wrong keys that wait at once; others are answered without waiting."""
+_TOKEN: Final = re.compile(r"jss_[A-Za-z0-9]{43}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class SignedIn:
+    """A browser that signed in.
+
+    Attributes:
+        key: with which.
+        token: of its cookie.
+        ends_at: when it has to sign in again at the latest.
+    """
+
+    key: AccessKey
+    token: str
+    ends_at: datetime
+
+
+class Gate:
+    """Recognises those who ask. It belongs to one event loop."""
+
+    def __init__(self, store: Store, keyring: Keyring, watch: Watch, access: Access) -> None:
+        """Guard a service.
+
+        Args:
+            store: keeps the sessions.
+            keyring: the keys that open the service.
+            watch: keeps the keyring up to date.
+            access: who is answered.
+        """
+        self.access = access
+        self.keyring = keyring
+        self._store = store
+        self._watch = watch
+        self._throttle = Throttle()
+        self._slow = 0
+        self._turns = CapacityLimiter(4)
+        self._noted: dict[str, datetime] = {}
+        self._notes: set[asyncio.Task[None]] = set()
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether no key is demanded."""
+        return self.access != "keys"
+
+    async def caller(self, connection: HTTPConnection, address: str) -> AccessKey | None:
+        """Return the key of those who ask; None if they send none, or their session has ended.
+
+        Raises:
+            KeyRefusedError: a key came that does not open the service.
+            StoreError: the database does not answer.
+        """
+        scheme, _, text = connection.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer":
+            await self._watch.latest()
+            key: AccessKey | None = await self._checked(text.strip(), address)
+        else:
+            key, _ = await self.session(connection)
+        if key is not None and not self.keyring.is_filed(key.id):
+            self._note(key.id, key.last_used_at, self._store.keys.used)
+        return key
+
+    async def session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
+        """Return the key of a browser's session, and when it ends; nothing if there is none."""
+        token = connection.cookies.get(cookie_name(connection), "")
+        if not _TOKEN.fullmatch(token):
+            return None, None
+        await self._watch.latest()
+        hashed = digest(token)
+        found = await run_sync(self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._turns)
+        key = None if found is None else self.keyring.find(found.key_id)
+        if found is None or key is None:
+            return None, None
+        self._note(hashed, found.used_at, self._store.sessions.used)
+        return key, found.created_at + SESSION_LONGEST
+
+    async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:
+        """Begin the session of a browser, with a key or with a one-time link.
+
+        Raises:
+            KeyRefusedError: it does not open the service.
+            StoreError: the database does not answer.
+        """
+        await self._watch.latest()
+        found = await self._checked(key, address) if key is not None else await self._redeemed(link, address)
+        token, now = mint_token("jss"), datetime.now(UTC)
+        record = SessionRecord(digest(token), found.id, now, now)
+        await run_sync(self._store.sessions.begin, record, limiter=self._turns)
+        return SignedIn(found, token, now + SESSION_LONGEST)
+
+    async def sign_out(self, connection: HTTPConnection) -> None:
+        """End the session of a browser, if it has one."""
+        token = connection.cookies.get(cookie_name(connection), "")
+        if _TOKEN.fullmatch(token):
+            await run_sync(self._store.sessions.end, digest(token), limiter=self._turns)
+
+    async def _checked(self, text: str, address: str) -> AccessKey:
+        try:
+            return self.keyring.check(text)
+        except KeyRefusedError:
+            if not self._is_too_much(address):
+                raise
+        await self._wait()
+        raise WrongKeysError
+
+    async def _redeemed(self, link: str | None, address: str) -> AccessKey:
+        key_id = None
+        if not self._throttle.refuses(address):
+            hashed = digest(link or "")
+            key_id = await run_sync(
+                self._store.sessions.redeem, hashed, datetime.now(UTC), limiter=self._turns
+            )
+        found = None if key_id is None else self.keyring.find(key_id)
+        if found is not None:
+            return found
+        if self._is_too_much(address):
+            await self._wait()
+            raise WrongKeysError
+        raise KeyRefusedError(
+            "the link was used before, or is older than ten minutes",
+            "ask for another one (`jointstiff keys link`), or enter a key",
+        )
+
+    def _is_too_much(self, address: str) -> bool:
+        """Count a wrong key."""
+        is_too_much = self._throttle.refuses(address)
+        self._throttle.wrong(address)
+        return is_too_much
+
+    async def _wait(self) -> None:
+        if self._slow >= MOST_SLOW:
+            return
+        self._slow += 1
+        try:
+            await sleep(SLOW_SECONDS)
+        finally:
+            self._slow -= 1
+
+    def _note(self, name: str, before: datetime | None, used: Callable[[str, datetime], object]) -> None:
+        """Write in the background that a key or session is used, once a minute."""
+        now = datetime.now(UTC)
+        last = self._noted.get(name, before)
+        if last is not None and now - last < MINUTE:
+            return
+        self._noted = {one: at for one, at in self._noted.items() if now - at < MINUTE} | {name: now}
+        task = asyncio.get_running_loop().create_task(self._written(used, name, now))
+        self._notes.add(task)
+        task.add_done_callback(self._notes.discard)
+
+    async def _written(self, used: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+        try:
+            await run_sync(used, name, now, limiter=self._turns)
+        except StoreError:
+            self._noted.pop(name, None)  # a later use is noted instead
+
+
+def cookie_name(connection: HTTPConnection) -> str:
+    """Return the name of the cookie: browsers keep one jar for all ports of a machine."""
+    port = connection.headers.get("host", "").rpartition(":")[2]
+    return f"jointstiff_{port}" if port.isascii() and port.isdecimal() else "jointstiff"

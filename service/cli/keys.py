@@ -1,0 +1,183 @@
+"""Commands that make, list and revoke keys, on the database itself or in a file of keys."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from jointstiff.service.cli.answers import failed, warn
+from jointstiff.service.cli.options import DatabaseUrl, KeysFilePath, ServerAddress
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from jointstiff.service.store import AccessKey, Store
+
+from contextlib import contextmanager
+
+LINK_TIME: Final = timedelta(minutes=10)
+"""Time in which a link can be used."""
+
+keys = typer.Typer(help="Make, list and revoke the keys that open a service.", no_args_is_help=True)
+
+
+class RoleChoice(StrEnum):
+    """Roles, each of which may do what those before it may."""
+
+    VIEWER = "viewer"
+    OPERATOR = "operator"
+    ADMIN = "admin"
+
+
+KeyId = Annotated[str, typer.Argument(metavar="ID", help="Id of the key; see `jointstiff keys list`.")]
+
+
+@keys.command()
+def create(
+    name: Annotated[str, typer.Argument(help="Who or what holds the key, such as 'tablet hall 3'.")],
+    *,
+    role: Annotated[
+        RoleChoice,
+        typer.Option(
+            help="viewer reads; operator also posts and deletes; admin also issues keys and reads the audit."
+        ),
+    ],
+    expires: Annotated[
+        datetime | None,
+        typer.Option(formats=["%Y-%m-%d"], help="Day at whose beginning (UTC) it ends; default: never."),
+    ] = None,
+    database: DatabaseUrl = "sqlite:///jointstiff.db",
+    keys_file: KeysFilePath = None,
+) -> None:
+    """Make a key. It is printed once, and nowhere kept."""
+    from pydantic import ValidationError
+
+    from jointstiff.schemas.access import KeyRequest
+    from jointstiff.service.access import KeysFile, mint
+
+    now = datetime.now(UTC)
+    expires_at = None if expires is None else expires.replace(tzinfo=UTC)
+    try:
+        request = KeyRequest(name=name, role=role.value, expires_at=expires_at)
+    except ValidationError as error:
+        raise typer.BadParameter("must be 1 to 200 printable characters", param_hint="NAME") from error
+    if expires_at is not None and expires_at <= now:
+        raise typer.BadParameter("must be in the future", param_hint="--expires")
+    text, record = mint(request.name, request.role, now, expires_at)
+    with _refusals():
+        if keys_file is not None:
+            KeysFile(keys_file).add(record)
+        else:
+            with _opened(database) as store:
+                store.keys.add(record)
+                _note(store, record, "POST", "createKey", 201)
+    typer.echo(text)
+    warn(f"not shown again; to revoke it: jointstiff keys revoke {record.id}")
+
+
+@keys.command("list")
+def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
+    """List all keys, revoked ones, too."""
+    from jointstiff.service.access import described
+    from jointstiff.service.render import console, keys_table
+
+    with _refusals():
+        found = [described(key, is_filed=keys_file is not None) for key in _known(database, keys_file)]
+    console().print(keys_table(found, datetime.now(UTC)))
+
+
+@keys.command()
+def revoke(
+    key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
+) -> None:
+    """Revoke a key for good, and end its sessions."""
+    from jointstiff.service.access import KeysFile
+
+    now = datetime.now(UTC)
+    with _refusals():
+        if keys_file is not None:
+            revoked = KeysFile(keys_file).revoke(key_id, now)
+        else:
+            with _opened(database) as store:
+                revoked = store.keys.revoke(key_id, now)
+                _note(store, revoked, "DELETE", "revokeKey", 200)
+    typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
+
+
+@keys.command()
+def link(
+    key_id: KeyId,
+    *,
+    server: ServerAddress = "http://127.0.0.1:8000",
+    database: DatabaseUrl = "sqlite:///jointstiff.db",
+    keys_file: KeysFilePath = None,
+) -> None:
+    """Print a link, with a QR code, that signs one browser in with a key: once, within ten minutes."""
+    import segno
+
+    from jointstiff.service.access import digest, mint_token
+
+    now, token = datetime.now(UTC), mint_token("jsl")
+    with _refusals():
+        found = {key.id: key for key in _known(database, keys_file)}.get(key_id)
+        if found is None or not found.is_live(now):
+            raise failed(f"no key {key_id!r} opens the service", "see `jointstiff keys list`")
+        with _opened(database) as store:
+            store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
+            _note(store, found, "POST", "createLink", 201)
+    address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
+    segno.make(address, error="l", micro=False).terminal(compact=True)
+    typer.echo(address)
+    warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
+
+
+def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
+    from jointstiff.service.access import KeysFile
+
+    if keys_file is not None:
+        return KeysFile(keys_file).all()
+    with _opened(database) as store:
+        return store.keys.all()
+
+
+@contextmanager
+def _opened(database: str) -> Iterator[Store]:
+    from jointstiff.service.store import Store
+
+    with Store.open(database) as store:
+        yield store
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    from jointstiff.service.access import KeysFileError
+    from jointstiff.service.store import NotFoundError, StoreError
+
+    try:
+        yield
+    except NotFoundError as error:
+        raise failed(error.reason, "see `jointstiff keys list` for the ids") from error
+    except (StoreError, KeysFileError) as error:
+        raise failed(error.reason, error.remedy) from error
+
+
+def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
+    """Write into the audit what was done at the terminal."""
+    from jointstiff.service.store import AuditEntry
+
+    store.audit.add(
+        AuditEntry(
+            at=datetime.now(UTC),
+            key_id=None,
+            key_name=None,
+            address="terminal",
+            method=method,
+            operation=operation,
+            path=f"/v1/keys/{key.id}",
+            status=status,
+        )
+    )

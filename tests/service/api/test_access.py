@@ -1,0 +1,383 @@
+"""Access by keys: role and operation, sessions of browsers, wrong keys, and the audit."""
+
+from __future__ import annotations
+
+import csv
+import io
+import logging
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from fastapi import APIRouter
+from support.in_process import Client
+
+from jointstiff.service.access import digest, mint, mint_token
+from jointstiff.service.api import Posture, gate, health
+from jointstiff.service.api.access import (
+    ANONYMOUS_ENTRIES,
+    OPERATOR,
+    VIEWER,
+    AccessRoute,
+    UndeclaredRoleError,
+    operation_id,
+)
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.app import create_app
+from jointstiff.service.problems import StoreUnavailableError
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+NOW = datetime.now(UTC)
+ROLES = ("viewer", "operator", "admin")
+KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
+POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+
+with Store.open("sqlite://") as empty:
+    DOCUMENT = create_app(empty).openapi()
+OPERATIONS = [
+    (method, path, operation["operationId"], operation.get("security"))
+    for path, methods in DOCUMENT["paths"].items()
+    for method, operation in methods.items()
+]
+PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
+READS_BY_POST = {"computeKinematics"}
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable"}
+
+
+def bearer(role):
+    return {} if role is None else {"Authorization": f"Bearer {KEYS[role].text}"}
+
+
+def opened(store):
+    for minted in KEYS.values():
+        store.keys.add(minted.record)
+    return Client(store, POSTURE)
+
+
+@pytest.fixture
+def store():
+    with Store.open("sqlite://") as opened_store:
+        yield opened_store
+
+
+@pytest.fixture
+def client(store):
+    return opened(store)
+
+
+@pytest.fixture(scope="module")
+def shared():
+    with Store.open("sqlite://") as store:
+        yield opened(store)
+
+
+@pytest.mark.parametrize(("method", "path", "name", "security"), OPERATIONS)
+def test_each_role_may_do_what_is_declared_and_no_more(method, path, name, security, shared):
+    """What is declared stands in OpenAPI, and is checked here against the rule it should follow."""
+    needed = None if security is None else security[0]["key"][0]
+    if name in PUBLIC:
+        assert needed is None
+    elif name in ADMINS:
+        assert needed == "admin"
+    else:
+        assert needed == ("viewer" if method == "get" or name in READS_BY_POST else "operator")
+    address = re.sub(r"\{\w+\}", "0" * 10, path)
+    for role in (None, *ROLES):
+        status = shared.request(method.upper(), address, headers=bearer(role)).status_code
+        if needed is None:
+            assert status not in {401, 403}
+        elif role is None:
+            assert status == 401
+        else:
+            assert (status == 403) == (ROLES.index(role) < ROLES.index(needed)), (role, status)
+            assert status != 401
+
+
+@pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/openapi.json", "/health", "/ready", "/live/"])
+@pytest.mark.parametrize("method", ["GET", "HEAD", "POST", "OPTIONS", "TRACE"])
+def test_what_no_route_declares_public_needs_a_key(method, path, shared):
+    answer = shared.request(method, path)
+    assert answer.status_code == 401
+    assert answer.headers["WWW-Authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize("path", ["/", "/favicon.svg", "/docs", "/docs/", "/live"])
+def test_the_page_and_life_need_none(path, shared):
+    assert shared.get(path).status_code not in {401, 403}
+
+
+@pytest.mark.parametrize(
+    "path", ["/docs/../v1/robots", "/assets/..%2f..%2fv1/robots", "//v1/robots", "/docs/%2e%2e/v1"]
+)
+def test_no_detour_leads_to_what_needs_one(path, shared):
+    assert shared.get(path).status_code in {401, 404, 405}
+
+
+def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
+    class Undeclared(APIRouter):
+        """Routes of somebody who forgot."""
+
+    for wrong in (
+        AccessRoute("/v1/new", lambda: None),
+        AccessRoute("/v1/new", lambda: None, dependencies=[VIEWER, OPERATOR]),
+        APIRouter().route_class("/v1/new", lambda: None, dependencies=[VIEWER]),  # would not ask
+    ):
+        router = Undeclared()
+        router.routes.append(wrong)
+        monkeypatch.setattr(health, "router", router)
+        with pytest.raises(UndeclaredRoleError, match="/v1/new"):
+            create_app(store)
+
+
+def test_open_services_demand_no_key_but_issue_none_either(store):
+    client = Client(store)
+    assert client.request("POST", "/v1/robots", json=ROBOTS["modified DH"]).status_code == 201
+    for method, path in (("POST", "/v1/keys"), ("GET", "/v1/keys"), ("GET", "/v1/audit")):
+        answer = client.request(method, path, json={"name": "x", "role": "admin"})
+        assert answer.status_code == 403
+        assert "--require-key" in answer.json()["remedy"]
+    assert client.get("/v1/session").json()["access"] == "loopback"
+    assert store.keys.all() == []
+    assert store.audit.page(9)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [
+        ("Bearer ", "not the text"),
+        (f"Bearer {KEYS['admin'].text[:-1]}", "not the text"),
+        (f"bearer {KEYS['admin'].text[:-8]}00000000", "mistyped"),
+        (f"BEARER {mint('stranger', 'admin', NOW, None).text}", "not one of"),
+        ("Basic YWRtaW46YWRtaW4=", "no key came"),
+        (KEYS["admin"].text, "no key came"),
+    ],
+    ids=["empty", "cut off", "mistyped", "unknown", "another scheme", "no scheme"],
+)
+def test_what_is_no_valid_key_is_refused_with_a_remedy(header, reason, client, caplog):
+    with caplog.at_level(logging.DEBUG):
+        answer = client.get("/v1/robots", headers={"Authorization": header})
+    problem = answer.json()
+    assert answer.status_code == 401
+    assert reason in problem["detail"]
+    assert problem["remedy"]
+    assert "jst_" not in answer.text.replace("from jst_ to", "")
+    assert "jst_" not in caplog.text
+
+
+def test_a_wrong_key_is_not_made_good_by_a_session(client):
+    cookie = signed_in(client)
+    headers = {"Cookie": cookie, "Authorization": "Bearer jst_wrong"}
+    assert client.get("/v1/robots", headers=headers).status_code == 401
+
+
+def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
+    slept = []
+
+    async def sleep(seconds):
+        slept.append(seconds)
+
+    monkeypatch.setattr(gate, "sleep", sleep)
+    wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
+    answers = [client.request("POST", "/v1/runs", headers=wrong) for _ in range(20)]
+    assert [answer.status_code for answer in answers] == [401] * 11 + [429] * 9
+    assert answers[-1].headers["Retry-After"]
+    assert slept == [gate.SLOW_SECONDS] * 9
+    assert client.get("/v1/robots", headers=bearer("viewer")).status_code == 200
+    assert client.request("POST", "/v1/session", json={"link": "x"}).status_code == 429
+
+
+def test_revoked_keys_and_their_sessions_end_at_once(client, store):
+    cookie = signed_in(client, "operator")
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 200
+    revoked = client.request("DELETE", f"/v1/keys/{KEYS['operator'].record.id}", headers=bearer("admin"))
+    assert revoked.json()["revoked_at"]
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 401
+    assert "revoked" in client.get("/v1/robots", headers=bearer("operator")).json()["detail"]
+
+
+def test_admins_issue_keys_that_are_shown_once(client, store):
+    body = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:00:00Z"}
+    made = client.request("POST", "/v1/keys", json=body, headers=bearer("admin"))
+    assert made.status_code == 201
+    key = made.json()["key"]
+    assert client.get("/v1/robots", headers={"Authorization": f"Bearer {key}"}).status_code == 200
+    listed = client.get("/v1/keys", headers=bearer("admin"))
+    assert "tablet hall 3" in listed.text
+    assert "key_hash" not in listed.text
+    assert key.split("_")[2] not in listed.text
+    assert key.split("_")[2] not in client.get("/v1/audit", headers=bearer("admin")).text
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"name": "x", "role": "owner"},
+        {"name": "", "role": "viewer"},
+        {"name": "x", "role": "viewer", "expires_at": "2001-01-01T00:00:00Z"},
+        {"name": "x", "role": "viewer", "expires_at": "2999-01-01T00:00:00"},
+    ],
+)
+def test_odd_keys_are_not_made(body, client, store):
+    assert client.request("POST", "/v1/keys", json=body, headers=bearer("admin")).status_code == 422
+    assert len(store.keys.all()) == len(KEYS)
+
+
+def signed_in(client, role="viewer", **headers):
+    answer = client.request("POST", "/v1/session", json={"key": KEYS[role].text}, headers=headers)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["role"] == role
+    return answer.headers["Set-Cookie"].partition(";")[0]
+
+
+@pytest.mark.parametrize("origin", ["http://localhost:8000", "https://localhost:8000"])
+def test_a_browser_signs_in_is_known_and_signs_out(origin, client, store):
+    made = client.request(
+        "POST", "/v1/session", json={"key": KEYS["viewer"].text}, headers={"Origin": origin}
+    )
+    cookie, *flags = made.headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "Path=/", "SameSite=strict"} <= set(flags)
+    assert ("Secure" in flags) == origin.startswith("https")
+    assert not any(flag.startswith("Domain") for flag in flags)
+    name, token = cookie.split("=")
+    assert name == "jointstiff_8000"
+    assert store.sessions.find(token, NOW) is None  # only its hash is there
+    assert store.sessions.find(digest(token), NOW)
+    who = client.get("/v1/session", headers={"Cookie": cookie}).json()
+    assert who["key_name"] == "viewer's key"
+    assert datetime.fromisoformat(who["ends_at"]) > NOW + timedelta(days=6)
+    out = client.request("DELETE", "/v1/session", headers={"Cookie": cookie})
+    assert out.status_code == 204
+    assert 'jointstiff_8000=""' in out.headers["Set-Cookie"]
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 401
+    assert client.get("/v1/session", headers={"Cookie": cookie}).json()["key_id"] is None
+
+
+@pytest.mark.parametrize(
+    "body", [{}, {"key": None}, {"key": "x", "link": "y"}, {"key": "x" * 300}, {"key": 1}]
+)
+def test_odd_sign_ins_are_refused_without_an_echo(body, shared):
+    answer = shared.request("POST", "/v1/session", json=body)
+    assert answer.status_code == 422
+    assert "xxx" not in answer.text
+
+
+def test_a_wrong_key_opens_no_session(client):
+    answer = client.request("POST", "/v1/session", json={"key": KEYS["viewer"].text + "0"})
+    assert answer.status_code == 401
+    assert "Set-Cookie" not in answer.headers
+
+
+def test_a_link_signs_one_browser_in_once_and_in_time(client, store):
+    token, late, orphan = (mint_token("jsl") for _ in range(3))
+    key_id = KEYS["viewer"].record.id
+    store.sessions.offer(digest(token), key_id, NOW, NOW + timedelta(minutes=10))
+    store.sessions.offer(digest(late), key_id, NOW, NOW)
+    store.sessions.offer(digest(orphan), "0" * 10, NOW, NOW + timedelta(minutes=10))
+    first, again, *others = (
+        client.request("POST", "/v1/session", json={"link": one}) for one in (token, token, late, orphan)
+    )
+    assert first.status_code == 201
+    assert first.json()["key_id"] == key_id
+    for refused in (again, *others):
+        assert refused.status_code == 401
+        assert "ten minutes" in refused.json()["detail"]
+
+
+def test_who_changes_what_stands_in_the_audit(client, store):
+    robot = ROBOTS["modified DH"]
+    assert client.request("POST", "/v1/robots", json=robot, headers=bearer("operator")).status_code == 201
+    assert client.request("POST", "/v1/robots", json=robot, headers=bearer("viewer")).status_code == 403
+    assert client.request("POST", "/v1/robots", json=robot).status_code == 401
+    assert (
+        client.request("DELETE", f"/v1/runs/{KEYS['admin'].text}", headers=bearer("operator")).status_code
+        == 422
+    )
+    client.request("PUT", "/v1/robots", headers=bearer("operator"))
+    signed_in(client)
+    client.get("/v1/robots", headers=bearer("viewer"))
+    listed = client.get("/v1/audit", headers=bearer("admin")).json()["items"]
+    assert [
+        (one["key_name"], one["method"], one["operation"], one["status"]) for one in reversed(listed)
+    ] == [
+        ("operator's key", "POST", "createRobot", 201),
+        ("viewer's key", "POST", "createRobot", 403),
+        (None, "POST", None, 401),
+        ("operator's key", "DELETE", "deleteRun", 422),
+        ("operator's key", "PUT", None, 405),
+        ("viewer's key", "POST", "createSession", 201),
+    ]
+    assert listed[2]["path"] == "/v1/runs/jst_…"
+    assert {one["address"] for one in listed} == {"127.0.0.1"}
+    mine = client.get(f"/v1/audit?key_id={KEYS['viewer'].record.id}&limit=1", headers=bearer("admin")).json()
+    assert mine["items"][0]["operation"] == "createSession"
+    assert mine["next"]
+
+
+def test_the_audit_as_a_table_has_all_entries_and_no_formulas(client, store):
+    made = client.request(
+        "POST", "/v1/keys", json={"name": "=1+1", "role": "operator"}, headers=bearer("admin")
+    )
+    headers = {"Authorization": f"Bearer {made.json()['key']}"}
+    for _ in range(3):
+        client.request("POST", "/v1/runs", headers=headers)
+    table = list(csv.DictReader(io.StringIO(client.get("/v1/audit/table.csv", headers=bearer("admin")).text)))
+    assert len(table) == 4
+    assert table[0]["key_name"] == "'=1+1"
+    assert table[0]["status"] == "415"
+    assert datetime.fromisoformat(table[0]["at"]).tzinfo
+
+
+def test_those_without_a_key_cannot_fill_the_audit(client, store, caplog):
+    for _ in range(ANONYMOUS_ENTRIES + 20):
+        client.request("POST", "/v1/robots")
+    entries, _ = store.audit.page(1000)
+    assert ANONYMOUS_ENTRIES <= len(entries) <= 2 * ANONYMOUS_ENTRIES  # a minute may have begun meanwhile
+    client.request("POST", "/v1/robots", headers=bearer("viewer"))
+    assert store.audit.page(1)[0][0].key_name == "viewer's key"
+
+
+def test_an_unexpected_failure_stands_in_the_audit(client, store, monkeypatch):
+    def fail(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("jointstiff.service.resources.robots.Robots.create", fail)
+    with pytest.raises(ZeroDivisionError):
+        client.request("POST", "/v1/robots", json=ROBOTS["modified DH"], headers=bearer("operator"))
+    assert store.audit.page(1)[0][0].status == 500
+
+
+def test_a_database_that_is_away_lets_nobody_in(client, store, monkeypatch):
+    def away():
+        raise StoreUnavailableError("gone", "wait")
+
+    monkeypatch.setattr(store.keys, "all", away)
+    assert client.get("/v1/kinematics", headers=bearer("viewer")).status_code == 503
+    assert client.request("POST", "/v1/session", json={"key": KEYS["viewer"].text}).status_code == 503
+
+
+def test_jobs_name_the_key_that_asked_for_them(client, store):
+    campaign = simulate_campaign(default_arm(), configurations=6)
+    headers = bearer("operator")
+    robot = client.request("POST", "/v1/robots", json=campaign["robot"], headers=headers).json()["id"]
+    readings = campaign["measurement_set"] | {"robot_id": robot}
+    stored = client.request("POST", "/v1/measurement-sets", json=readings, headers=headers).json()["id"]
+    run = client.request("POST", "/v1/runs", json={"measurement_set_id": stored}, headers=headers).json()
+    expected = {"key_id": KEYS["operator"].record.id, "key_name": "operator's key"}
+    assert run["requested_by"] == expected
+    assert client.get(f"/v1/runs/{run['id']}", headers=headers).json()["requested_by"] == expected
+
+
+def test_uses_are_noted(client, store):
+    client.get("/v1/robots", headers=bearer("viewer"))
+    cookie = signed_in(client, "operator")
+    client.get("/v1/robots", headers={"Cookie": cookie})
+    used = {key.name: key.last_used_at for key in store.keys.all()}
+    assert used["viewer's key"] is not None
+    assert used["operator's key"] is not None
+    assert used["admin's key"] is None
+
+
+def test_operations_are_called_as_openapi_calls_them():
+    names = {name for *_, name, _ in OPERATIONS}
+    assert {operation_id(route) for route in health.router.routes} - {"getIndex"} <= names
