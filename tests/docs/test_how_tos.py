@@ -1,9 +1,15 @@
-"""The commands and the code of the guides, run as a reader would run them, in the order of the page."""
+"""The commands and the code of the guides, run as a reader would run them, in the order of the page.
+
+Plain `jointstiff` commands run in this process, which has imported everything; the shell runs the rest.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +18,9 @@ import httpx
 import pytest
 from support.browsing import post
 from support.guide_files import ROOT, blocks_of, write_files
+from typer.testing import CliRunner
+
+from jointstiff.service.cli.app import app
 
 GUIDES = (
     "README.md",
@@ -55,18 +64,41 @@ def folder(tmp_path):
 
 
 def run(language: str, text: str, folder: Path, url: str) -> None:
-    command = ["bash", "-euo", "pipefail", "-c", text] if language == "sh" else [sys.executable, "-c", text]
-    environment = os.environ | {
+    environment = {
         "PATH": f"{Path(sys.prefix, 'bin')}:{os.environ['PATH']}",
         "CURL_HOME": str(folder),
         "JOINTSTIFF_SERVER": url,
         "NO_PROXY": "*",
         "COLUMNS": "120",
     }
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
-    )
-    assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+    for command in parts_of(text) if language == "sh" else [[sys.executable, "-c", text]]:
+        if command[0] == "jointstiff":
+            with contextlib.chdir(folder):
+                shown = CliRunner().invoke(app, command[1:], env=environment)
+            assert shown.exit_code == 0, f"{command}\n{shown.output}"
+            continue
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=240,
+        )
+        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+
+
+def parts_of(text: str) -> list[list[str]]:
+    """Split a block of shell into arguments of `jointstiff` and programs of the shell, in their order."""
+    parts: list[list[str]] = []
+    for line in re.split(r"\n(?=jointstiff )", text):
+        first, _, rest = re.sub(r"\\\n", " ", line).partition("\n")
+        plain = shlex.split(first, comments=True) if first.startswith("jointstiff ") else []
+        if not plain or set("|<>$;&*?`(~").intersection("".join(plain)):
+            rest, plain = line, []
+        parts += [each for each in (plain, ["bash", "-euo", "pipefail", "-c", rest]) if each and each[-1]]
+    return parts
 
 
 def runnable(text: str, url: str, ids: list[str]) -> str:

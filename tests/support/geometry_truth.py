@@ -101,6 +101,7 @@ def shared_chain() -> KinematicChain:
 
 
 @lru_cache
+@lru_cache
 def axes_of_noisy_sweeps(seed: int) -> SweptAxes:
     """Identify the axes of the default cell from sweeps with noise, once for all tests of a process."""
     return identify_axes(Cell().sweeps(np.random.default_rng(seed)))

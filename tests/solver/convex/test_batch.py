@@ -45,7 +45,7 @@ def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
     if finder == "alone":
         monkeypatch.setattr(module, "_PIVOTS", 0)
     worst, zeros = 0.0, 0
-    for n, problems in batches(random_problem, 3000 if finder == "pivoting" else 200).items():
+    for n, problems in batches(random_problem, 1500 if finder == "pivoting" else 200).items():
         found = solved(problems, Bounds.positive(n))
         exact = np.array([[float(x) for x in exact_nnls(p.A, p.b)] for p in problems])
         assert found.certified.all()

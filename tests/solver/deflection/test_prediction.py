@@ -236,7 +236,7 @@ class TestIdentified:
         load = cases()
         found = [
             predict_deflections(self.model(m), load, confidence=0.95).compliance.worst
-            for m in self.design.measured(300, seed=2)
+            for m in self.design.measured(150, seed=2)  # a ratio of 1 scatters by 0.06: 0.2 off is seen
         ]
         spread = np.std([worst.compliance for worst in found], axis=0)
         stated = np.mean([worst.compliance_uncertainty for worst in found], axis=0)

@@ -65,18 +65,19 @@ def read(plan, noise: np.ndarray) -> Measurements:
 
 class TestPromise:
     def test_is_what_is_found_on_exact_springs(self, robot):
-        """200 campaigns: the estimates scatter as promised, within the sampling error."""
+        """100 campaigns: the estimates scatter as promised, within the sampling error."""
         plan = plan_campaign(robot, request_of(equipment()))
         rng = np.random.default_rng(0)
         settings = to_settings(RunOptions(positive=False, complementary_stiffness="included"), robot)
         found = [
-            identify(robot, read(plan, rng.standard_normal((2, 12, 3, 3))), settings) for _ in range(200)
+            identify(robot, read(plan, rng.standard_normal((2, 12, 3, 3))), settings) for _ in range(100)
         ]
         promised = plan.uncertainty * ARM.compliances
         stated = np.mean([[joint.standard_uncertainty for joint in each.joints] for each in found], axis=0)
         np.testing.assert_allclose(stated, promised, rtol=0.01)
+        # A standard deviation of 100 has a standard error of 7 %: one off by a third is seen by 95 % power.
         scatter = np.std([each.compliance for each in found], axis=0, ddof=1)
-        np.testing.assert_allclose(scatter, promised, rtol=4 / np.sqrt(2 * 199))
+        np.testing.assert_allclose(scatter, promised, rtol=0.2)
 
     def test_one_that_goes_on_counts_the_readings_so_far(self, robot):
         first = plan_campaign(robot, request_of(equipment(), readings=6))

@@ -165,7 +165,7 @@ def test_a_coupled_sweep_states_its_uncertainty(way: str) -> None:
     """A FANUC arm: turning J2 moves the forearm without rotating it, circles of one radius."""
     cell = Cell(imperfect_arm(5), matrix=FANUC_MAP)
     squares = []
-    for seed in range(24):
+    for seed in range(16):
         found = identified(cell.sweeps(np.random.default_rng(seed)), way)
         squares.append(
             [
@@ -173,6 +173,7 @@ def test_a_coupled_sweep_states_its_uncertainty(way: str) -> None:
                 for j in range(6)
             ]
         )
+    # The mean of 16 χ² with four degrees of freedom scatters by 18 %: a third too small is seen.
     assert np.mean(squares, axis=0) == pytest.approx(np.full(6, 4.0), rel=0.6)
 
 
