@@ -18,6 +18,7 @@ from rich.console import Console
 import benchmarks
 from benchmarks import (
     assessment,
+    attacks,
     coverage,
     deflection,
     durability,
@@ -64,6 +65,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "exactness": exactness.run,
     "workers": workers.run,
     "durability": durability.run,
+    "attacks": attacks.run,
     "coverage": coverage.run,
     "deflection": deflection.run,
     "paths": paths.run,
@@ -99,7 +101,7 @@ STUDIES = frozenset(
     }
 )
 """They prove numbers and compare no times."""
-BY_NAME = frozenset({"workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
+BY_NAME = frozenset({"attacks", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
 """They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import signal
 import socket
@@ -10,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -33,14 +34,31 @@ class ServiceError(Exception):
 class Service:
     """A service process on a port of its own, which it keeps when it is started again."""
 
-    def __init__(self, database: str, workers: int, port: int | None = None) -> None:
-        """Start it, and wait until it answers."""
+    def __init__(
+        self,
+        database: str,
+        workers: int,
+        port: int | None = None,
+        options: Sequence[str] = (),
+        limits: Mapping[int, int] | None = None,
+    ) -> None:
+        """Start it, and wait until it answers.
+
+        Args:
+            database: its URL.
+            workers: of long runs.
+            port: to listen on; a free one if none is given.
+            options: further ones of the command.
+            limits: of the process (`resource.RLIMIT_…`).
+        """
         self.port = port or _free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(self.port)]
-        command += ["--database", database, "--workers", str(workers)]
+        command += ["--database", database, "--workers", str(workers), *options]
         with tempfile.TemporaryFile() as log:
             self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+            for limit, value in (limits or {}).items():
+                resource.prlimit(self.process.pid, limit, (value, value))
             self._wait(lambda: _tail(log.fileno()))
 
     def __enter__(self) -> Service:

@@ -148,10 +148,11 @@ class BoundedProtocol(H11Protocol):
         self._unwritten = left
         if self.flow.read_paused:  # it is our turn
             self._since += self.LOOK_SECONDS
-        if now - self._since > self._allowed() or now - self._written_at > self.WRITE_SECONDS:
+        remaining = min(self._allowed() - (now - self._since), self.WRITE_SECONDS - (now - self._written_at))
+        if remaining <= 0.0:
             self.transport.abort()
         else:
-            self.loop.call_later(self.LOOK_SECONDS, self._look)
+            self.loop.call_later(min(self.LOOK_SECONDS, remaining), self._look)
 
     def _allowed(self) -> float:
         """Return how long the present phase may take [s]."""

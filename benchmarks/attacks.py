@@ -1,0 +1,400 @@
+"""Attacks: bodies and files that cost memory, connections that say nothing, and work beside the health.
+
+By name only, on a quiet machine: it takes about five minutes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from http.client import HTTPConnection, HTTPException
+from pathlib import Path
+from typing import Any, Final
+
+import httpx
+import numpy as np
+from fastapi.exceptions import RequestValidationError
+
+from benchmarks.campaigns import small_campaign
+from benchmarks.hostile_bodies import bodies, imports, peak_of
+from benchmarks.report import Figure, Section
+from benchmarks.services import Service, post_campaign
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.service.api.bodies import understood
+from jointstiff.service.importing import SourceFile
+from jointstiff.service.problems import invalid_request
+from jointstiff.service.resources import import_files
+from jointstiff.simulator.sweeps import TrackedArm
+
+__all__ = ["run"]
+
+_BODY: Final = 8 * 1024 * 1024
+_DESCRIPTORS: Final = 1_024
+_CLIENTS: Final = 2_000
+_ESTABLISHED: Final = 1
+_HEADER: Final = b"GET /live HTTP/1.1\r\nHost: localhost\r\n"
+_SWEEPS: Final = ((-2.4, 2.4), (-1.2, 0.9), (-1.0, 1.2), (-2.6, 2.6), (-1.6, 1.6), (-2.8, 2.8))
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Attack parsers in forks, and services of our own."""
+    with tempfile.TemporaryDirectory(prefix="jointstiff-attacks-") as folder:
+        database = f"sqlite:///{Path(folder) / 'attacked.db'}"
+        return [
+            _bodies(),
+            _imports(),
+            _connections(database, 100 if quick else _CLIENTS),
+            _health(database, 1.0 if quick else 8.0),
+            _posts(database, 20 if quick else 1_000),
+            _threads(database, 10 if quick else 100),
+        ]
+
+
+# Memory
+
+
+def _bodies() -> Section:
+    peak_of(lambda: _validated(b"{}"))
+    found = [(name, len(body) / 1e6, *peak_of(partial(_validated, body))) for name, body in bodies(_BODY)]
+    worst = max(peak / (10.0 * size + 50.0) for _, size, peak, _ in found)
+    return Section(
+        title="Memory of a body, parsed in a fork",
+        columns=("body", "size", "peak", "bound", "outcome"),
+        rows=tuple(
+            (name, f"{size:.2f} MB", f"{peak:.0f} MB", f"{10 * size + 50:.0f} MB", outcome)
+            for name, size, peak, outcome in found
+        ),
+        figures=(Figure("peak of any body / (10 × body + 50 MB)", worst, "at most", 1.0, "×"),),
+    )
+
+
+def _validated(body: bytes) -> None:
+    try:
+        understood(MeasurementSetRequest, body)
+    except RequestValidationError as error:
+        invalid_request(error.errors())
+        raise
+
+
+def _imports() -> Section:
+    found = []
+    for what, name, content in imports():
+        began = time.monotonic()
+        files = [SourceFile(name, content)]
+        peak, outcome = peak_of(partial(import_files, files, ImportRequest()))
+        found.append((what, len(content) / 1e6, peak, outcome, time.monotonic() - began))
+    return Section(
+        title="Memory and time of an import, in a fork",
+        columns=("file", "size", "peak", "outcome", "time"),
+        rows=tuple(
+            (what, f"{size:.2f} MB", f"{peak:.0f} MB", outcome, f"{seconds:.1f} s")
+            for what, size, peak, outcome, seconds in found
+        ),
+        figures=(Figure("peak of any import", max(row[2] for row in found), "at most", 256.0, " MB"),),
+    )
+
+
+# Connections
+
+
+@dataclass(frozen=True)
+class _Manner:
+    """A way to hold a connection.
+
+    Attributes:
+        name: of it.
+        first: sent at once.
+        drip: sent each second after that.
+        bound: until it has to be closed [s].
+    """
+
+    name: str
+    first: bytes
+    drip: bytes
+    bound: float
+
+
+_POST: Final = (
+    b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    b"Content-Length: 100000\r\n\r\n"
+)
+_MANNERS: Final = (
+    _Manner("silent", b"", b"", 15.0),
+    _Manner("half a header", _HEADER, b"", 15.0),
+    _Manner("dripping header", _HEADER, b"X", 15.0),
+    _Manner("dripping body", _POST, b"x", 35.0),
+    _Manner("slow reader", (_HEADER.replace(b"/live", b"/openapi.json") + b"\r\n") * 40, b"", 35.0),
+)
+
+
+def _connections(database: str, count: int) -> Section:
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8_192), hard))
+    rows, figures = [], []
+    with Service(database, 0, limits={resource.RLIMIT_NOFILE: _DESCRIPTORS}) as service:
+        for manner in _MANNERS:
+            with _asking(service.port) as seconds:
+                closed = asyncio.run(_held(service.port, manner, count))
+            answered = float(np.percentile(seconds, 95)) if seconds else float("inf")
+            rows.append((manner.name, f"{closed:.1f} s", f"{1e3 * answered:.0f} ms of {len(seconds)}"))
+            figures += [
+                Figure(f"{count:,} × {manner.name}: last one closed", closed, "at most", manner.bound, " s"),
+                Figure(f"{count:,} × {manner.name}: /health p95", answered, "at most", 0.05, " s"),
+            ]
+    return Section(
+        title=f"{count:,} connections that hold, to a service of {_DESCRIPTORS:,} descriptors",
+        columns=("connections", "longest time open", "/health p95 meanwhile"),
+        rows=tuple(rows),
+        figures=tuple(figures),
+        notes=("a dripping body may take 30 s and 1 s for each 64 kB that came",),
+    )
+
+
+async def _held(port: int, manner: _Manner, count: int) -> float:
+    """Return the longest time that a connection was open [s]."""
+
+    async def hold() -> float:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
+        began = time.monotonic()
+        if manner.name == "slow reader":
+            writer.transport.pause_reading()  # type: ignore[attr-defined]
+        with suppress(OSError):
+            writer.write(manner.first)
+            while time.monotonic() - began < 2 * manner.bound:
+                if manner.drip:
+                    writer.write(manner.drip)
+                    await writer.drain()
+                if await _is_closed(reader, writer):
+                    break
+        seconds = time.monotonic() - began
+        writer.transport.abort()
+        return seconds
+
+    gate = asyncio.Semaphore(200)
+
+    async def begin() -> asyncio.Task[float]:
+        async with gate:
+            await asyncio.sleep(0)
+            return asyncio.create_task(hold())
+
+    tasks = [await begin() for _ in range(count)]
+    return max(await asyncio.gather(*tasks))
+
+
+async def _is_closed(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
+    """Return whether the service closed a connection, after a second at most."""
+    raw = writer.get_extra_info("socket")
+    try:
+        if reader._transport.is_reading():  # type: ignore[attr-defined]
+            return await asyncio.wait_for(reader.read(4096), 1.0) == b""
+        await asyncio.sleep(1.0)
+        return _state_of(raw) != _ESTABLISHED
+    except TimeoutError:
+        return False
+
+
+def _state_of(raw: Any) -> int:  # noqa: ANN401 - asyncio's socket
+    """Return the state of a TCP connection."""
+    return int(raw.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0])
+
+
+# Health
+
+
+@contextmanager
+def _asking(port: int) -> Iterator[list[float]]:
+    """Ask for the health, on a new connection each time; yield how long each answer took [s]."""
+    seconds: list[float] = []
+    stop = threading.Event()
+
+    def ask() -> None:
+        while not stop.wait(0.05):
+            began = time.monotonic()
+            connection = HTTPConnection("localhost", port, timeout=20)
+            try:
+                connection.request("GET", "/health")
+                connection.getresponse().read()
+            except (OSError, HTTPException):
+                seconds.append(20.0)
+            else:
+                seconds.append(time.monotonic() - began)
+            finally:
+                connection.close()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    try:
+        yield seconds
+    finally:
+        stop.set()
+        thread.join()
+
+
+def _health(database: str, duration: float) -> Section:
+    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+        loads = _loads(client)
+        rows, figures = [], []
+        for name, (path, body, threads) in loads.items():
+            with _asking(service.port) as seconds:
+                done = _repeated(service.url + path, body, threads, duration)
+            p95 = float(np.percentile(seconds, 95))
+            rows.append((name, f"{done}", f"{1e3 * p95:.0f} ms", f"{1e3 * max(seconds):.0f} ms"))
+            figures.append(Figure(f"/health p95 under {name}", p95, "at most", 0.05, " s"))
+    return Section(
+        title="/health beside work",
+        columns=("work", "requests", "/health p95", "slowest"),
+        rows=tuple(rows),
+        figures=tuple(figures),
+    )
+
+
+def _loads(client: httpx.Client) -> dict[str, tuple[str, bytes, int]]:
+    set_id = post_campaign(client, 19)
+    largest = small_campaign(configurations=6_000).document
+    robot = client.post("/v1/robots", json=largest["robot"]).raise_for_status().json()["id"]
+    legal = json.dumps(largest["measurement_set"] | {"robot_id": robot}).encode()
+    illegal = max(bodies(_BODY), key=lambda each: len(each[1]) if each[0] != "299,000 different keys" else 0)
+    nested = dict(bodies(_BODY))["lists of lists"]
+    client.post("/v1/measurement-sets", content=legal, headers=_JSON).raise_for_status()
+    return {
+        "nothing": ("/live", b"", 0),
+        "4 × largest legal set": ("/v1/measurement-sets", legal, 4),
+        f"4 × largest illegal body ({illegal[0]})": ("/v1/measurement-sets", illegal[1], 4),
+        "4 × 990,000 empty lists": ("/v1/measurement-sets", nested, 4),
+        "4 × runs": ("/v1/runs", json.dumps({"measurement_set_id": set_id}).encode(), 4),
+        "10 × geometries of 600": ("/v1/geometries", _sweeps(100), 10),
+    }
+
+
+_JSON: Final = {"Content-Type": "application/json"}
+
+
+def _repeated(address: str, body: bytes, threads: int, duration: float) -> int:
+    end, counts = time.monotonic() + duration, [0] * threads
+
+    def post(number: int) -> None:
+        with httpx.Client(timeout=120) as client:
+            while time.monotonic() < end:
+                client.post(address, content=body, headers=_JSON)
+                counts[number] += 1
+
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        list(pool.map(post, range(threads)))
+    time.sleep(max(0.0, end - time.monotonic()))
+    return sum(counts)
+
+
+def _sweeps(count: int) -> bytes:
+    """Return a geometry's request of six sweeps of so many positions."""
+    cell, rng = TrackedArm(), np.random.default_rng(51)
+    sweeps = []
+    for joint, (first, last) in enumerate(_SWEEPS):
+        controller = cell.sweep(joint, np.linspace(first, last, count))
+        seen = cell.readings(controller) + rng.normal(0.0, 2e-5, (count, len(cell.targets), 3))
+        observations = [
+            {"joints": list(q), "targets": {f"t{n}": list(p) for n, p in enumerate(points)}}
+            for q, points in zip(controller, seen, strict=True)
+        ]
+        sweeps.append({"joint": f"joint_{joint + 1}", "observations": observations})
+    units = {"length": "m", "angle": "rad"}
+    return json.dumps({"units": units, "noise": {"sigma": 2e-5}, "sweeps": sweeps}).encode()
+
+
+# Posts
+
+
+def _posts(database: str, count: int) -> Section:
+    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+        body = json.dumps({"measurement_set_id": post_campaign(client, 19)}).encode()
+        before = _listed(client)
+        alone = min(
+            _posted(service.port, body, [f"alone{i}-{n}" for n in range(count // 10)])[1] for i in range(2)
+        )
+        began = time.monotonic()
+        keys = [f"k{n}" for n in range(count)]
+        with ThreadPoolExecutor(16) as pool:
+            shares = [keys[i::16] for i in range(16)]
+            answers = [
+                pair
+                for pairs, _ in pool.map(lambda some: _posted(service.port, body, some), shares)
+                for pair in pairs
+            ]
+        seconds = time.monotonic() - began
+        created = [identifier for status, identifier in answers if status == 201]
+        stored = _listed(client) - before
+    lost, twice = len(set(created) - stored), len(created) - len(set(created))
+    rate, loop = count / seconds, (count // 10) / alone
+    return Section(
+        title=f"{count:,} posts of runs by 16 clients",
+        columns=("rate", "one client in a loop", "created", "other answers"),
+        rows=((f"{rate:.0f}/s", f"{loop:.0f}/s", f"{len(created)}", f"{count - len(created)}"),),
+        figures=(
+            Figure("posts at once: rate / that of one client", rate / loop, "at least", 0.8, "×"),
+            Figure("posts at once: acknowledged and not stored", lost, "at most", 0),
+            Figure("posts at once: acknowledged twice", twice, "at most", 0),
+        ),
+    )
+
+
+def _posted(port: int, body: bytes, keys: Sequence[str]) -> tuple[list[tuple[int, str]], float]:
+    connection, found, began = HTTPConnection("localhost", port, timeout=120), [], time.monotonic()
+    for key in keys:
+        connection.request("POST", "/v1/runs", body, _JSON | {"Idempotency-Key": key})
+        answer = connection.getresponse()
+        found.append((answer.status, str(json.loads(answer.read()).get("id"))))
+    connection.close()
+    return found, time.monotonic() - began
+
+
+def _listed(client: httpx.Client) -> set[str]:
+    found, cursor = set(), None
+    while True:
+        page = client.get("/v1/runs", params={"limit": 100} | ({"cursor": cursor} if cursor else {})).json()
+        found |= {item["id"] for item in page["items"]}
+        cursor = page["next"]
+        if cursor is None:
+            return found
+
+
+# Threads of linear algebra
+
+
+def _threads(database: str, count: int) -> Section:
+    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=200) as client:
+        requests: dict[str, Callable[[], httpx.Response]] = {
+            f"geometry of {6 * count}": lambda: client.post(
+                "/v1/geometries", content=_sweeps(count), headers=_JSON
+            ),
+        }
+        found = {}
+        for name, send in requests.items():
+            before, began = _cpu(service.process.pid), time.monotonic()
+            send().raise_for_status()
+            found[name] = (_cpu(service.process.pid) - before, time.monotonic() - began)
+    return Section(
+        title="Processor time of the service beside the time that it took",
+        columns=("work", "processor", "time", "ratio"),
+        rows=tuple((name, f"{c:.2f} s", f"{t:.2f} s", f"{c / t:.2f}") for name, (c, t) in found.items()),
+        figures=tuple(
+            Figure(f"{name}: processor time / time", c / t, "at most", 1.1, "×")
+            for name, (c, t) in found.items()
+        ),
+    )
+
+
+def _cpu(pid: int) -> float:
+    """Return the processor time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
