@@ -25,6 +25,7 @@ from benchmarks import (
     efficiency,
     exactness,
     fanuc,
+    faults,
     force,
     geometry,
     in_process,
@@ -66,6 +67,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "workers": workers.run,
     "durability": durability.run,
     "attacks": attacks.run,
+    "faults": faults.run,
     "coverage": coverage.run,
     "deflection": deflection.run,
     "paths": paths.run,
@@ -101,7 +103,9 @@ STUDIES = frozenset(
     }
 )
 """They prove numbers and compare no times."""
-BY_NAME = frozenset({"attacks", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
+BY_NAME = (
+    frozenset({"attacks", "faults", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
+)
 """They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal

@@ -22,7 +22,7 @@ import psycopg
 
 from benchmarks.campaigns import small_campaign
 
-__all__ = ["Service", "ServiceError", "numbers", "post_campaign", "postgresql", "running"]
+__all__ = ["PostgresqlServer", "Service", "ServiceError", "numbers", "post_campaign", "postgresql", "running"]
 
 _START_SECONDS: Final = 60.0
 
@@ -135,9 +135,36 @@ def running(pid: int) -> bool:
         return False
 
 
+class PostgresqlServer:
+    """A PostgreSQL server of our own, which is called for the URL of a fresh database."""
+
+    def __init__(self, programs: Path, folder: Path) -> None:
+        """Take a server whose data are in a folder."""
+        self._programs, self._folder = programs, folder
+
+    def __call__(self) -> str:
+        """Make a database; return its URL."""
+        return _new_database(self._folder)
+
+    def start(self) -> None:
+        """Start it, and wait until it answers."""
+        options = f"-k {self._folder} -c listen_addresses=''"
+        _control(self._programs.with_name("pg_ctl"), self._folder, "start", "-w", "-o", options)
+
+    def stop(self) -> None:
+        """Stop it at once, as a power failure would."""
+        _control(self._programs.with_name("pg_ctl"), self._folder, "stop", "-w", "-m", "immediate")
+
+    def say(self, statement: str) -> None:
+        """Carry out a statement."""
+        address = f"postgresql://postgres@/postgres?host={self._folder}"
+        with psycopg.connect(address, autocommit=True) as connection:
+            connection.execute(statement.encode())
+
+
 @contextmanager
-def postgresql() -> Iterator[Callable[[], str]]:
-    """A PostgreSQL server of our own; yields what makes a fresh database and returns its URL."""
+def postgresql() -> Iterator[PostgresqlServer]:
+    """A PostgreSQL server of our own."""
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
     found = installed[-1] if installed else shutil.which("initdb")
     if not found:
@@ -147,12 +174,12 @@ def postgresql() -> Iterator[Callable[[], str]]:
         if os.geteuid() == 0:  # the server refuses to run as root
             shutil.chown(folder, "postgres", "postgres")
         _control(Path(found), folder, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C")
-        control, options = Path(found).with_name("pg_ctl"), f"-k {folder} -c listen_addresses=''"
-        _control(control, folder, "start", "-w", "-o", options)
+        server = PostgresqlServer(Path(found), folder)
+        server.start()
         try:
-            yield lambda: _new_database(folder)
+            yield server
         finally:
-            _control(control, folder, "stop", "-w", "-m", "immediate")
+            server.stop()
     finally:
         shutil.rmtree(folder)
 

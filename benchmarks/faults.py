@@ -1,0 +1,264 @@
+"""Faults below the service: no room, no writing, a lock, a server that is away; during posts and a long run.
+
+By name only: it takes about five minutes. SQLite's disk is a small one in memory, which takes root.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sqlite3
+import subprocess
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+from uuid import uuid4
+
+import httpx
+
+from benchmarks.campaigns import small_campaign
+from benchmarks.report import Figure, Section
+from benchmarks.services import PostgresqlServer, Service, numbers, post_campaign, postgresql
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.library.campaigns import identify
+from jointstiff.service.workers import examine
+
+__all__ = ["run"]
+
+Fault = Callable[[Service], AbstractContextManager[object]]
+
+CONFIGURATIONS, RESAMPLING = 400, {"size": 100, "repetitions": 60_000, "seed": 5}
+"""About fifteen steps of a quarter of a second."""
+_DISK: Final = "24m"
+_RECOVERED_SECONDS: Final = 30.0
+_END_SECONDS: Final = 150.0
+_CODED: Final = frozenset({201, 429, 503, 507})
+
+
+@dataclass
+class Outcome:
+    """Outcome of one fault.
+
+    Attributes:
+        statuses: answers to posts while it lasted.
+        uncoded: posts without an answer, or with one that is no problem document.
+        lost: acknowledged resources that are not there.
+        recovered: time until a post was taken again [s].
+        state: of the long run at its end.
+        same: whether its numbers are those of the undisturbed run.
+        found: faults that the doctor sees.
+    """
+
+    statuses: Counter[int] = field(default_factory=Counter)
+    uncoded: list[str] = field(default_factory=list)
+    lost: int = 0
+    recovered: float = float("inf")
+    state: str = ""
+    same: bool = False
+    found: list[str] = field(default_factory=list)
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Let services of our own meet each fault."""
+    seconds = 3.0 if quick else 8.0
+    undisturbed = _undisturbed()
+    outcomes: dict[str, Outcome] = {}
+    with _disk() as folder:
+        sqlite: dict[str, Callable[[Path], Fault]] = {
+            "disk full": lambda path: partial(_full, path.parent),
+            "no file may grow": lambda _: _no_growth,
+            "locked": lambda path: partial(_locked, path),
+        }
+        for name, fault in sqlite.items():
+            path = folder / f"{uuid4().hex}.db"
+            long = 25.0 if name == "locked" and not quick else seconds
+            outcomes[f"SQLite: {name}"] = _meet(f"sqlite:///{path}", fault(path), long, undisturbed)
+            path.unlink()
+    with postgresql() as server:
+        faults = {"server stopped and back": _stopped, "read-only": _read_only}
+        for name, server_fault in faults.items():
+            outcomes[f"PostgreSQL: {name}"] = _meet(
+                server(), partial(server_fault, server), seconds, undisturbed
+            )
+    return [_section(outcomes)]
+
+
+def _undisturbed() -> dict[str, Any]:
+    document = small_campaign(configurations=CONFIGURATIONS).document | {"run": {"resampling": RESAMPLING}}
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    return numbers(json.loads(identify(campaign, campaign.run).model_dump_json()))
+
+
+def _meet(database: str, fault: Fault, seconds: float, undisturbed: dict[str, Any]) -> Outcome:
+    outcome, created = Outcome(), list[str]()
+    stop, faulty = threading.Event(), threading.Event()
+    with Service(database, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        set_id = post_campaign(client, CONFIGURATIONS)
+        body = {"measurement_set_id": set_id, "resampling": RESAMPLING}
+        address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
+        poster = threading.Thread(target=_post_on, args=(service.url, stop, faulty, outcome, created))
+        poster.start()
+        time.sleep(1.0)
+        faulty.set()
+        with fault(service):
+            time.sleep(seconds)
+        faulty.clear()
+        outcome.recovered = _recovered(created)
+        run = _ended(client, address)
+        stop.set()
+        poster.join()
+        outcome.lost = sum(client.get(f"/v1/robots/{robot}").status_code != 200 for robot in created)
+    outcome.state = run["state"]
+    outcome.same = numbers(run) == undisturbed
+    outcome.found = [f"{each.code}: {each.where}" for each in examine(database).faults]
+    return outcome
+
+
+def _post_on(
+    url: str, stop: threading.Event, faulty: threading.Event, outcome: Outcome, created: list[str]
+) -> None:
+    robot = small_campaign().document["robot"]
+    with httpx.Client(base_url=url, timeout=90) as client:
+        while not stop.is_set():
+            time.sleep(0.05)
+            answer = client.post("/v1/robots", json=robot)
+            if answer.status_code == 201:
+                created.append(answer.json()["id"])
+            if faulty.is_set():
+                outcome.statuses[answer.status_code] += 1
+            if answer.status_code not in _CODED or (answer.is_error and "detail" not in answer.json()):
+                outcome.uncoded.append(f"{answer.status_code} {answer.text[:80]}")
+
+
+def _recovered(created: list[str]) -> float:
+    """Return the time until another post is acknowledged [s]."""
+    before, began = len(created), time.monotonic()
+    while len(created) == before:
+        if time.monotonic() - began > 4 * _RECOVERED_SECONDS:
+            return float("inf")
+        time.sleep(0.02)
+    return time.monotonic() - began
+
+
+def _ended(client: httpx.Client, address: str) -> dict[str, Any]:
+    deadline = time.monotonic() + _END_SECONDS
+    while True:
+        found: dict[str, Any] = client.get(address).raise_for_status().json()
+        if found["state"] not in {"queued", "running"} or time.monotonic() > deadline:
+            return found
+        time.sleep(0.2)
+
+
+# The faults
+
+
+@contextmanager
+def _disk() -> Iterator[Path]:
+    """A small disk of our own."""
+    folder = Path(tempfile.mkdtemp(prefix="jointstiff-faults-"))
+    subprocess.run(["/bin/mount", "-t", "tmpfs", "-o", f"size={_DISK}", "tmpfs", folder], check=True)
+    try:
+        yield folder
+    finally:
+        subprocess.run(["/bin/umount", "-l", folder], check=True)
+        folder.rmdir()
+
+
+@contextmanager
+def _full(folder: Path, _: Service) -> Iterator[None]:
+    ballast = folder / "ballast"
+    with ballast.open("wb", buffering=0) as file:
+        block = 1 << 20
+        while block:
+            try:
+                file.write(bytes(block))
+            except OSError:
+                block //= 2
+    try:
+        yield
+    finally:
+        ballast.unlink()
+
+
+@contextmanager
+def _no_growth(service: Service) -> Iterator[None]:
+    pids = [service.process.pid, *service.workers()]
+    for pid in pids:
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+    try:
+        yield
+    finally:
+        for pid in pids:
+            if Path(f"/proc/{pid}").exists():
+                resource.prlimit(pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+
+@contextmanager
+def _locked(path: Path, _: Service) -> Iterator[None]:
+    with closing(sqlite3.connect(path, timeout=30, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
+
+
+@contextmanager
+def _stopped(server: PostgresqlServer, _: Service) -> Iterator[None]:
+    server.stop()
+    try:
+        yield
+    finally:
+        server.start()
+
+
+@contextmanager
+def _read_only(server: PostgresqlServer, _: Service) -> Iterator[None]:
+    server.say("ALTER SYSTEM SET default_transaction_read_only = on")
+    server.say("SELECT pg_reload_conf()")
+    try:
+        yield
+    finally:
+        server.say("ALTER SYSTEM RESET default_transaction_read_only")
+        server.say("SELECT pg_reload_conf()")
+
+
+def _section(outcomes: dict[str, Outcome]) -> Section:
+    return Section(
+        title="Faults during posts and a long run",
+        columns=("fault", "answers meanwhile", "uncoded", "lost", "recovered", "long run", "doctor"),
+        rows=tuple(
+            (
+                name,
+                ", ".join(f"{count} × {status}" for status, count in sorted(found.statuses.items())),
+                "; ".join(found.uncoded[:2]) or "0",
+                str(found.lost),
+                f"{found.recovered:.1f} s",
+                found.state if found.same else f"{found.state}, DIFFERENT",
+                "; ".join(found.found[:2]) or "ok",
+            )
+            for name, found in outcomes.items()
+        ),
+        figures=tuple(
+            figure
+            for name, found in outcomes.items()
+            for figure in (
+                Figure(f"{name}: answers without a code", len(found.uncoded), "at most", 0),
+                Figure(f"{name}: acknowledged and lost", found.lost, "at most", 0),
+                Figure(
+                    f"{name}: until posts are taken again",
+                    found.recovered,
+                    "at most",
+                    _RECOVERED_SECONDS,
+                    " s",
+                ),
+                Figure(f"{name}: long run not the same", int(not found.same), "at most", 0),
+                Figure(f"{name}: faults that the doctor finds", len(found.found), "at most", 0),
+            )
+        ),
+        notes=("kill -9 of service and worker: the benchmark `durability`",),
+    )
