@@ -23,6 +23,7 @@ from benchmarks import (
     deflection,
     durability,
     efficiency,
+    elastic_campaigns,
     exactness,
     fanuc,
     faults,
@@ -46,7 +47,7 @@ from benchmarks import (
     start,
     workers,
 )
-from benchmarks.report import Section, print_figures, print_section
+from benchmarks.report import Part, Section, print_figures, print_section
 
 RUNNERS: dict[str, Callable[..., list[Section]]] = {
     # Memory before large, which leaves this process big.
@@ -81,7 +82,12 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "integrity": integrity.run,
     "assessment": assessment.run,
     "links": links.run,
+    "links_fanuc": links.run_fanuc,
+    "links_coverage": elastic_campaigns.run_coverage,
+    "links_answered": elastic_campaigns.run_answered,
 }
+IN_PARTS = frozenset({"links_fanuc", "links_coverage", "links_answered"})
+"""They take some minutes, and `--part 2/4` runs the second of four parts."""
 STUDIES = frozenset(
     {
         "coverage",
@@ -94,6 +100,7 @@ STUDIES = frozenset(
         "replication",
         "invariance",
         "links",
+        *IN_PARTS,
         "assessment",
         "integrity",
         "geometry",
@@ -120,7 +127,8 @@ def main() -> None:
     sections = []
     for name in arguments.benchmarks:
         with Console(stderr=True).status(f"{name} …"):
-            found = RUNNERS[name](quick=arguments.quick)
+            part = {"part": arguments.part} if name in IN_PARTS else {}
+            found = RUNNERS[name](quick=arguments.quick, **part)
         for section in found:
             print_section(console, section)
         sections += found
@@ -144,12 +152,24 @@ def _arguments() -> argparse.Namespace:
         help=f"{', '.join(RUNNERS)}; all but {', '.join(sorted(BY_NAME))} if none",
     )
     parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
+    parser.add_argument(
+        "--part",
+        type=_part,
+        default=Part(),
+        metavar="K/N",
+        help=f"the K-th of N parts of {', '.join(sorted(IN_PARTS))}",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
     arguments = parser.parse_args()
     if unknown := set(arguments.benchmarks) - set(RUNNERS):
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(RUNNERS)}")
     arguments.benchmarks = arguments.benchmarks or [name for name in RUNNERS if name not in BY_NAME]
     return arguments
+
+
+def _part(text: str) -> Part:
+    number, _, count = text.partition("/")
+    return Part(int(number), int(count))
 
 
 def _machine() -> dict[str, Any]:

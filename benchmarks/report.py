@@ -11,7 +11,19 @@ from rich.table import Table
 
 from benchmarks.timing import Times
 
-__all__ = ["Figure", "Section", "print_figures", "print_section", "seconds_text", "times_table"]
+__all__ = ["Figure", "Part", "Section", "print_figures", "print_section", "seconds_text", "times_table"]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a study that takes long: the k-th of n."""
+
+    number: int = 1
+    count: int = 1
+
+    def of(self, total: int) -> range:
+        """Return the cases of this part, of a total that all parts share out."""
+        return range(total * (self.number - 1) // self.count, total * self.number // self.count)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,7 @@ FindingCode = Literal[
     "base_target_moved",
     "link_penalty_at_end",
     "link_penalty_raised",
+    "loss_not_compared",
 ]
 
 

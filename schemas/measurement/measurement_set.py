@@ -202,6 +202,7 @@ WarningCode = Literal[
     "base_target_moved",
     "link_penalty_at_end",
     "link_penalty_raised",
+    "loss_not_compared",
     "stiffness_implausible",
     "complementary_stiffness_matters",
 ]

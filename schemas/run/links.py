@@ -16,7 +16,10 @@ from jointstiff.schemas.fields import (
     TranslationalCompliance,
 )
 
-Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+ElasticModel = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+Elasticity = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links", "automatic"]
+Loss = Literal["squared", "huber", "absolute"]
+Source = Literal["given", "cross_validation"]
 
 
 Matrix = list[list[float]]
@@ -33,8 +36,8 @@ class CrossValidation(Message):
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
-        description="`best`: the penalty of least held-out residual. `one_standard_error`: the largest whose "
-        "residual is within one standard error of that.",
+        description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
+        "mean square). `one_standard_error`: the largest within one standard error of that.",
     )
 
 
@@ -92,8 +95,9 @@ class LinkCertificate(Message):
         description="Distance of the slack matrices from positive semidefinite, relative to the penalty."
     )
     gap: Dimensionless[float] = Field(
-        description="Gap: the weighted fitted readings differ from those of the optimum by at most this many "
-        "`scale`."
+        description="Gap, in units of `scale`. Loss `squared`: bound of the difference between the weighted "
+        "fitted readings and those of the optimum. Other losses: bound of the objective's excess over its "
+        "optimum, as mean length of a residual."
     )
     scale: Metres[float] = Field(
         description="Scale: sigma if given, otherwise the residual scale of the joint model."
@@ -103,9 +107,12 @@ class LinkCertificate(Message):
 class LinksResult(Message):
     """Compliances of the elements that deflect besides the joints."""
 
-    model: Elasticity
+    model: ElasticModel
+    model_source: Source = Field(description="`cross_validation` for elasticity `automatic`.")
+    loss: Loss = Field(description="Loss function of the length of each target's residual.")
+    loss_source: Source = Field(description="`given` also where few options leave one loss.")
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
-    penalty_source: Literal["given", "cross_validation"]
+    penalty_source: Source
     coupled_joints: Compliance[Matrix | None] = Field(
         description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
         "joints that are not observable."
@@ -123,11 +130,12 @@ class LinksResult(Message):
 
 
 class ScoredModel(Message):
-    """Prediction error of a model for held-out configurations."""
+    """Prediction error of a model, fitted with one loss, for held-out configurations."""
 
-    model: Elasticity
+    model: ElasticModel
+    loss: Loss
     penalty: Dimensionless[float | None] = Field(
-        description="Penalty, chosen for this model or given; null for joints alone."
+        description="Penalty, chosen for this model and loss, or given; null for joints alone."
     )
     compensation: Dimensionless[float] = Field(
         description="Compensation of held-out configurations, mean over the folds."
@@ -139,10 +147,15 @@ class ScoredModel(Message):
 
 
 class ModelSelection(Message):
-    """The models side by side, from simple to rich."""
+    """Models and losses side by side, from simple to rich."""
 
-    models: list[ScoredModel]
-    best: Elasticity = Field(description="Model with the largest held-out compensation.")
-    simplest: Elasticity = Field(
+    models: list[ScoredModel] = Field(description="Each model with each loss that was compared.")
+    chosen: ElasticModel = Field(description="Model of this run's numbers.")
+    chosen_loss: Loss = Field(description="Loss of this run's numbers.")
+    losses: dict[ElasticModel, Loss] = Field(description="Loss of least held-out residual of each model.")
+    best: ElasticModel = Field(
+        description="Model with the largest held-out compensation, each with its loss of least residual."
+    )
+    simplest: ElasticModel = Field(
         description="Simplest model within one standard error of the best: the recommended one."
     )

@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from jointstiff.schemas.fields import Message, Metres, Name, Stiffness
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run.links import CrossValidation, Elasticity
+from jointstiff.schemas.run.links import CrossValidation, Elasticity, Loss
 from jointstiff.schemas.run.resampling import Resampling
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
@@ -67,10 +67,13 @@ class RunOptions(Message):
         "positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
-    loss: Literal["squared", "huber"] = Field(
-        default="squared",
+    loss: Loss | None = Field(
+        default=None,
         description="Loss function of the norm of each target's whitened residual. `huber` grows linearly "
-        "beyond a threshold, so that a bumped target cannot spoil the fit.",
+        "beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it "
+        "needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where "
+        "`link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and "
+        "`absolute` support at most 500 targets read in all where links or coupling are elastic.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -98,10 +101,12 @@ class RunOptions(Message):
     )
     elasticity: Elasticity = Field(
         default="joints",
+        validate_default=True,
         description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
         "joint compliance. `diagonal_links`: joints, and six compliances per link. "
         "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
-        "All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, "
+        "`automatic`: the simplest of these whose held-out compensation is within one standard error of the "
+        "best. All but `joints` need method `partial_pose` and weighting `covariance`, "
         "without bounds, priors, order and resampling.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
@@ -111,9 +116,8 @@ class RunOptions(Message):
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on links and coupling; default: chosen by cross-validation, and the "
-        "run may then "
-        "take long. Dimensionless.",
+        description="Penalty on links and coupling; default: chosen by cross-validation together with the "
+        "loss, and the run may then take long. Dimensionless.",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
@@ -142,6 +146,18 @@ class RunOptions(Message):
             raise ValueError("needs loss `huber`")
         return threshold
 
+    @field_validator("elasticity", mode="after")
+    @classmethod
+    def _goes_with_the_loss(cls, elasticity: Elasticity, info: ValidationInfo) -> Elasticity:
+        loss = info.data.get("loss")
+        if loss == "absolute" and elasticity == "joints":
+            raise ValueError(
+                "must be other than `joints` for loss `absolute`; use loss `huber` for joints alone"
+            )
+        if loss is not None and elasticity == "automatic":
+            raise ValueError("`automatic` chooses the loss as well: omit `loss`, or name an elasticity")
+        return elasticity
+
     @field_validator("links", "link_penalty", mode="after")
     @classmethod
     def _goes_with_more_than_joints(
@@ -150,6 +166,8 @@ class RunOptions(Message):
         elasticity = info.data.get("elasticity")
         if chosen and elasticity == "joints":
             raise ValueError("needs an elasticity other than `joints`")
+        if isinstance(chosen, float) and elasticity == "automatic":
+            raise ValueError("needs an elasticity that is named: `automatic` chooses the penalty")
         if isinstance(chosen, list) and chosen and elasticity == "coupled_joints":
             raise ValueError("needs an elasticity with links, not `coupled_joints`")
         return chosen

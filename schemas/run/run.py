@@ -190,9 +190,9 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis together. Their standard uncertainties are those "
-        "of a jackknife over the folds; intervals add an allowance for the penalty's bias, and are null "
-        "where `link_penalty` is given.",
+        "the joint and its link's rotation about its axis together. Their intervals are ranges of what fits "
+        "the readings under 0.3 times the penalty, which predicts best; they are null where `link_penalty` "
+        "is given.",
     )
     selection: ModelSelection | None = Field(
         default=None, description="Held-out compensation of each model, if links or coupling are elastic."

@@ -55,7 +55,11 @@ def identify(
         typer.Option("--positive/--unconstrained", help="Constrain compliances to be zero or positive."),
     ] = None,
     loss: Annotated[
-        LossChoice | None, typer.Option(help="Loss function; huber limits the effect of a bumped target.")
+        LossChoice | None,
+        typer.Option(
+            help="Loss function; huber limits the effect of a bumped target. Default: squared for joints; "
+            "with elastic links chosen by cross-validation."
+        ),
     ] = None,
     huber_threshold: Annotated[
         float | None,
@@ -77,7 +81,7 @@ def identify(
     stiffer: Stiffer = None,
     elasticity: Annotated[
         ElasticityChoice | None,
-        typer.Option(help="Elements that deflect; the penalty is chosen by cross-validation."),
+        typer.Option(help="Elements that deflect; loss and penalty are chosen by cross-validation."),
     ] = None,
     links: Links = None,
     link_penalty: Annotated[

@@ -147,6 +147,7 @@ class ElasticityChoice(StrEnum):
     COUPLED = "coupled_joints"
     DIAGONAL = "diagonal_links"
     LINKS = "joints_and_links"
+    AUTOMATIC = "automatic"
 
 
 class LossChoice(StrEnum):
@@ -154,6 +155,7 @@ class LossChoice(StrEnum):
 
     SQUARED = "squared"
     HUBER = "huber"
+    ABSOLUTE = "absolute"
 
 
 class UnitChoice(StrEnum):

@@ -1,8 +1,8 @@
-"""Elastic links as work: cross-validation cut into steps of a fraction of a second, and what it comes to."""
+"""Elastic links as work: cross-validation cut into steps of a few seconds, and what it comes to."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Final
 
@@ -14,6 +14,7 @@ from jointstiff.service.computation.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.conversion import (
     to_elastic_columns,
     to_links_result,
+    to_losses,
     to_plan,
     to_result,
     to_selection,
@@ -21,6 +22,7 @@ from jointstiff.service.conversion import (
     to_warnings,
 )
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting import DEFAULT_THRESHOLD
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate, judge
 from jointstiff.solver.links import (
@@ -28,17 +30,25 @@ from jointstiff.solver.links import (
     ElasticModel,
     FoldFit,
     Folds,
+    HeldOut,
     Selection,
+    compared_losses,
+    effective_compliances,
+    effective_intervals,
     first_certified,
     fit_fold,
+    judge_losses,
     judge_penalty,
     refuse_unsupported_elastic,
     select_model,
     with_links,
 )
 
-_WEIGHTS_A_STEP: Final = 4
-"""Estimated time of all models in one fold [s], 0.1 to 1 s."""
+_WEIGHTS_A_STEP: Final = 3
+"""For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
+
+JointRun = Callable[[RunOptions], RunResult]
+"""Identifies the prepared set by joints alone."""
 
 _OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
 """Reasons that remain where links do not explain what joints alone did not."""
@@ -53,14 +63,22 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
     unit = "penalties"
     activity = "cross-validating"
 
-    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
+    def __init__(
+        self, prepared: PreparedSet, options: RunOptions, input_hash: str, by_joints: JointRun
+    ) -> None:
         """Check what is asked for.
+
+        Args:
+            prepared: the readings.
+            options: how to identify.
+            input_hash: of both.
+            by_joints: identifies by joints alone, for elasticity `automatic`.
 
         Raises:
             RequestError: the readings cannot support it, or something about a joint that is not there.
         """
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
-        self._prepared, self._options = prepared, options
+        self._prepared, self._options, self._by_joints = prepared, options, by_joints
         self._settings = to_settings(options, prepared.robot)
         refuse_unsupported_elastic(prepared.measurements, self._settings)
         if options.resampling is not None:
@@ -71,6 +89,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             )
         self._columns = to_elastic_columns(options, prepared.robot)
         self._plan = to_plan(options)
+        self._losses = compared_losses(prepared.measurements, to_losses(options))
         self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
 
     def steps(self) -> tuple[Span, ...]:
@@ -122,15 +141,26 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
             parts = [self.compute(span) for span in spans]
         fits = {
-            model.name: self._by_fold(spans, [part[number] for part in parts])
+            model.key: self._by_fold(spans, [part[number] for part in parts])
             for number, model in enumerate(self._models)
         }
-        selection = select_model(robot, measurements, self._folds, fits, self._plan, self._options.elasticity)
-        return self._result(selection)
+        asked = None if self._options.elasticity == "automatic" else self._options.elasticity
+        selection = select_model(robot, measurements, self._folds, fits, self._plan, asked)
+        chosen = selection.of(asked or selection.simplest)
+        if chosen.model != "joints":
+            return self._result(selection, chosen)
+        chosen = selection.of("joints", ("squared", "huber"))
+        options = self._options.model_copy(
+            update={"elasticity": "joints", "loss": chosen.loss, "links": [], "link_penalty": None}
+        )
+        return self._by_joints(options).model_copy(update={"selection": to_selection(selection, chosen)})
 
     @property
     def _models(self) -> list[ElasticModel]:
-        return [ElasticModel(name, self._columns) for name in MODELS]
+        threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
+        return [
+            ElasticModel(name, self._columns, loss, threshold) for name in MODELS for loss in self._losses
+        ]
 
     @cached_property
     def _joints(self) -> Estimate:
@@ -157,25 +187,21 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for steps in of_fold
         ]
 
-    def _result(self, selection: Selection) -> RunResult:
-        prepared, options = self._prepared, self._options
-        name = options.elasticity
-        scored = selection.of(name)
-        grid = self._plan.weights
-        weight = scored.penalty if scored.penalty is not None else grid[0]
+    def _result(self, selection: Selection, chosen: HeldOut) -> RunResult:
+        prepared, options, grid = self._prepared, self._options, self._plan.weights
+        robot, weight = prepared.robot, chosen.penalty or grid[0]
+        model = next(model for model in self._models if model.key == (chosen.model, chosen.loss))
         elastic = first_certified(
-            prepared.robot,
-            prepared.measurements,
-            self._folds,
-            ElasticModel(name, self._columns),
-            grid[grid.index(weight) :],
+            robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
         )
-        estimate = with_links(
-            prepared.robot, self._joints, elastic, scored.effective, self._settings.confidence
-        )
+        intervals = effective_intervals(robot, elastic, self._settings.confidence)
+        if intervals is not None and options.link_penalty is not None:
+            intervals = intervals.without_ends()
+        estimate = with_links(self._joints, elastic, effective_compliances(robot, elastic), intervals)
         findings = judge(estimate, elastic.prediction)
         if options.link_penalty is None:
             findings += judge_penalty(weight, elastic.penalty, grid)
+            findings += () if options.loss else judge_losses(int(prepared.measurements.present.sum()))
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = prepared.assess(self._settings, estimate, elastic.prediction)
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
@@ -184,5 +210,5 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         result = to_result(
             estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
         )
-        links = to_links_result(elastic, prepared.robot.joint_names, given=options.link_penalty is not None)
-        return result.model_copy(update={"links": links, "selection": to_selection(selection)})
+        links = to_links_result(elastic, robot.joint_names, options, self._losses)
+        return result.model_copy(update={"links": links, "selection": to_selection(selection, chosen)})

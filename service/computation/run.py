@@ -81,8 +81,14 @@ def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWor
     Raises:
         RequestError: the readings cannot support what is asked for.
     """
-    work = RunWork if request.elasticity == "joints" else ElasticWork
-    return work(prepared, request, run_hash(prepared, request))
+    input_hash = run_hash(prepared, request)
+    if request.elasticity == "joints":
+        return RunWork(prepared, request, input_hash)
+
+    def by_joints(options: RunOptions) -> RunResult:
+        return RunWork(prepared, options, input_hash).conclude(())
+
+    return ElasticWork(prepared, request, input_hash, by_joints)
 
 
 def run_hash(prepared: PreparedSet, request: RunRequest) -> str:

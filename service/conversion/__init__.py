@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.links import (
         to_elastic_columns,
         to_links_result,
+        to_losses,
         to_plan,
         to_selection,
     )
@@ -63,7 +64,7 @@ else:
         deflections="to_directions to_identified_model to_joint_model to_load_cases to_own_weight",
         frames="in_base stated_transform to_resolved",
         geometry="to_geometry_result",
-        links="to_elastic_columns to_links_result to_plan to_selection",
+        links="to_elastic_columns to_links_result to_losses to_plan to_selection",
         load_case_table="prediction_csv read_load_cases",
         maps="map_columns map_csv map_npz to_map_result to_map_task to_places",
         measurements="to_findings to_measurements to_warnings",
@@ -118,6 +119,7 @@ __all__ = [
     "to_kinematics",
     "to_links_result",
     "to_load_cases",
+    "to_losses",
     "to_map_result",
     "to_map_task",
     "to_measurements",

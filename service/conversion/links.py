@@ -8,7 +8,16 @@ from jointstiff.schemas.run import RunOptions
 from jointstiff.schemas.run import links as messages
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.requests import joint_index
-from jointstiff.solver.links import WEIGHTS, ElasticColumns, ElasticEstimate, Plan, Selection
+from jointstiff.solver.links import (
+    LOSSES,
+    WEIGHTS,
+    ElasticColumns,
+    ElasticEstimate,
+    HeldOut,
+    Loss,
+    Plan,
+    Selection,
+)
 from jointstiff.solver.robot import Robot
 
 
@@ -30,15 +39,25 @@ def to_plan(options: RunOptions) -> Plan:
     return Plan(folds=asked.folds, seed=asked.seed, weights=weights, rule=asked.rule)
 
 
+def to_losses(options: RunOptions) -> tuple[Loss, ...]:
+    """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
+    if options.loss is not None:
+        return (options.loss,)
+    return LOSSES if options.link_penalty is None else ("squared",)
+
+
 def to_links_result(
-    elastic: ElasticEstimate, joint_names: Sequence[str], *, given: bool
+    elastic: ElasticEstimate, joint_names: Sequence[str], options: RunOptions, losses: Sequence[Loss]
 ) -> messages.LinksResult:
     """Return the links, with what each element explains."""
     return message(
         messages.LinksResult,
         elastic,
         model=elastic.model.name,
-        penalty_source="given" if given else "cross_validation",
+        model_source="cross_validation" if options.elasticity == "automatic" else "given",
+        loss=elastic.model.loss,
+        loss_source="cross_validation" if len(losses) > 1 else "given",
+        penalty_source="cross_validation" if options.link_penalty is None else "given",
         links=[
             message(messages.LinkCompliance, link, joint=joint_names[link.joint]) for link in elastic.links
         ],
@@ -53,6 +72,9 @@ def to_links_result(
     )
 
 
-def to_selection(selection: Selection) -> messages.ModelSelection:
-    """Return the models side by side."""
-    return message(messages.ModelSelection, selection)
+def to_selection(selection: Selection, chosen: HeldOut) -> messages.ModelSelection:
+    """Return models and losses side by side."""
+    losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
+    return message(
+        messages.ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -29,12 +30,17 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
         confidence=options.confidence,
         order=order,
         prior=_prior(options, robot),
-        loss=options.loss,
+        loss=_joint_loss(options),
         huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
         complementary_stiffness=options.complementary_stiffness == "included",
     )
     _ = settings.constraints  # refuses contradictions before any work is done
     return settings
+
+
+def _joint_loss(options: RunOptions) -> Literal["squared", "huber"]:
+    """Return the loss of a fit of joints alone; with links it belongs to the elastic model."""
+    return "huber" if options.loss == "huber" and options.elasticity == "joints" else "squared"
 
 
 def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:

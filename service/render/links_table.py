@@ -15,35 +15,41 @@ _MODEL_NAMES = {
     "joints_and_links": "joints and links",
 }
 
+_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
+
 
 def links_report(links: LinksResult, selection: ModelSelection | None) -> list[RenderableType]:
     """Return what bends beside the joints, in tables and lines."""
-    source = "given" if links.penalty_source == "given" else "by cross-validation"
     certificate = links.certificate
+    of_optimum = "of the optimum" if links.loss == "squared" else "of the optimum a target"
     parts: list[RenderableType] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links))
     if selection is not None:
-        parts.append(_selection_table(selection))
+        parts.append(selection_table(selection))
     lines = (
         (
-            f"penalty {links.penalty:.3g} ({source}); the readings determine "
-            f"{links.effective_freedom:.1f} of {links.parameters} parameters"
+            f"{_MODEL_NAMES[links.model]} ({_SOURCES[links.model_source]}), loss {links.loss} "
+            f"({_SOURCES[links.loss_source]}), penalty {links.penalty:.3g} ({_SOURCES[links.penalty_source]})"
         ),
-        f"certified: within {certificate.gap:.1e} sigma of the optimum; no negative eigenvalue",
+        (f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"),
+        f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
     )
     return parts + [Text(f"  {line}", style="dim") for line in lines]
 
 
 def links_line(links: LinksResult, selection: ModelSelection | None) -> Text:
     """Return in one line what the elastic links add to the joints."""
-    scores = {} if selection is None else {each.model: each.compensation for each in selection.models}
+    scores = {}
+    if selection is not None:
+        losses = {**selection.losses, links.model: links.loss}
+        scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
     if selection is None or not {"joints", links.model} <= set(scores):
         return Text(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
     return Text(
-        f"  {_MODEL_NAMES[links.model]} explain {_percent(scores[links.model])} of postures left out, joints "
-        f"alone {_percent(scores['joints'])}{'' if selection.simplest == links.model else chosen}"
+        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {_percent(scores[links.model])} of postures "
+        f"left out, joints alone {_percent(scores['joints'])}{'' if selection.simplest == links.model else chosen}"
     )
 
 
@@ -87,21 +93,25 @@ def _principal(link: LinkCompliance, kind: str) -> str:
     return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
 
 
-def _selection_table(selection: ModelSelection) -> Table:
+def selection_table(selection: ModelSelection) -> Table:
+    """Return models and losses beside each other."""
     table = Table(
         title="Compensation of held-out configurations",
         caption="mean over the folds ± standard error; the simplest model within one standard error of the "
-        "best is marked",
+        "best is marked, each with its loss of least residual",
     )
-    for heading in ("model", "compensation", "std. error", "penalty", ""):
-        table.add_column(heading, justify="left" if heading in {"model", ""} else "right")
+    for heading in ("model", "loss", "compensation", "std. error", "penalty", ""):
+        table.add_column(heading, justify="left" if heading in {"model", "loss", ""} else "right")
     for scored in selection.models:
-        verdict = "best" if scored.model == selection.best else ""
-        if scored.model == selection.simplest:
-            verdict = f"[green]simplest within one standard error[/]{', best' if verdict else ''}"
+        marks = []
+        if (scored.model, scored.loss) == (selection.chosen, selection.chosen_loss):
+            marks.append("[bold]this run[/]")
+        if scored.loss == selection.losses.get(scored.model):
+            marks += ["[green]simplest within one standard error[/]"] * (scored.model == selection.simplest)
+            marks += ["best"] * (scored.model == selection.best)
         penalty = "—" if scored.penalty is None else f"{scored.penalty:.2g}"
-        cells = (_percent(scored.compensation), _percent(scored.standard_error), penalty, verdict)
-        table.add_row(_MODEL_NAMES[scored.model], *cells)
+        cells = (_percent(scored.compensation), _percent(scored.standard_error), penalty, ", ".join(marks))
+        table.add_row(_MODEL_NAMES[scored.model], scored.loss, *cells)
     return table
 
 

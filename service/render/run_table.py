@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jointstiff.schemas.run import Advice, JointResult, Run, RunResult
-from jointstiff.service.render.links_table import links_line, links_report
+from jointstiff.service.render.links_table import links_line, links_report, selection_table
 from jointstiff.service.render.resampling_table import resampling_table
 from jointstiff.service.render.run_details import detail_lines
 from jointstiff.service.render.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
@@ -60,6 +60,8 @@ def run_report(run: Run, *, details: bool = False, unit: str = DEFAULT_UNIT) -> 
         parts += detail_lines(result)
     if result.links is not None and details:
         parts += [Text(), *links_report(result.links, result.selection)]
+    elif result.selection is not None and details:
+        parts += [Text(), selection_table(result.selection)]
     if result.resampling is not None:
         parts += [Text(), resampling_table(run, result.resampling, shown)]
     things = [*remedies(result.assessment), *_advised(run, result, details=details)]

@@ -4,11 +4,14 @@
     huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
     interval_end     minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of a profile-likelihood interval (§6)
     semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
+    sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
+    penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
 
-The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the last one to x_j ≥ 0 and Mat(x_b) ⪰ 0 with
-x = near + y. Variables are equilibrated. A program is compiled once for a shape, its data being parameters.
-Huber's loss has a cone for each reading; it is stated with its data, as that compiles faster. Ends of
-intervals are found in batches, by `inference.profile`; tests hold them to the program that is stated here.
+The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the last three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+with x = near + y in the first of them. Variables are equilibrated. A program is compiled once for a shape,
+its data being parameters. `huber`, `sum_of_norms` and `penalised_end` are stated with their data, as that
+compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests hold them to
+the program that is stated here.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data.
@@ -76,6 +79,8 @@ class Program:
         self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
         self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
         self._cones = dims_to_solver_cones(data["dims"])
+        first = int(data["dims"].zero) + int(data["dims"].nonneg)
+        self._norms = slice(first, first + int(sum(data["dims"].soc)))
         self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
         self._maps: tuple[csr_array, csr_array, tuple[Any, ...]] | None = None
         if self._columns:
@@ -94,6 +99,18 @@ class Program:
         Returns:
             The point, or None for any status but `Solved`, whatever values it left behind.
         """
+        answer = self._answer(data, tolerance)
+        return None if answer is None else answer[0]
+
+    def solve_with_duals(
+        self, data: Mapping[str, FloatArray], tolerance: float = TOLERANCE
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Solve by Clarabel; the point, and the multipliers of the second-order cones, or None."""
+        return self._answer(data, tolerance)
+
+    def _answer(
+        self, data: Mapping[str, FloatArray], tolerance: float
+    ) -> tuple[FloatArray, FloatArray] | None:
         import clarabel
 
         settings = clarabel.DefaultSettings()
@@ -104,7 +121,9 @@ class Program:
         answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
         x = np.asarray(answer.x[self._x], dtype=np.float64)
         solved = answer.status == clarabel.SolverStatus.Solved
-        return x if solved and np.isfinite(x).all() else None
+        if not (solved and np.isfinite(x).all()):
+            return None
+        return x, np.asarray(answer.z[self._norms], dtype=np.float64)
 
     def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
         """Return q, A and b for values of the parameters."""
@@ -212,14 +231,80 @@ def semidefinite(rows: int, scalars: int, sizes: tuple[int, ...]) -> Program:
         constraints = [r == T @ y - z]
         if scalars:
             constraints.append(x[:scalars] >= 0)
-        start = scalars
-        for size in sizes:
-            stop = start + size * (size + 1) // 2
-            basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
-            block = cp.reshape(basis @ x[start:stop], (size, size), order="C")
-            constraints.append(x[start:stop] >= 0 if size == 1 else block >> 0)
-            start = stop
+        constraints += _semidefinite_blocks(x, scalars, sizes)
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
+
+
+def sum_of_norms(A: FloatArray, d: FloatArray, scalars: int, sizes: tuple[int, ...]) -> Program:
+    """State ``minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx subject to x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
+    second-order cone a target. With h = 0 it is u, the sum of the norms.
+
+    Args:
+        A: (K, 3, m) of K targets.
+        d: (K, 3).
+        scalars: how many of the first parameters are zero or positive.
+        sizes: of the blocks that follow.
+
+    Returns:
+        The program; its parameters are p (m,) and root (1,), the square root of h.
+    """
+    import cvxpy as cp
+
+    with COMPILING:
+        K, _, m = A.shape
+        x, t, s = cp.Variable(m), cp.Variable(K), cp.Variable(3 * K)
+        p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
+        residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
+        constraints = [cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)]
+        if scalars:
+            constraints.append(x[:scalars] >= 0)
+        constraints += _semidefinite_blocks(x, scalars, sizes)
+        return Program(cp.Minimize(cp.sum(t) + 0.5 * cp.sum_squares(s) + p @ x), constraints, x)
+
+
+def penalised_end(
+    T: FloatArray, z: FloatArray, p: FloatArray, limit: float, scalars: int, sizes: tuple[int, ...]
+) -> Program:
+    """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    Args:
+        T: (k, m).
+        z: (k,).
+        p: (m,).
+        limit: J > 0.
+        scalars: how many of the first parameters are zero or positive.
+        sizes: of the blocks that follow.
+
+    Returns:
+        The program; its parameter is a (m,).
+    """
+    import cvxpy as cp
+
+    with COMPILING:
+        x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
+        left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
+        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
+        constraints = [cp.SOC(1.0 + left, norm)]
+        if scalars:
+            constraints.append(x[:scalars] >= 0)
+        constraints += _semidefinite_blocks(x, scalars, sizes)
+        return Program(cp.Minimize(a @ x), constraints, x)
+
+
+def _semidefinite_blocks(x: cp.Expression, start: int, sizes: tuple[int, ...]) -> list[cp.Constraint]:
+    """Return Mat(x_b) ⪰ 0 for the blocks behind the first parameters."""
+    import cvxpy as cp
+
+    constraints = []
+    for size in sizes:
+        stop = start + size * (size + 1) // 2
+        basis = to_matrix(np.eye(stop - start), size).reshape(stop - start, -1).T
+        block = cp.reshape(basis @ x[start:stop], (size, size), order="C")
+        constraints.append(x[start:stop] >= 0 if size == 1 else block >> 0)
+        start = stop
+    return constraints
 
 
 _Places = tuple[int, ...]

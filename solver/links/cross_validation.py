@@ -14,19 +14,26 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Bounds, IdentificationProblem, solve_cone, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.links.model import ElasticModel, Formulation, formulate
-from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_rows
+from jointstiff.solver.links.losses import MOST_TARGETS, LossProblem
+from jointstiff.solver.links.model import ElasticModel, formulate
+from jointstiff.solver.links.regressor import (
+    ElasticColumns,
+    ElasticRows,
+    ElasticTargets,
+    elastic_rows,
+    elastic_targets,
+)
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
 Rule = Literal["best", "one_standard_error"]
 
-WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-8.0, 2.0, 11))
+WEIGHTS: Final = tuple(float(weight) for weight in np.logspace(-7.0, 1.0, 9))
 """λ: from hardly any penalty to one that leaves nothing of the links."""
 _GAP: Final = 1e-4
-"""Tolerance of the fitted readings, relative to all: far below the accuracy of predicted readings."""
+"""Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
+of predicted readings."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,8 @@ class FoldFit:
 
     Attributes:
         compliances: (W, P); NaN where no answer was certified.
-        error: (W,) mean square of the held-out fold's weighted residuals [m²].
+        error: (W,) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
+            coordinates in a set of more than `MOST_TARGETS` targets.
     """
 
     compliances: FloatArray
@@ -109,6 +117,10 @@ class Folds:
         self._robot, self._measurements = robot, measurements
         self.columns, self.visible = columns, visible
         self.held_out = plan.assigned(measurements.joints)
+        self.sigma = measurements.sigma
+        self.few = int(measurements.present.sum()) <= MOST_TARGETS
+        """Are there few enough targets for robust losses?"""
+        self._problems: dict[tuple[int | None, ElasticModel], LossProblem] = {}
 
     def __len__(self) -> int:
         return len(self.held_out)
@@ -125,9 +137,42 @@ class Folds:
         """Return the compressed rows of the whole set."""
         return ElasticRows.merged(list(self.rows))
 
-    def training(self, fold: int) -> ElasticRows:
+    @cached_property
+    def targets(self) -> tuple[ElasticTargets, ...]:
+        """Return the rows of the targets of each fold, one by one."""
+        return tuple(
+            elastic_targets(self._robot, self._measurements[indices], self.columns)
+            for indices in self.held_out
+        )
+
+    def training(self, fold: int | None) -> ElasticRows:
         """Return the compressed rows of all folds but one."""
+        if fold is None:
+            return self.all_rows
         return ElasticRows.merged([rows for number, rows in enumerate(self.rows) if number != fold])
+
+    def problem(self, model: ElasticModel, fold: int | None = None) -> LossProblem:
+        """Return a model on all folds but one, or on the whole set, ready to be fitted.
+
+        Raises:
+            UnsupportedMethodError: the penalty has no scale.
+        """
+        if (fold, model) not in self._problems:
+            formulation, targets = formulate(self.training(fold), model, self.visible), None
+            if model.loss != "squared":
+                parts = [part for number, part in enumerate(self.targets) if number != fold]
+                targets = ElasticTargets.merged(parts)
+            self._problems[fold, model] = LossProblem(model, formulation, targets, self.sigma)
+        return self._problems[fold, model]
+
+    def error(self, fold: int, compliances: FloatArray) -> FloatArray:
+        """(W,) prediction errors [m] of compliances (W, P) in a fold; see `FoldFit`."""
+        if self.few:
+            held_out = self.targets[fold]
+            return np.array([np.linalg.norm(held_out.residuals(each), axis=1).mean() for each in compliances])
+        rows = self.rows[fold]
+        residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
+        return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
 
 def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]) -> FoldFit:
@@ -141,28 +186,22 @@ def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[flo
         fold: which fold is held out.
         weights: λ; of joints alone, without a penalty, all give the same.
     """
-    formulation = formulate(folds.training(fold), model, folds.visible)
-    parameters = np.array([_parameters(formulation, weight) for weight in weights])
-    compliances = formulation.compliances(parameters)
-    held_out = folds.rows[fold]
-    residual = compliances @ held_out.triangle[:, :-1].T - held_out.triangle[:, -1]
-    return FoldFit(compliances, np.square(residual).sum(axis=1) / max(1, held_out.readings))
+    problem = folds.problem(model, fold)
+    cone = problem.formulation.cone
+    if problem.formulation.penalised.any() or cone.sizes:
+        parameters = np.array([_parameters(problem, weight) for weight in weights])
+    else:
+        alone = problem.joints_only() if model.loss == "squared" else _parameters(problem, 1.0)
+        parameters = np.tile(alone, (len(weights), 1))
+    compliances = problem.formulation.compliances(parameters)
+    return FoldFit(compliances, folds.error(fold, compliances))
 
 
-def joints_only(formulation: Formulation) -> FloatArray:
-    """(p,) parameters of a model without penalised elements, exactly."""
-    fit = formulation.fit
-    problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
-    return solve_step(problem).compliance
-
-
-def _parameters(formulation: Formulation, weight: float) -> FloatArray:
-    if not formulation.penalised.any() and not formulation.cone.sizes:
-        return joints_only(formulation)
+def _parameters(problem: LossProblem, weight: float) -> FloatArray:
     try:
-        return solve_cone(formulation.program(weight), gap=_GAP).x
+        return problem.fit(weight, gap=_GAP).solution.x
     except SolverError:
-        return np.full(formulation.cone.dimension, np.nan)
+        return np.full(problem.formulation.cone.dimension, np.nan)
 
 
 def answered(errors: FloatArray) -> BoolArray:

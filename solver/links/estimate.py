@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference import Prediction
-from jointstiff.solver.links.model import ElasticModel
+from jointstiff.solver.links.model import ElasticModel, Formulation
 
 ElementKind = Literal["joint", "coupling", "link"]
 
@@ -21,8 +22,9 @@ class LinkCertificate:
     Attributes:
         least_eigenvalue: of the matrices as they are returned, each in SI units; zero or positive.
         dual: how far the slack matrices are from positive semidefinite, over the weight of the penalty.
-        gap: bound of the distance, over all weighted readings, between what is fitted and what the optimum
-            fits, in units of `scale`.
+        gap: in units of `scale`. Squared loss: bound of the distance, over all weighted readings, between
+            what is fitted and what the optimum fits. Robust losses: bound of the objective's excess over the
+            optimum, as mean norm of a target's residual.
         scale: sigma where it is given, else the residual scale of joints alone [m].
         tolerance: of Clarabel, that sufficed.
     """
@@ -82,6 +84,31 @@ class Element:
 
 
 @dataclass(frozen=True, eq=False)
+class Companion:
+    """Weighted squares that share the optimum of an estimate.
+
+    Attributes:
+        formulation: of the whole set, targets weighted by what the loss leaves of them.
+        weight: λ of its penalty.
+        sigma: of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
+            without degrees of freedom.
+        degrees_of_freedom: of a sigma that comes from residuals; None for one that was given.
+    """
+
+    formulation: Formulation
+    weight: float
+    sigma: float | None
+    degrees_of_freedom: float | None
+
+    def quantile(self, confidence: float) -> float:
+        """Return half the width of a two-sided interval in standard uncertainties."""
+        probability = 0.5 * (1.0 + confidence)
+        if self.degrees_of_freedom is None:
+            return float(special.ndtri(probability))
+        return float(special.stdtrit(self.degrees_of_freedom, probability))
+
+
+@dataclass(frozen=True, eq=False)
 class ElasticEstimate:
     """Joint and link compliances with their evidence.
 
@@ -101,6 +128,8 @@ class ElasticEstimate:
         effective_freedom: of the whole model: how many numbers the readings determine.
         parameters: how many numbers the model has.
         certificate: of optimality.
+        companion: program of weighted squares that shares the optimum, its weight of the penalty and its
+            sigma: what uncertainties are computed with.
     """
 
     model: ElasticModel
@@ -117,6 +146,7 @@ class ElasticEstimate:
     effective_freedom: float
     parameters: int
     certificate: LinkCertificate
+    companion: Companion
 
     @property
     def unexplained(self) -> float:

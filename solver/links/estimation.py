@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from math import sqrt
 from typing import Final
 
@@ -10,19 +11,18 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import (
-    ConeSolution,
-    certify_cone,
     diagonal,
     effective_freedom,
     raised,
-    solve_cone,
     to_matrix,
 )
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.inference import Prediction
 from jointstiff.solver.links.cross_validation import Folds
+from jointstiff.solver.links.effective import EffectiveIntervals, effective_rows
 from jointstiff.solver.links.estimate import (
+    Companion,
     ElasticEstimate,
     Element,
     ElementKind,
@@ -30,7 +30,8 @@ from jointstiff.solver.links.estimate import (
     LinkCompliance,
     principal,
 )
-from jointstiff.solver.links.model import ElasticModel, Formulation, formulate
+from jointstiff.solver.links.losses import LossFit, LossProblem
+from jointstiff.solver.links.model import ElasticModel, Formulation
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
@@ -57,7 +58,6 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     refused = (
         (settings.method != "partial_pose", "method", "use method partial_pose"),
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (settings.loss != "squared", "loss", "use loss squared and omit the suspicious readings"),
         (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `non_negative` true"),
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
         (settings.prior is not None, "priors", "omit `priors`"),
@@ -88,13 +88,16 @@ def estimate_elastic(
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    rows = folds.all_rows
-    formulation = formulate(rows, model, folds.visible)
+    rows, problem = folds.all_rows, folds.problem(model)
+    formulation = problem.formulation
     scale = _scale(formulation, rows, measurements.sigma)
-    solution = _solved(formulation, weight, scale / formulation.size)
-    freedom = _by_column(formulation, effective_freedom(formulation.program(weight), solution.x))
+    fitted = _solved(problem, weight, scale / problem.size)
+    solution = fitted.solution
     compliances, least = _returned(formulation.compliances(solution.x), model)
-    gap = _judged(formulation, weight, compliances, scale)
+    gap = _judged(problem, fitted, weight, compliances, scale)
+    rows, shared, shared_weight = problem.companion(rows, compliances, weight, fitted.threshold)
+    x = compliances[shared.columns] / shared.unit
+    freedom = _by_column(shared, effective_freedom(shared.program(shared_weight), x))
     left = max(0.0, rows.readings - float(freedom.sum()))
     sigma, chi_square = _residuals(rows, compliances, left, measurements.sigma)
     elements, prediction = _explained(robot, measurements, model, compliances)
@@ -116,7 +119,23 @@ def estimate_elastic(
         certificate=LinkCertificate(
             least, solution.certificate.dual, gap, float(scale), solution.certificate.tolerance
         ),
+        companion=_companion(shared, shared_weight, measurements.sigma, sigma, chi_square, left),
     )
+
+
+def _companion(
+    formulation: Formulation,
+    weight: float,
+    stated: float | None,
+    sigma: float | None,
+    chi_square: float,
+    left: float,
+) -> Companion:
+    """Return it, its sigma raised where the residuals exceed what is stated."""
+    if stated is None or sigma is None:
+        return Companion(formulation, weight, sigma, left)
+    excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
+    return Companion(formulation, weight, sigma * max(1.0, excess), None)
 
 
 def first_certified(
@@ -160,10 +179,10 @@ def _scale(formulation: Formulation, rows: ElasticRows, sigma: float | None) -> 
     return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
 
 
-def _solved(formulation: Formulation, weight: float, scale: float) -> ConeSolution:
+def _solved(problem: LossProblem, weight: float, scale: float) -> LossFit:
     """As exactly as rounding allows, and certified in any case."""
     try:
-        return solve_cone(formulation.program(weight), gap=_DESIRED_GAP * scale, accepted=_SOLVED_GAP * scale)
+        return problem.fit(weight, gap=_DESIRED_GAP * scale, accepted=_SOLVED_GAP * scale)
     except SolverError as error:
         raise _uncertified(weight) from error
 
@@ -188,17 +207,44 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
     return out, min(least)
 
 
-def _judged(formulation: Formulation, weight: float, compliances: FloatArray, scale: float) -> float:
+def _judged(
+    problem: LossProblem, fitted: LossFit, weight: float, compliances: FloatArray, scale: float
+) -> float:
     """Gap of what is returned, in units of the scale.
 
     Raises:
         UnsupportedMethodError: it is not the optimum after all.
     """
-    x = compliances[formulation.columns] / formulation.unit
-    gap = certify_cone(formulation.program(weight), x, 0.0).gap * formulation.size / scale
+    gap = problem.gap_at(compliances, weight, fitted) * problem.size / scale
     if not gap <= CERTIFIED_GAP:
         raise _uncertified(weight)
     return gap
+
+
+def effective_compliances(robot: Robot, elastic: ElasticEstimate) -> FloatArray:
+    """(n,) of the joints with their links' rotations about their axes [rad/(N·m)]; NaN of joints not seen."""
+    effective = effective_rows(robot, elastic.model.columns) @ elastic.entries
+    return np.where(np.isnan(elastic.compliance), np.nan, effective)
+
+
+def effective_intervals(
+    robot: Robot, elastic: ElasticEstimate, confidence: float
+) -> EffectiveIntervals | None:
+    """Return the intervals of the effective compliances; None where no uncertainty is known."""
+    companion = elastic.companion
+    if companion.sigma is None:
+        return None
+    rows = effective_rows(robot, elastic.model.columns)
+    with suppress(SolverError):
+        return EffectiveIntervals.of(
+            companion.formulation,
+            companion.weight,
+            rows,
+            rows @ elastic.entries,
+            sigma=companion.sigma,
+            quantile=companion.quantile(confidence),
+        )
+    return None
 
 
 def _joint_compliances(compliances: FloatArray, columns: ElasticColumns) -> FloatArray:

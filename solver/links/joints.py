@@ -1,4 +1,4 @@
-"""Joints of a model in which links may bend: their verdicts, by the folds of the cross-validation."""
+"""Joints of a model in which links may bend: their effective compliances and verdicts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import Certificate
 from jointstiff.solver.inference import Estimate, JointCompliance
-from jointstiff.solver.links.effective import EffectiveSpread, effective_rows
+from jointstiff.solver.links.effective import EffectiveIntervals
 from jointstiff.solver.links.estimate import ElasticEstimate
-from jointstiff.solver.robot import Robot
 
-LARGEST_DISPERSION: Final = 0.5
-"""Relative standard uncertainty of a joint's compliance over the folds above which it is poorly known."""
+LARGEST_UNCERTAINTY: Final = 0.5
+"""Relative standard uncertainty of an effective compliance above which it is poorly known."""
 
 RIGID: Final = 1e-12
 """Compliance [rad/(N·m)] that no reading tells from none: cone programs stop short of zero."""
@@ -25,23 +25,26 @@ _TOGETHER: Final = (
 
 
 def with_links(
-    robot: Robot, estimate: Estimate, elastic: ElasticEstimate, spread: EffectiveSpread, confidence: float
+    estimate: Estimate, elastic: ElasticEstimate, effective: FloatArray, intervals: EffectiveIntervals | None
 ) -> Estimate:
     """Return the estimate of the effective compliances about the joints' axes.
 
     Args:
-        robot: n joints.
         estimate: of joints alone.
         elastic: with links.
-        spread: of the effective compliances over the folds.
-        confidence: level of the intervals.
+        effective: (n,) effective compliances; NaN of joints that are not seen.
+        intervals: of them; None where nothing is known of their uncertainty.
     """
-    effective = effective_rows(robot, elastic.model.columns) @ elastic.entries
-    effective[np.isnan(elastic.compliance)] = np.nan
-    half = spread.half_width(confidence)
     bends = {link.joint for link in elastic.links}
+    unknown = np.full(2, np.nan)
     joints = tuple(
-        _joint(joint, float(effective[j]), float(spread.uncertainty[j]), float(half[j]), with_link=j in bends)
+        _joint(
+            joint,
+            float(effective[j]),
+            np.nan if intervals is None else float(intervals.uncertainty[j]),
+            unknown if intervals is None else intervals.ends[j],
+            with_link=j in bends,
+        )
         for j, joint in enumerate(estimate.joints)
     )
     certificate = elastic.certificate
@@ -65,19 +68,19 @@ def with_links(
 
 
 def _joint(
-    joint: JointCompliance, compliance: float, uncertainty: float, half: float, *, with_link: bool
+    joint: JointCompliance, compliance: float, uncertainty: float, ends: FloatArray, *, with_link: bool
 ) -> JointCompliance:
     """Return the result about a joint's axis; a joint that is not observable stays so."""
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
     rigid = compliance < RIGID
-    interval = None if np.isnan(half) else (max(0.0, compliance - half), compliance + half)
+    known = bool(np.isfinite(ends).all())
     return JointCompliance(
         name=joint.name,
         status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
         compliance=0.0 if rigid else compliance,
-        standard_uncertainty=uncertainty,
-        compliance_interval=interval,
+        standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
+        compliance_interval=(float(ends[0]), float(ends[1])) if known else None,
         reason=_remarks(compliance, uncertainty, rigid=rigid, with_link=with_link),
     )
 
@@ -87,9 +90,11 @@ def _remarks(compliance: float, uncertainty: float, *, rigid: bool, with_link: b
     if rigid:
         return "the links explain the readings without it"
     remarks = [_TOGETHER] if with_link else []
-    if uncertainty > LARGEST_DISPERSION * compliance:
+    if not np.isfinite(uncertainty):
+        remarks.append("no interval: the range of compliances that fit the readings was not found")
+    elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
-            "poorly determined: over the folds of the cross-validation its compliance varies by "
-            f"{100 * uncertainty / compliance:.0f} % (standard uncertainty), because links can replace it"
+            f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): links can "
+            "replace it"
         )
     return "; ".join(remarks) or None

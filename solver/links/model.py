@@ -20,12 +20,18 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex import Cone, LeastSquares, SemidefiniteProgram, diagonal, entries
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.fitting import DEFAULT_THRESHOLD
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows
 
 ModelName = Literal["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
 
 MODELS: Final[tuple[ModelName, ...]] = ("joints", "coupled_joints", "diagonal_links", "joints_and_links")
 """The models, from simple to rich."""
+
+Loss = Literal["squared", "huber", "absolute"]
+
+LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
+"""Losses of the norm of each target's residual."""
 
 _SHORTEST_LEVER: Final = 1e-2
 """Least lever relative to the longest: a shorter one, through the load point, would leave rotations
@@ -43,10 +49,19 @@ class ElasticModel:
             `coupled_joints` a full positive semidefinite joint compliance, `diagonal_links` six compliances
             a link, `joints_and_links` a full positive semidefinite 6 × 6 compliance a link.
         columns: of the richest model; its links are those that bend here.
+        loss: of the norm of each target's whitened residual: its square, Huber's, or the norm itself.
+        threshold: of Huber's loss, in units of sigma.
     """
 
     name: ModelName
     columns: ElasticColumns
+    loss: Loss = "squared"
+    threshold: float = DEFAULT_THRESHOLD
+
+    @property
+    def key(self) -> tuple[ModelName, Loss]:
+        """Return what tells it from the other models of a run."""
+        return self.name, self.loss
 
     def elements(self, visible: BoolArray) -> Iterator[tuple[IndexArray, IndexArray | None, bool]]:
         """Columns of each penalised element, the joints or None for a link, and whether it is full."""

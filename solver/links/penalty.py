@@ -1,10 +1,11 @@
-"""Findings about the penalty that cross-validation chose: at an end of its grid, or not certified."""
+"""Findings about what cross-validation chose: a penalty at an end of its grid, or not certified; the loss."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 from jointstiff.solver.finding import Finding
+from jointstiff.solver.links.losses import MOST_TARGETS
 
 
 def judge_penalty(chosen: float, used: float, grid: Sequence[float]) -> Iterator[Finding]:
@@ -33,12 +34,29 @@ def judge_penalty(chosen: float, used: float, grid: Sequence[float]) -> Iterator
             "give link_penalty to try a smaller one; predictions will hardly change",
             "note",
         )
-    if used != chosen:
+    if used > chosen:
         yield Finding(
             "link_penalty_raised",
             None,
             f"cross-validation chose a penalty of {chosen:.3g}, whose optimum rounding "
             f"does not let us certify: {used:.3g} was used instead",
             "compare `selection`; give link_penalty, or choose fewer links",
+            "note",
+        )
+
+
+def judge_losses(targets: int) -> Iterator[Finding]:
+    """Report that losses were not compared in a set of too many targets.
+
+    Args:
+        targets: that were read.
+    """
+    if targets > MOST_TARGETS:
+        yield Finding(
+            "loss_not_compared",
+            None,
+            f"the loss is squared: others are compared in sets of at most {MOST_TARGETS} targets, and "
+            f"there are {targets}",
+            "leave observations out to compare losses; with this many readings the loss matters little",
             "note",
         )

@@ -7,8 +7,8 @@ about its origin o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the targ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -120,6 +120,51 @@ class ElasticRows:
             if field.name != "triangle"
         }
         return cls(triangle=rows.triangle, **sums)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticTargets:
+    """Rows of targets one by one, which a robust loss needs: nothing of them is compressed.
+
+    Attributes:
+        A: (K, 3, P) of K targets that were read, whitened in units of sigma.
+        d: (K, 3) their deflections, whitened likewise [m].
+    """
+
+    A: FloatArray
+    d: FloatArray
+
+    @classmethod
+    def merged(cls, parts: Sequence[ElasticTargets]) -> ElasticTargets:
+        """Return the targets of all parts."""
+        return cls(np.concatenate([part.A for part in parts]), np.concatenate([part.d for part in parts]))
+
+    def residuals(self, compliances: FloatArray) -> FloatArray:
+        """(K, 3) whitened residuals of compliances (P,) [m]."""
+        residuals: FloatArray = self.A @ compliances - self.d
+        return residuals
+
+    def weighted(self, rows: ElasticRows, weight: FloatArray) -> ElasticRows:
+        """Return the compressed rows, each target weighted (K,)."""
+        compression = Compression(self.A.shape[2] + 1)
+        augmented = np.concatenate([self.A, self.d[..., None]], axis=-1)
+        compression.add(np.sqrt(weight)[:, None, None] * augmented)
+        return replace(rows, triangle=compression.triangle)
+
+
+def elastic_targets(robot: Robot, measurements: Measurements, columns: ElasticColumns) -> ElasticTargets:
+    """Return the rows of all targets.
+
+    Raises:
+        MeasurementError: a covariance is not one.
+    """
+    A, d = [], []
+    for block in elastic_blocks(robot, measurements, columns):
+        part = block.base.measurements
+        W = whitener(part.covariance)
+        A.append((W @ block.rows)[part.present])
+        d.append((W @ part.deflection[..., None])[..., 0][part.present])
+    return ElasticTargets(np.concatenate(A), np.concatenate(d))
 
 
 def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColumns) -> ElasticRows:

@@ -1,4 +1,4 @@
-"""Which model the held-out readings call for: compensation of each, and the simplest that is good enough."""
+"""Which model and loss the held-out readings call for, and the simplest model that is good enough."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, answered, chosen_weight
-from jointstiff.solver.links.effective import EffectiveSpread, effective_rows
-from jointstiff.solver.links.model import MODELS, ModelName
+from jointstiff.solver.links.model import LOSSES, MODELS, Loss, ModelName
 from jointstiff.solver.links.regressor import elastic_blocks
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
@@ -22,28 +21,30 @@ class HeldOut:
 
     Attributes:
         model: which.
+        loss: which.
+        error: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m].
         penalty: weight λ that was chosen; None of joints alone.
         compensation: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``.
         standard_error: of that mean, from the spread of the folds.
         by_fold: (K,) compensation of each fold.
-        effective: dispersion of the joints' effective compliances.
     """
 
     model: ModelName
+    loss: Loss
+    error: float
     penalty: float | None
     compensation: float
     standard_error: float
     by_fold: FloatArray
-    effective: EffectiveSpread
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The models side by side, from simple to rich.
+    """Models and losses side by side, from simple to rich.
 
     Attributes:
-        models: that were compared.
-        best: of the greatest mean compensation.
+        models: that were compared, each with all losses.
+        best: of the greatest mean compensation, each model with its loss of least held-out error.
         simplest: the simplest whose mean is within one standard error of the best one's.
     """
 
@@ -51,37 +52,45 @@ class Selection:
     best: ModelName
     simplest: ModelName
 
-    def of(self, model: ModelName) -> HeldOut:
-        """One of them."""
-        return next(held_out for held_out in self.models if held_out.model == model)
+    def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
+        """Return a model with the loss of least held-out error."""
+        return _best_loss(self.models, model, losses)
+
+
+def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
+    found = [each for each in models if each.model == name and each.loss in losses]
+    return min(found, key=lambda each: each.error)
 
 
 def select_model(
     robot: Robot,
     measurements: Measurements,
     folds: Folds,
-    fits: Mapping[ModelName, Sequence[FoldFit]],
+    fits: Mapping[tuple[ModelName, Loss], Sequence[FoldFit]],
     plan: Plan,
     asked: ModelName | None = None,
 ) -> Selection:
-    """Choose each model's weight, and compare the models at theirs.
+    """Choose the weight of each model and loss, and compare them at theirs.
 
     Args:
         robot: n joints.
         measurements: that the folds share out.
         folds: of them.
-        fits: of each model, one a fold.
+        fits: of each model and loss, one a fold.
         plan: weights and rule.
         asked: the model that must have an answer; one without certified answers is left out otherwise.
 
     Raises:
         UnsupportedMethodError: that model has no weight with certified answers.
     """
-    errors = {name: np.array([fit.error for fit in fits[name]]) for name in MODELS if name in fits}
-    names = [name for name, each in errors.items() if name == asked or answered(each).any()]
-    places = [chosen_weight(errors[name], plan.rule) for name in names]
+    keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in fits]
+    errors = {key: np.array([fit.error for fit in fits[key]]) for key in keys}
+    answers = {key: bool(answered(errors[key]).any()) for key in keys}
+    none = not any(answers[key] for key in keys if key[0] == asked)
+    keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
+    places = [chosen_weight(errors[key], plan.rule) for key in keys]
     chosen = np.array(
-        [[fit.compliances[place] for fit in fits[name]] for name, place in zip(names, places, strict=True)]
+        [[fit.compliances[place] for fit in fits[key]] for key, place in zip(keys, places, strict=True)]
     )
     compensation = np.array(
         [
@@ -89,30 +98,27 @@ def select_model(
             for number, indices in enumerate(folds.held_out)
         ]
     ).T
-    rows = effective_rows(robot, folds.columns)
-    spreads = [
-        EffectiveSpread.of(np.array([fit.compliances for fit in fits[name]]) @ rows.T, place)
-        for name, place in zip(names, places, strict=True)
-    ]
     models = tuple(
-        _held_out(name, plan.weights[place], spreads[number], compensation[number])
-        for number, (name, place) in enumerate(zip(names, places, strict=True))
+        _held_out(key, float(errors[key][:, place].mean()), plan.weights[place], compensation[number])
+        for number, (key, place) in enumerate(zip(keys, places, strict=True))
     )
-    best = max(models, key=lambda each: each.compensation)
+    by_name = [_best_loss(models, name, LOSSES) for name in MODELS if any(name == key[0] for key in keys)]
+    best = max(by_name, key=lambda each: each.compensation)
     limit = best.compensation - best.standard_error
-    simplest = next(each for each in models if each.compensation >= limit)
+    simplest = next(each for each in by_name if each.compensation >= limit)
     return Selection(models, best.model, simplest.model)
 
 
-def _held_out(name: ModelName, weight: float, effective: EffectiveSpread, by_fold: FloatArray) -> HeldOut:
+def _held_out(key: tuple[ModelName, Loss], error: float, weight: float, by_fold: FloatArray) -> HeldOut:
     """Return mean and spread over the folds."""
     return HeldOut(
-        model=name,
-        penalty=None if name == "joints" else weight,
+        model=key[0],
+        loss=key[1],
+        error=error,
+        penalty=None if key[0] == "joints" else weight,
         compensation=float(by_fold.mean()),
         standard_error=float(by_fold.std(ddof=1) / np.sqrt(len(by_fold))),
         by_fold=by_fold,
-        effective=effective,
     )
 
 

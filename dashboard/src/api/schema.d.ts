@@ -1956,7 +1956,7 @@ export interface components {
             seed?: number;
             /**
              * Rule
-             * @description `best`: the penalty of least held-out residual. `one_standard_error`: the largest whose residual is within one standard error of that.
+             * @description `best`: the penalty of least held-out residual (mean length; beyond 500 targets root mean square). `one_standard_error`: the largest within one standard error of that.
              * @default best
              * @enum {string}
              */
@@ -1981,7 +1981,7 @@ export interface components {
             seed: number;
             /**
              * Rule
-             * @description `best`: the penalty of least held-out residual. `one_standard_error`: the largest whose residual is within one standard error of that.
+             * @description `best`: the penalty of least held-out residual (mean length; beyond 500 targets root mean square). `one_standard_error`: the largest within one standard error of that.
              * @default best
              * @enum {string}
              */
@@ -3678,7 +3678,7 @@ export interface components {
             dual: number;
             /**
              * Gap
-             * @description Gap: the weighted fitted readings differ from those of the optimum by at most this many `scale`.
+             * @description Gap, in units of `scale`. Loss `squared`: bound of the difference between the weighted fitted readings and those of the optimum. Other losses: bound of the objective's excess over its optimum, as mean length of a residual.
              */
             gap: number;
             /**
@@ -3792,6 +3792,24 @@ export interface components {
              * @enum {string}
              */
             model: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Model Source
+             * @description `cross_validation` for elasticity `automatic`.
+             * @enum {string}
+             */
+            model_source: "given" | "cross_validation";
+            /**
+             * Loss
+             * @description Loss function of the length of each target's residual.
+             * @enum {string}
+             */
+            loss: "squared" | "huber" | "absolute";
+            /**
+             * Loss Source
+             * @description `given` also where few options leave one loss.
+             * @enum {string}
+             */
+            loss_source: "given" | "cross_validation";
             /**
              * Penalty
              * @description Weight of the penalty.
@@ -4655,14 +4673,36 @@ export interface components {
         };
         /**
          * ModelSelection
-         * @description The models side by side, from simple to rich.
+         * @description Models and losses side by side, from simple to rich.
          */
         ModelSelection: {
-            /** Models */
+            /**
+             * Models
+             * @description Each model with each loss that was compared.
+             */
             models: components["schemas"]["ScoredModel"][];
             /**
+             * Chosen
+             * @description Model of this run's numbers.
+             * @enum {string}
+             */
+            chosen: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            /**
+             * Chosen Loss
+             * @description Loss of this run's numbers.
+             * @enum {string}
+             */
+            chosen_loss: "squared" | "huber" | "absolute";
+            /**
+             * Losses
+             * @description Loss of least held-out residual of each model.
+             */
+            losses: {
+                [key: string]: "squared" | "huber" | "absolute";
+            };
+            /**
              * Best
-             * @description Model with the largest held-out compensation.
+             * @description Model with the largest held-out compensation, each with its loss of least residual.
              * @enum {string}
              */
             best: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
@@ -6049,7 +6089,7 @@ export interface components {
              * @description Kind of the finding.
              * @enum {string}
              */
-            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "base_drifted" | "base_target_moved" | "link_penalty_at_end" | "link_penalty_raised" | "stiffness_implausible" | "complementary_stiffness_matters";
+            code: "targets_not_rigid" | "target_moved" | "targets_swapped" | "target_off_model" | "observations_out_of_order" | "duplicated_observation" | "joint_sign_suspect" | "joints_swapped" | "length_unit_suspect" | "force_unit_suspect" | "force_sign_suspect" | "drift_in_time" | "repeated_readings" | "residual_outlier" | "deflections_unexplained" | "target_name_suspect" | "deflection_against_force" | "encoder_against_torque" | "encoder_deflection_implausibly_large" | "joint_outside_limits" | "angle_unit_suspect" | "deflection_implausibly_large" | "deflection_implausibly_small" | "deflection_below_noise" | "sigma_suspect" | "zero_load" | "residuals_exceed_sigma" | "sigma_overstated" | "prior_dominates" | "low_compensation" | "configurations_differ" | "robot_models_differ" | "base_drifted" | "base_target_moved" | "link_penalty_at_end" | "link_penalty_raised" | "loss_not_compared" | "stiffness_implausible" | "complementary_stiffness_matters";
             /**
              * Severity
              * @description `error`: almost certainly a mistake, correct it before using any number; `warning`: check it; `note`: for information. The data are never refused or changed because of a finding.
@@ -6785,11 +6825,9 @@ export interface components {
             };
             /**
              * Loss
-             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
-             * @default squared
-             * @enum {string}
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where `link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and `absolute` support at most 500 targets read in all where links or coupling are elastic.
              */
-            loss?: "squared" | "huber";
+            loss?: ("squared" | "huber" | "absolute") | null;
             /**
              * Huber Threshold
              * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
@@ -6828,11 +6866,11 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. `automatic`: the simplest of these whose held-out compensation is within one standard error of the best. All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
-            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic";
             /**
              * Links
              * @description Elastic links, each named by the joint that carries it; default: all.
@@ -6844,7 +6882,7 @@ export interface components {
             links?: string[];
             /**
              * Link Penalty
-             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation together with the loss, and the run may then take long. Dimensionless.
              */
             link_penalty?: number | null;
             /**
@@ -6913,11 +6951,9 @@ export interface components {
             };
             /**
              * Loss
-             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
-             * @default squared
-             * @enum {string}
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where `link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and `absolute` support at most 500 targets read in all where links or coupling are elastic.
              */
-            loss: "squared" | "huber";
+            loss: ("squared" | "huber" | "absolute") | null;
             /**
              * Huber Threshold
              * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
@@ -6956,11 +6992,11 @@ export interface components {
             stiffness_order: string[][];
             /**
              * Elasticity
-             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. `automatic`: the simplest of these whose held-out compensation is within one standard error of the best. All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
-            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic";
             /**
              * Links
              * @description Elastic links, each named by the joint that carries it; default: all.
@@ -6972,7 +7008,7 @@ export interface components {
             links: string[];
             /**
              * Link Penalty
-             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation together with the loss, and the run may then take long. Dimensionless.
              */
             link_penalty: number | null;
             /**
@@ -7041,11 +7077,9 @@ export interface components {
             };
             /**
              * Loss
-             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
-             * @default squared
-             * @enum {string}
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where `link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and `absolute` support at most 500 targets read in all where links or coupling are elastic.
              */
-            loss?: "squared" | "huber";
+            loss?: ("squared" | "huber" | "absolute") | null;
             /**
              * Huber Threshold
              * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
@@ -7084,11 +7118,11 @@ export interface components {
             stiffness_order?: string[][];
             /**
              * Elasticity
-             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. `automatic`: the simplest of these whose held-out compensation is within one standard error of the best. All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
-            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity?: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic";
             /**
              * Links
              * @description Elastic links, each named by the joint that carries it; default: all.
@@ -7100,7 +7134,7 @@ export interface components {
             links?: string[];
             /**
              * Link Penalty
-             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation together with the loss, and the run may then take long. Dimensionless.
              */
             link_penalty?: number | null;
             /**
@@ -7184,11 +7218,9 @@ export interface components {
             };
             /**
              * Loss
-             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit.
-             * @default squared
-             * @enum {string}
+             * @description Loss function of the norm of each target's whitened residual. `huber` grows linearly beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it needs an elasticity other than `joints`. Default: `squared` for elasticity `joints` and where `link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and `absolute` support at most 500 targets read in all where links or coupling are elastic.
              */
-            loss: "squared" | "huber";
+            loss: ("squared" | "huber" | "absolute") | null;
             /**
              * Huber Threshold
              * @description Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good readings lie. Dimensionless.
@@ -7227,11 +7259,11 @@ export interface components {
             stiffness_order: string[][];
             /**
              * Elasticity
-             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. All but `joints` need method `partial_pose`, weighting `covariance` and loss `squared`, without bounds, priors, order and resampling.
+             * @description Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite joint compliance. `diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. `automatic`: the simplest of these whose held-out compensation is within one standard error of the best. All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, order and resampling.
              * @default joints
              * @enum {string}
              */
-            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic";
             /**
              * Links
              * @description Elastic links, each named by the joint that carries it; default: all.
@@ -7243,7 +7275,7 @@ export interface components {
             links: string[];
             /**
              * Link Penalty
-             * @description Penalty on links and coupling; default: chosen by cross-validation, and the run may then take long. Dimensionless.
+             * @description Penalty on links and coupling; default: chosen by cross-validation together with the loss, and the run may then take long. Dimensionless.
              */
             link_penalty: number | null;
             /**
@@ -7317,7 +7349,7 @@ export interface components {
             robust: components["schemas"]["RobustLoss"] | null;
             /** @description Results of the resampling, if requested. */
             resampling: components["schemas"]["ResamplingResult"] | null;
-            /** @description Elastic links or coupling, if requested. The joints' numbers are then effective: of the joint and its link's rotation about its axis together. Their standard uncertainties are those of a jackknife over the folds; intervals add an allowance for the penalty's bias, and are null where `link_penalty` is given. */
+            /** @description Elastic links or coupling, if requested. The joints' numbers are then effective: of the joint and its link's rotation about its axis together. Their intervals are ranges of what fits the readings under 0.3 times the penalty, which predicts best; they are null where `link_penalty` is given. */
             links: components["schemas"]["LinksResult"] | null;
             /** @description Held-out compensation of each model, if links or coupling are elastic. */
             selection: components["schemas"]["ModelSelection"] | null;
@@ -7394,7 +7426,7 @@ export interface components {
              * @description What bends.
              * @enum {string}
              */
-            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
+            elasticity: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic";
             /**
              * Leave Out
              * @description Observations that were left out.
@@ -7435,7 +7467,7 @@ export interface components {
         };
         /**
          * ScoredModel
-         * @description Prediction error of a model for held-out configurations.
+         * @description Prediction error of a model, fitted with one loss, for held-out configurations.
          */
         ScoredModel: {
             /**
@@ -7444,8 +7476,13 @@ export interface components {
              */
             model: "joints" | "coupled_joints" | "diagonal_links" | "joints_and_links";
             /**
+             * Loss
+             * @enum {string}
+             */
+            loss: "squared" | "huber" | "absolute";
+            /**
              * Penalty
-             * @description Penalty, chosen for this model or given; null for joints alone.
+             * @description Penalty, chosen for this model and loss, or given; null for joints alone.
              */
             penalty: number | null;
             /**
@@ -10327,7 +10364,7 @@ export interface operations {
                 /** @description Filter by weighting. */
                 weighting?: ("covariance" | "characteristic_length" | "uniform") | null;
                 /** @description Filter by elasticity. */
-                elasticity?: ("joints" | "coupled_joints" | "diagonal_links" | "joints_and_links") | null;
+                elasticity?: ("joints" | "coupled_joints" | "diagonal_links" | "joints_and_links" | "automatic") | null;
             };
             header?: never;
             path?: never;

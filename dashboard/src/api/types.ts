@@ -40,6 +40,7 @@ export type RunSummary = Schemas["RunSummary"];
 export type Units = Schemas["Units-Output"];
 
 export type Elasticity = RunRequest["elasticity"];
+export type Loss = NonNullable<RunRequest["loss"]>;
 export type ElementKind = Schemas["ElementShare"]["kind"];
 export type Method = RunRequest["method"];
 export type Observability = Schemas["ObservabilityIndices"];

@@ -5,6 +5,7 @@ import type {
   DhModel,
   Elasticity,
   ElementKind,
+  Loss,
   MeasurementSet,
   Method,
   Observability,
@@ -167,13 +168,16 @@ export const en = {
   } satisfies Record<Weighting, string>,
   options: {
     positive: "Keep every stiffness positive",
-    huber: "Limit the effect of bumped targets (Huber loss)",
+    loss: "Loss of each target's residual",
+    lossHint: "Huber and absolute limit the effect of bumped targets; absolute needs elastic links or coupling.",
+    lossDefault: "default: squared for joints, else by cross-validation",
     complementary: "Include complementary stiffness",
     resample: "Resample: repeat on random draws of configurations",
     repetitions: "Draws",
     size: "Configurations in a draw",
     elasticity: "Elastic elements",
-    elasticityHint: "Other than joints: partial pose without Huber loss and resampling; may take long.",
+    elasticityHint:
+      "Other than joints: partial pose without resampling; may take long. Automatic chooses the loss, too.",
     confidence: "Confidence level of the intervals",
     constrained: "constrained",
     unconstrained: "unconstrained",
@@ -312,7 +316,12 @@ export const en = {
     after: "This run",
     changed: {
       leftOut: (labels: string[]) => `without ${some(labels)}`,
-      loss: { huber: "with Huber loss", squared: "with squared loss" },
+      loss: {
+        huber: "with Huber loss",
+        squared: "with squared loss",
+        absolute: "with absolute loss",
+        chosen: "with the default loss",
+      },
       complementary: { included: "with K_c", neglected: "without K_c" },
       set: "corrected readings",
     },
@@ -379,7 +388,9 @@ export const en = {
     coupled_joints: "coupled joints",
     diagonal_links: "joints and links, uncoupled",
     joints_and_links: "joints and links",
+    automatic: "automatic, by cross-validation",
   } satisfies Record<Elasticity, string>,
+  losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   links: {
     elements: "Contribution of each joint and link",
     elementsNote: "Share of the measured deflection; with the unexplained share they sum to one.",
@@ -392,7 +403,12 @@ export const en = {
       simplest === best
         ? `Best on held-out configurations: ${best}.`
         : `Simplest within one standard error: ${simplest}. Best on held-out configurations: ${best}.`,
+    thisRun: (model: string, loss: string) => `This run: ${model}, loss ${loss}.`,
+    chosenBy: (model: string, loss: string, penalty: string) => `Model ${model}, loss ${loss}, penalty ${penalty}.`,
+    sources: { given: "as given", cross_validation: "by cross-validation" },
     model: "Model",
+    loss: "Loss",
+    penalty: "penalty",
     heldOut: "held-out compensation",
     deviation: "standard error",
   },

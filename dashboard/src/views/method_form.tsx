@@ -7,7 +7,7 @@ import { text } from "../i18n";
 export interface Options {
   method: Method;
   positive: boolean;
-  huber: boolean;
+  loss: string;
   complementary: boolean;
   resample: boolean;
   repetitions: number;
@@ -19,7 +19,7 @@ export interface Options {
 export const initialOptions: Options = {
   method: "partial_pose",
   positive: true,
-  huber: false,
+  loss: "",
   complementary: false,
   resample: false,
   repetitions: 1000,
@@ -36,12 +36,18 @@ export function requestOf(set: string, options: Options): Record<string, unknown
     measurement_set_id: set,
     method: options.method,
     positive: options.positive,
-    loss: options.huber ? "huber" : "squared",
+    loss: lossesOf(options.elasticity).includes(options.loss) ? options.loss : null,
     complementary_stiffness: options.complementary ? "included" : "neglected",
     confidence: Number(options.confidence),
     elasticity: options.elasticity,
     resampling: options.resample ? { size: options.size, repetitions: options.repetitions, seed: 1 } : null,
   };
+}
+
+/** Losses that go with an elasticity, besides the default. */
+function lossesOf(elasticity: string): string[] {
+  if (elasticity === "automatic") return [];
+  return elasticity === "joints" ? ["squared", "huber"] : ["squared", "huber", "absolute"];
 }
 
 export function MethodForm({
@@ -76,7 +82,6 @@ export function MethodForm({
         <summary>{text.start.more}</summary>
         <div class="grid">
           <Toggle label={text.options.positive} checked={options.positive} change={(positive) => set({ positive })} />
-          <Toggle label={text.options.huber} checked={options.huber} change={(huber) => set({ huber })} />
           <Toggle
             label={text.options.complementary}
             checked={options.complementary}
@@ -105,6 +110,18 @@ export function MethodForm({
             value={options.elasticity}
             change={(elasticity) => set({ elasticity })}
             options={Object.entries(text.elasticities).map(([value, label]) => ({ value, label }))}
+          />
+          <Select
+            label={text.options.loss}
+            hint={text.options.lossHint}
+            value={options.loss}
+            change={(loss) => set({ loss })}
+            options={[
+              { value: "", label: text.options.lossDefault },
+              ...Object.entries(text.losses)
+                .filter(([value]) => lossesOf(options.elasticity).includes(value))
+                .map(([value, label]) => ({ value, label })),
+            ]}
           />
           <Choice
             label={text.options.confidence}

@@ -3,7 +3,7 @@ import type { Elasticity, RunResult } from "../api/types";
 import { Shares } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { DataTable } from "../components/table";
-import { percent } from "../lib/format";
+import { percent, significant } from "../lib/format";
 import { text } from "../i18n";
 
 const words = text.links;
@@ -20,7 +20,11 @@ export function ElementShares({ links }: { links: Links }) {
   return (
     <Figure
       title={words.elements}
-      note={words.elementsNote}
+      note={`${words.elementsNote} ${words.chosenBy(
+        words.sources[links.model_source],
+        `${text.losses[links.loss]} ${words.sources[links.loss_source]}`,
+        `${significant(links.penalty, 2)} ${words.sources[links.penalty_source]}`,
+      )}`}
       table={{
         columns: [{ title: words.element }, { title: text.run.contributionShare, show: percent }],
         rows: rows.map(({ name, share }) => [name, share]),
@@ -36,19 +40,26 @@ export function ModelChoice({ selection }: { selection: Selection }) {
   return (
     <section class="card">
       <h2>{words.selection}</h2>
-      <p>{words.selected(name(selection.simplest), name(selection.best))}</p>
+      <p>
+        {words.thisRun(name(selection.chosen), text.losses[selection.chosen_loss])}{" "}
+        {words.selected(name(selection.simplest), name(selection.best))}
+      </p>
       <DataTable
         caption={words.selection}
         table={{
           columns: [
             { title: words.model },
+            { title: words.loss },
             { title: words.heldOut, show: percent },
             { title: words.deviation, show: percent },
+            { title: words.penalty, show: (value) => significant(value, 2) },
           ],
-          rows: selection.models.map(({ model, compensation, standard_error }) => [
+          rows: selection.models.map(({ model, loss, compensation, standard_error, penalty }) => [
             name(model),
+            text.losses[loss],
             compensation,
             standard_error,
+            penalty,
           ]),
         }}
       />

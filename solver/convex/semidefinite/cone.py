@@ -125,12 +125,17 @@ class SemidefiniteProgram:
     @cached_property
     def penalty(self) -> FloatArray:
         """P (p,): λ for the penalised scalars and on the diagonals of the blocks."""
-        out = np.zeros(self.cone.dimension)
-        out[: self.cone.nonnegative][self.penalised] = self.weight
-        for size, place in self.cone.blocks():
-            out[place][diagonal(size)] = self.weight
-        return out
+        return trace_penalty(self.cone, self.penalised, self.weight)
 
     def slack(self, x: FloatArray) -> FloatArray:
         """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
         return self.fit.gradient_at(x) + self.penalty
+
+
+def trace_penalty(cone: Cone, penalised: BoolArray, weight: float) -> FloatArray:
+    """(p,) λ for the penalised scalars and on the diagonals of the blocks."""
+    out = np.zeros(cone.dimension)
+    out[: cone.nonnegative][penalised] = weight
+    for size, place in cone.blocks():
+        out[place][diagonal(size)] = weight
+    return out

@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import programs
-from jointstiff.solver.convex.semidefinite.cone import SemidefiniteProgram
+from jointstiff.solver.convex.semidefinite.cone import Cone, SemidefiniteProgram
 from jointstiff.solver.convex.semidefinite.face import polished
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.errors import SolverError
@@ -43,6 +43,7 @@ class ConeCertificate:
         dual: how far the slack is outside of its cone, over λ; the dual point is moved by as much.
         gap: root of the difference between the objective at the answer and its value at a point that is
             feasible in the dual. The fitted readings differ from those of the optimum by no more.
+            For a robust loss the difference itself.
         tolerance: of Clarabel, that sufficed.
     """
 
@@ -54,10 +55,17 @@ class ConeCertificate:
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """The optimum (p,) with its evidence."""
+    """The optimum (p,) with its evidence.
+
+    Attributes:
+        x: the optimum.
+        certificate: at x.
+        dual: (K, 3) near a feasible point of the dual, for a robust loss; None for squares, where x gives it.
+    """
 
     x: FloatArray
     certificate: ConeCertificate
+    dual: FloatArray | None = None
 
 
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
@@ -77,7 +85,15 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
             best = proposed
         if best.certificate.gap <= gap:
             return best
-    limit = gap if accepted is None else accepted
+    return refuse_gap(best, gap if accepted is None else accepted)
+
+
+def refuse_gap(best: ConeSolution | None, limit: float) -> ConeSolution:
+    """Return a solution whose certificate is good enough.
+
+    Raises:
+        SolverError: there is none.
+    """
     if best is None or not best.certificate.gap <= limit:
         found = "the solver did not converge"
         if best is not None:
@@ -122,7 +138,7 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) 
     if short.any():
         dual = dual + np.linalg.lstsq(fit.R[:, free].T, short, rcond=None)[0]
     pull = fit.R.T @ dual
-    outside = _outside(program, pull + penalty)
+    outside = outside_of(cone, program.penalised, pull + penalty)
     shrink = program.weight / (program.weight + outside)
     slack = penalty + shrink * pull
     # A scalar's slack just below zero is rounding, whose share of the gap is its product with the scalar.
@@ -138,10 +154,10 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) 
     )
 
 
-def _outside(program: SemidefiniteProgram, slack: FloatArray) -> float:
+def outside_of(cone: Cone, penalised: BoolArray, slack: FloatArray) -> float:
     """Return how far the least penalised slack is below zero; 0 if none is."""
-    scalars = slack[: program.cone.nonnegative][program.penalised]
-    least = [float(_eigenvalues(slack[place], size).min()) for size, place in program.cone.blocks()]
+    scalars = slack[: cone.nonnegative][penalised]
+    least = [float(_eigenvalues(slack[place], size).min()) for size, place in cone.blocks()]
     return max(0.0, -min([*least, *scalars.tolist()], default=0.0))
 
 

@@ -17,7 +17,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.computation import carry_out, new_job, run_work
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store import Store
-from jointstiff.simulator import default_arm
+from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
@@ -96,6 +96,8 @@ def test_the_selection_compares_all_models(given):
     names = [scored.model for scored in selection.models]
     assert names == ["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
     assert selection.best in names
+    assert (selection.chosen, selection.chosen_loss) == ("joints_and_links", "squared")
+    assert given.result.links.loss_source == "given"
     for scored in selection.models:
         assert scored.compensation == pytest.approx(np.mean(scored.by_fold))
         assert scored.standard_error == pytest.approx(np.std(scored.by_fold, ddof=1) / np.sqrt(5))
@@ -135,7 +137,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     assert enqueued == [("run", record.id)]
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
-    assert queued.progress.total == 3 * 11
+    assert queued.progress.total == 3 * 9
     worker = Parts.of(store).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
@@ -151,7 +153,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     assert durable.result == same.result
     assert durable.result.links.penalty_source == "cross_validation"
     assert [link.joint for link in durable.result.links.links] == ["joint_2", "joint_3"]
-    assert told[-1].done == 33
+    assert told[-1].done == 27
     assert told[-1].activity == "cross-validating"
 
 
@@ -160,7 +162,6 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     [
         ({"method": "complete_pose"}, "method"),
         ({"weighting": "uniform"}, "weighting"),
-        ({"loss": "huber"}, "loss"),
         ({"positive": False}, "stiffness_bounds"),
         ({"complementary_stiffness": "included"}, "complementary_stiffness"),
         ({"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, "priors"),
@@ -172,6 +173,41 @@ def test_what_does_not_go_with_links_is_refused_with_its_remedy(store, set_id, o
         carried_out(store, set_id, **options)
     assert refused.value.where == where
     assert refused.value.remedy
+
+
+def test_loss_and_penalty_are_chosen_together(store, set_id):
+    cross_validation = {"folds": 2}
+    run = carried_out(store, set_id, link_penalty=None, links=["joint_2"], cross_validation=cross_validation)
+    links, selection = run.result.links, run.result.selection
+    assert (links.loss_source, links.model_source, links.penalty_source) == (
+        "cross_validation",
+        "given",
+        "cross_validation",
+    )
+    assert len(selection.models) == 4 * 3
+    assert selection.losses["joints_and_links"] == selection.chosen_loss == links.loss
+    (scored,) = (each for each in selection.models if (each.model, each.loss) == (links.model, links.loss))
+    assert scored.penalty == links.penalty
+    for joint in run.result.joints:
+        low, high = joint.compliance_interval
+        assert low <= joint.compliance <= high
+
+
+def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
+    parts = Parts.of(store)
+    rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(rigid["robot"])), None)
+    readings = json.dumps(rigid["measurement_set"] | {"robot_id": robot.id})
+    rigid_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
+    options = {"elasticity": "automatic", "link_penalty": None, "links": ["joint_2"]}
+    options["cross_validation"] = {"folds": 2}
+    joints = carried_out(store, rigid_id, **options).result
+    assert joints.links is None
+    assert joints.selection.chosen == joints.selection.simplest == "joints"
+    assert joints.model is not None
+    bends = carried_out(store, set_id, **options).result
+    assert bends.links.model == bends.selection.simplest != "joints"
+    assert bends.links.model_source == "cross_validation"
 
 
 def test_an_unknown_link_is_refused(store, set_id):
@@ -197,13 +233,26 @@ def test_options_of_links_go_with_links(options):
         RunOptions.model_validate(options)
 
 
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"loss": "absolute"}, "huber"),
+        ({"elasticity": "automatic", "loss": "huber"}, "omit `loss`"),
+        ({"elasticity": "automatic", "link_penalty": 0.1}, "automatic"),
+    ],
+)
+def test_losses_go_with_what_takes_them(options, text):
+    with pytest.raises(ValidationError, match=text):
+        RunOptions.model_validate(options)
+
+
 def test_the_command_shows_links_and_selection(monkeypatch, tmp_path, document):
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("NO_COLOR", "1")
     path = tmp_path / "campaign.json"
     path.write_text(json.dumps(document))
     command = ["identify", str(path), "--elasticity", "joints_and_links", "--links", "joint_2,joint_3"]
-    shown = CliRunner().invoke(app, [*command, "--link-penalty", "0.001"])
+    shown = CliRunner().invoke(app, [*command, "--link-penalty", "0.001", "--details"])
     assert shown.exit_code == 0, shown.output
     for text in ("link behind joint_2", "unexplained", "held-out", "coupled joints", "certified"):
         assert text in shown.stdout

@@ -15,12 +15,17 @@ from support.examples import examples
 from jointstiff.solver.convex import (
     Cone,
     LeastSquares,
+    NormSum,
+    RobustProgram,
     SemidefiniteProgram,
     certify_cone,
+    certify_robust,
     diagonal,
     effective_freedom,
+    penalised_range,
     raised,
     solve_cone,
+    solve_robust,
     to_matrix,
 )
 from jointstiff.solver.convex.semidefinite import solve as semidefinite
@@ -167,3 +172,62 @@ def test_the_penalty_is_on_traces():
     expected = np.zeros(7)
     expected[1:][diagonal(3)] = 0.5
     np.testing.assert_array_equal(program.penalty, expected)
+
+
+def robust_program(seed, threshold):
+    rng = np.random.default_rng([seed, 51])
+    cone = Cone(2, (3, 2))
+    A, d = rng.standard_normal((15, 3, cone.dimension)), rng.standard_normal((15, 3))
+    total = np.linalg.norm(d, axis=1).sum()
+    loss = NormSum(A / total, d / total, cone, np.array([False, True]))
+    return RobustProgram(loss, 10.0 ** rng.uniform(-3.0, -1.0), threshold)
+
+
+def robust_objective(program, x):
+    """From residuals and matrices themselves."""
+    h, cone = program.threshold, program.loss.cone
+    norms = np.linalg.norm(program.loss.A @ x - program.loss.d, axis=1)
+    losses = np.where(norms > h, norms - 0.5 * h, np.square(norms) / (2.0 * h or 1.0))
+    traces = sum(np.trace(to_matrix(x[place], size)) for size, place in cone.blocks())
+    return float(losses.sum() + program.weight * (traces + x[1]))
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.03, 10.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_feasible_point_is_better_than_a_robust_certificate_allows(seed, threshold):
+    program = robust_program(seed, threshold)
+    solution = solve_robust(program, gap=1e-7)
+    cone, best, rng = program.loss.cone, robust_objective(program, solution.x), np.random.default_rng(seed)
+    assert cone.least(solution.x) >= 0.0
+    for step in (1e-6, 1e-4, 1e-2, 1.0):
+        for _ in range(20):
+            other = cone.project(solution.x + step * rng.standard_normal(len(solution.x)))
+            assert robust_objective(program, other) >= best - solution.certificate.gap - 1e-15
+
+
+def test_a_robust_certificate_bounds_any_point_by_any_dual():
+    """Truth from outside: the excess of a point's objective, whatever multipliers are proposed."""
+    program, rng = robust_program(7, 0.02), np.random.default_rng(7)
+    best = robust_objective(program, solve_robust(program, gap=1e-8).x)
+    for _ in range(20):
+        x = program.loss.cone.project(rng.standard_normal(program.loss.cone.dimension))
+        gap = certify_robust(program, x, 3.0 * rng.standard_normal((15, 3)), 0.0).gap
+        assert gap >= robust_objective(program, x) - best - 1e-8
+
+
+def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
+    """Closed form: the objective is quadratic, its least where the gradient of the penalty is balanced."""
+    rng = np.random.default_rng(3)
+    cone = Cone(3, (2,))
+    truth = np.array([3.0, 4.0, 5.0, 6.0, 0.1, 7.0])
+    R = rng.standard_normal((30, 6))
+    size = np.linalg.norm(R @ truth)
+    fit = LeastSquares(R, R @ truth / size)
+    program = SemidefiniteProgram(fit, cone, 1e-4, np.array([False, False, True]))
+    x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
+    rise, functions = 1e-6, rng.standard_normal((4, 6))
+    half = np.sqrt(rise * np.einsum("ki,ij,kj->k", functions, np.linalg.inv(R.T @ R), functions))
+    found = penalised_range(program, x, rise, functions)
+    expected = (functions @ x)[:, None] + half[:, None] * [-1.0, 1.0]
+    np.testing.assert_allclose(found, expected, atol=1e-3 * half.max())
+    assert np.isnan(penalised_range(program, x, rise, np.zeros((1, 6)))).all()

@@ -1,0 +1,202 @@
+"""Fit of a model on some observations with any of the losses (method.md §7).
+
+squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
+absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
+huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex import (
+    Bounds,
+    ConeSolution,
+    IdentificationProblem,
+    NormSum,
+    RobustProgram,
+    certify_cone,
+    certify_robust,
+    solve_cone,
+    solve_robust,
+    solve_step,
+)
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.links.model import ElasticModel, Formulation, Loss, formulate
+from jointstiff.solver.links.regressor import ElasticRows, ElasticTargets
+from jointstiff.solver.readings import Measurements
+
+MOST_TARGETS: Final = 500
+"""Targets up to which robust losses are supported: a program takes about 0.5 s there."""
+_MEDIAN_NORM: Final = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
+"""1.538: median of the norm of three standard normal coordinates."""
+_LEAST_SCALE: Final = 1e-6
+"""Least robust scale relative to the mean deflection: exact readings have none."""
+
+
+def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
+    """Return those of some losses that a set supports: squares alone where it has many targets.
+
+    Raises:
+        UnsupportedMethodError: it does not support the only one.
+    """
+    targets = int(measurements.present.sum())
+    if targets <= MOST_TARGETS:
+        return losses
+    if "squared" in losses:
+        return ("squared",)
+    raise UnsupportedMethodError(
+        f"{targets} targets were read, and loss {losses[0]} of elastic links supports at most {MOST_TARGETS}",
+        where="loss",
+        remedy="use loss squared, or leave observations out",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LossFit:
+    """The optimum for a loss and a weight.
+
+    Attributes:
+        solution: parameters (p,) of the formulation with their evidence.
+        threshold: h [m] of Huber's loss; 0 of absolute residuals, inf of squares.
+    """
+
+    solution: ConeSolution
+    threshold: float
+
+
+class LossProblem:
+    """A model on some observations, ready to be fitted with its loss for any weight of the penalty."""
+
+    def __init__(
+        self,
+        model: ElasticModel,
+        formulation: Formulation,
+        targets: ElasticTargets | None,
+        sigma: float | None,
+    ) -> None:
+        """Take what was formulated.
+
+        Args:
+            model: what bends, and the loss.
+            formulation: of it.
+            targets: of the same observations; None for the squared loss.
+            sigma: of one coordinate of one reading, if it is stated [m].
+        """
+        self.model, self.formulation = model, formulation
+        self._targets, self._sigma = targets, sigma
+
+    @property
+    def size(self) -> float:
+        """Return the unit of certificates' gaps [m]: of fitted readings all together, or of mean residuals.
+
+        A gap of squares is ‖R (x − x̂)‖ / ‖z‖. One of the others is the excess of the objective, and times
+        this size the excess of the mean norm of a residual.
+        """
+        if self.model.loss == "squared":
+            return self.formulation.size
+        targets = self._required_targets
+        return float(np.linalg.norm(targets.d, axis=1).mean())
+
+    def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> LossFit:
+        """Fit.
+
+        Args:
+            weight: λ > 0.
+            gap: of a certificate, in units of `size`, that ends the search.
+            accepted: greatest that is accepted; the same if None.
+
+        Raises:
+            SolverError: no answer has such a certificate.
+        """
+        if self.model.loss == "squared":
+            program = self.formulation.program(weight)
+            return LossFit(solve_cone(program, gap=gap, accepted=accepted), float("inf"))
+        threshold = self.threshold(weight, gap)
+        robust = self._robust(weight, threshold)
+        return LossFit(solve_robust(robust, gap=gap, accepted=accepted), threshold)
+
+    def gap_at(self, compliances: FloatArray, weight: float, fitted: LossFit) -> float:
+        """Return the gap of compliances (P,) near a fit, in units of `size`."""
+        x = compliances[self.formulation.columns] / self.formulation.unit
+        if fitted.solution.dual is None:
+            return certify_cone(self.formulation.program(weight), x, 0.0).gap
+        robust = self._robust(weight, fitted.threshold)
+        return certify_robust(robust, x, fitted.solution.dual, 0.0).gap
+
+    def joints_only(self) -> FloatArray:
+        """(p,) parameters of a model without penalised elements under squares, exactly."""
+        fit = self.formulation.fit
+        problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
+        return solve_step(problem).compliance
+
+    def threshold(self, weight: float, gap: float) -> float:
+        """Return h [m]: 0 for absolute residuals; Huber's in units of sigma, or of the robust scale.
+
+        The robust scale is that of the residuals of absolute loss under the same penalty.
+
+        Raises:
+            SolverError: as `fit` does.
+        """
+        if self.model.loss == "absolute":
+            return 0.0
+        if self._sigma is not None:
+            return self.model.threshold * self._sigma
+        absolute = solve_robust(self._robust(weight, 0.0), gap=gap)
+        norms = np.linalg.norm(self._norms.residuals(absolute.x), axis=1) * self._total
+        return self.model.threshold * self.scale_of(norms)
+
+    def scale_of(self, norms: FloatArray) -> float:
+        """Return the robust scale [m] of residuals with these norms (K,)."""
+        return max(float(np.median(norms)) / _MEDIAN_NORM, _LEAST_SCALE * self._total / max(1, len(norms)))
+
+    def companion(
+        self, rows: ElasticRows, compliances: FloatArray, weight: float, threshold: float
+    ) -> tuple[ElasticRows, Formulation, float]:
+        """Return the weighted squares that share the optimum, and the weight of their penalty.
+
+        A target beyond the threshold h counts h/‖r‖: the stationarity of Huber's loss is that of these
+        squares. For absolute residuals h is the threshold times their robust scale, and the optimum
+        is shared about.
+
+        Args:
+            rows: of the observations.
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+            threshold: h of the fit [m].
+        """
+        if self.model.loss == "squared":
+            return rows, self.formulation, weight
+        targets = self._required_targets
+        norms = np.linalg.norm(targets.residuals(compliances), axis=1)
+        if threshold == 0.0:
+            threshold = self.model.threshold * max(self.scale_of(norms), self._sigma or 0.0)
+        weighted = targets.weighted(rows, threshold / np.maximum(norms, threshold))
+        seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
+        formulation = formulate(weighted, self.model, seen)
+        return weighted, formulation, 2.0 * self._total * threshold * weight / formulation.size**2
+
+    @property
+    def _required_targets(self) -> ElasticTargets:
+        if self._targets is None:
+            raise ValueError("a robust loss needs the rows of all targets")
+        return self._targets
+
+    @property
+    def _total(self) -> float:
+        return float(np.linalg.norm(self._required_targets.d, axis=1).sum())
+
+    @cached_property
+    def _norms(self) -> NormSum:
+        form, targets = self.formulation, self._required_targets
+        A = targets.A[..., form.columns] * (form.unit / self._total)
+        return NormSum(A, targets.d / self._total, form.cone, form.penalised)
+
+    def _robust(self, weight: float, threshold: float) -> RobustProgram:
+        return RobustProgram(self._norms, weight, threshold / self._total)
