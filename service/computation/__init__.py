@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         prepare_robot,
         prepare_set,
     )
+    from jointstiff.service.computation.program import ProgramWork, packed, unpacked
     from jointstiff.service.computation.run import run_hash, run_work
     from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
 else:
@@ -41,6 +42,7 @@ else:
         pair="Side pair_work",
         plan="Planned plan_work",
         prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
+        program="ProgramWork packed unpacked",
         run="run_hash run_work",
         work="QuickWork Span SteppedWork Work hash_of",
     )
@@ -51,6 +53,7 @@ __all__ = [
     "Planned",
     "PreparedRobot",
     "PreparedSet",
+    "ProgramWork",
     "QuickWork",
     "Side",
     "Span",
@@ -65,6 +68,7 @@ __all__ = [
     "hash_of",
     "new_job",
     "outcome_of",
+    "packed",
     "pair_work",
     "plan_work",
     "predict_by_run",
@@ -73,4 +77,5 @@ __all__ = [
     "run_hash",
     "run_work",
     "unexpected_failure",
+    "unpacked",
 ]

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
     from jointstiff.service.conversion.csv_table import comparison_csv, guarded
     from jointstiff.service.conversion.deflections import (
+        moment_factor,
         to_directions,
         to_identified_model,
         to_joint_model,
@@ -55,13 +56,14 @@ if TYPE_CHECKING:
         to_poses,
         to_sweeps,
     )
-    from jointstiff.service.conversion.units import LENGTH
+    from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 else:
     __getattr__ = names_of(
         __name__,
         assessments="combined to_assessment to_joints",
         csv_table="comparison_csv guarded",
-        deflections="to_directions to_identified_model to_joint_model to_load_cases to_own_weight",
+        deflections="moment_factor to_directions to_identified_model to_joint_model to_load_cases "
+        "to_own_weight",
         frames="in_base stated_transform to_resolved",
         geometry="to_geometry_result",
         links="to_elastic_columns to_links_result to_losses to_plan to_selection",
@@ -77,12 +79,15 @@ else:
         results="to_encoder_residuals to_resampling_result to_result",
         robots="build_robot describe_joints describe_wrist dh_kinematics to_kinematics",
         sweeps="to_base_targets to_conventions to_poses to_sweeps",
-        units="LENGTH",
+        units="ANGLE FORCE LENGTH MOMENT",
     )
 
 __all__ = [
+    "ANGLE",
+    "FORCE",
     "LENGTH",
     "MAX_SET_BYTES",
+    "MOMENT",
     "NOT_JSON",
     "AssessedSide",
     "MalformedError",
@@ -99,6 +104,7 @@ __all__ = [
     "map_columns",
     "map_csv",
     "map_npz",
+    "moment_factor",
     "parse",
     "prediction_csv",
     "read_load_cases",

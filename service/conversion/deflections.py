@@ -9,6 +9,8 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run.model import IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
 from jointstiff.service.conversion.requests import joint_index
@@ -134,7 +136,7 @@ def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCase
     return LoadCases(
         joints=ANGLE[units.angle] * np.array([case.joints for case in request.cases], dtype=np.float64),
         force=FORCE[units.force] * _vectors([case.force for case in request.cases]),
-        moment=_moment_factor(request, moments) * moments,
+        moment=moment_factor(units, moments) * moments,
         load_point=length * _vectors(points),
         place=length * _vectors(places),
     )
@@ -149,7 +151,7 @@ def to_directions(request: messages.DeflectionOptions, cases: LoadCases) -> Floa
     return np.where(size > 0.0, asked / np.where(size > 0.0, size, 1.0), np.nan)
 
 
-def to_own_weight(request: messages.DeflectionOptions, robot: Robot) -> OwnWeight | None:
+def to_own_weight(request: messages.DeflectionOptions | ProgramOptions, robot: Robot) -> OwnWeight | None:
     """Return the own weight of the links; None where no masses are given.
 
     Raises:
@@ -174,14 +176,18 @@ def _vectors(rows: Sequence[Vector3 | None]) -> FloatArray:
     return np.array(rows, dtype=np.float64)
 
 
-def _moment_factor(request: messages.DeflectionOptions, moments: FloatArray) -> float:
-    """Return N·m in the unit of moments, to be stated where the others do not imply it."""
-    if request.units.moment is not None:
-        return MOMENT[request.units.moment]
-    if request.units.length == "m" or not moments.any():
-        return FORCE[request.units.force]
+def moment_factor(units: Units, moments: FloatArray) -> float:
+    """Return N·m in the unit of moments.
+
+    Raises:
+        RequestError: there are moments, whose unit is not stated, and the others do not imply it.
+    """
+    if units.moment is not None:
+        return MOMENT[units.moment]
+    if units.length == "m" or not moments.any():
+        return FORCE[units.force]
     raise RequestError(
-        "a case has a moment, whose unit is not clear when lengths are in mm",
+        "a load has a moment, whose unit is not clear when lengths are in mm",
         where="units.moment",
         remedy=f"state units.moment, one of {', '.join(MOMENT)}",
     )

@@ -43,6 +43,11 @@ class Resource(NamedTuple):
 class FilesError(RequestError):
     """Files that were not understood; `where` is file:line:column, as far as it is one place."""
 
+    @property
+    def items(self) -> tuple[tuple[str, str, str], ...]:
+        """Place, reason and remedy of each fault, where several are known."""
+        return ()
+
 
 def _shown(text: str) -> str:
     """Text from outside, quoted, escaped and short enough for a message."""

@@ -92,7 +92,8 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
 def problem_of(error: JointstiffError | StoreError) -> Problem:
     """Problem details of one of the project's errors."""
     status, slug, title = _kind(error)
-    return Problem(
+    items = error.items if isinstance(error, FilesError) else ()
+    problem = Problem(
         type=_urn(slug),
         title=title,
         status=status,
@@ -101,7 +102,12 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
         ),
         where=_short(error.where) if isinstance(error, JointstiffError) and error.where else None,
         remedy=_short(error.remedy, 2 * _LONGEST),
+        errors=[
+            ProblemItem(where=_short(place), reason=_short(reason), remedy=_short(remedy))
+            for place, reason, remedy in items
+        ],
     )
+    return _fitted(problem)
 
 
 def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+from jointstiff.service.problems import FilesError
 
 MAX_FAULTS = 20
 """Faults that one refusal lists."""
@@ -31,23 +34,38 @@ class Fault:
     reason: str
     remedy: str
 
+    @property
+    def place(self) -> str:
+        """File and line."""
+        return shown(self.file) if self.line is None else f"{shown(self.file)}, line {self.line}"
+
     def __str__(self) -> str:
-        place = shown(self.file) if self.line is None else f"{shown(self.file)}, line {self.line}"
-        return f"{place}: {self.reason}; {self.remedy}"
+        return f"{self.place}: {self.reason}; {self.remedy}"
 
 
-class ProgramError(Exception):
-    """Raise when a program is not understood as a whole; nothing of it is taken then.
+class ProgramError(FilesError):
+    """Raise when a program is not understood, or cannot be corrected; nothing of it is taken then.
 
     Attributes:
         faults: the first ones, at most MAX_FAULTS.
         count: how many there are.
     """
 
-    def __init__(self, faults: tuple[Fault, ...], count: int) -> None:
-        super().__init__(faults, count)
-        self.faults = faults
-        self.count = count
+    def __init__(self, faults: Sequence[Fault], count: int | None = None) -> None:
+        first = faults[0]
+        self.faults = tuple(faults[:MAX_FAULTS])
+        self.count = len(faults) if count is None else count
+        more = f", and {self.count - 1} more" if self.count > 1 else ""
+        super().__init__(f"{first.place}: {first.reason}{more}", remedy=first.remedy, where=first.place)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way from a worker process."""
+        return type(self), (self.faults, self.count)
+
+    @property
+    def items(self) -> tuple[tuple[str, str, str], ...]:
+        """Place, reason and remedy of each fault."""
+        return tuple((fault.place, fault.reason, fault.remedy) for fault in self.faults)
 
     def __str__(self) -> str:
         rest = self.count - len(self.faults)

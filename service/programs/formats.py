@@ -7,10 +7,12 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final
 
+from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.apt import read_apt
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.fanuc import read_fanuc
 from jointstiff.service.programs.krl import read_krl
+from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Program, Source
 from jointstiff.service.programs.rapid import read_rapid
 from jointstiff.service.programs.table import read_table
@@ -92,3 +94,11 @@ def _source(name: str, content: bytes) -> Source:
 
 def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
     raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)
+
+
+def frame_notation(program: Program) -> Notation:
+    """Return the notation in which users of a format write frames; KUKA's where a program writes no pose."""
+    of_format = {"krl": krl.POSE, "fanuc": fanuc.POSE, "rapid": rapid.POSE, "ur": ur.POSE}
+    if program.format in of_format:
+        return of_format[program.format]
+    return next((target.notation for target in program.targets if target.notation.has_pose), krl.POSE)

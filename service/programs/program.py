@@ -156,13 +156,23 @@ class Program:
         """Return the numbers (m, k) of targets of one notation, as written."""
         return np.array([self.targets[i].values for i in indices], dtype=float)
 
-    def rewritten(self, values: Mapping[int, Sequence[float]], *, aligned: bool = False) -> tuple[bytes, ...]:
+    def rewritten(
+        self,
+        values: Mapping[int, Sequence[float]],
+        *,
+        aligned: bool = False,
+        words: Sequence[tuple[int, tuple[int, int, str]]] = (),
+    ) -> tuple[bytes, ...]:
         """Return the files with other numbers in targets, by index; every other byte is as it was.
 
         A number that is the same to the digits it would get keeps its characters. `aligned` takes blanks
-        before a number that grows and gives them to one that shrinks, so that columns stay.
+        before a number that grows and gives them to one that shrinks, so that columns stay. `words` are
+        further
+        texts in place of characters, by the index of a target.
         """
         edits: list[list[tuple[int, int, str]]] = [[] for _ in self.sources]
+        for i, edit in words:
+            edits[self.targets[i].source].append(edit)
         for i, new in values.items():
             target = self.targets[i]
             text = self.sources[target.source].text

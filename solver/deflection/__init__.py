@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
-from jointstiff.solver.deflection.compensation import Compensation, CorrectionLimits, compensate
+from jointstiff.solver.deflection.compensation import (
+    Compensation,
+    CorrectionLimits,
+    compensate,
+    ramp_shares,
+    residuals,
+)
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
@@ -38,5 +44,7 @@ __all__ = [
     "leave_postures_out",
     "map_places",
     "predict_deflections",
+    "ramp_shares",
+    "residuals",
     "tool_rotations",
 ]

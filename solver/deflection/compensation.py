@@ -20,7 +20,7 @@ from jointstiff.solver.deflection.loaded import LoadedPosture, rotation_vector
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.deflection.prediction import compliance_rows
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.robot import Configurations, Robot
 
 _BLOCK: Final = 4096
 """Postures worked on at a time: a few MB."""
@@ -75,6 +75,7 @@ def compensate(
     wanted: LoadCases,
     limits: CorrectionLimits | None = None,
     weight: OwnWeight | None = None,
+    ramp: FloatArray | None = None,
 ) -> Compensation:
     """Command such postures that springs and load bring the tool to the wanted ones.
 
@@ -84,12 +85,13 @@ def compensate(
             angles as the controller would show them, the load acts there.
         limits: by which corrections are held back.
         weight: of the links; None leaves it out, as the controller's zero has it in already.
+        ramp: (m,) shares of the corrections, where the cases are a part of the path (`ramp_shares`).
 
     Raises:
         RequestError: a load twists a joint of which nothing is known, or finds no stable balance.
     """
     limits = CorrectionLimits() if limits is None else limits
-    ramp = _ramp(model, wanted, limits.ramp)
+    ramp = ramp_shares(model.robot, wanted, limits.ramp) if ramp is None else ramp
     parts = [
         _compensate_block(model, _rows(wanted, block), limits, ramp[block], weight)
         for block in _blocks(len(wanted))
@@ -197,11 +199,34 @@ def _cap(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
     return share
 
 
-def _ramp(model: JointModel, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the share (m,) by the length of path since the load set in, and until it ends."""
+def residuals(
+    model: JointModel, wanted: LoadCases, commanded: FloatArray, weight: OwnWeight | None = None
+) -> FloatArray:
+    """Return displacement [m] and rotation vector [rad] (m, 6) from the wanted to the loaded place.
+
+    Args:
+        model: elastic joints.
+        wanted: m loaded postures.
+        commanded: (m, n) angles as the controller shows them [rad].
+        weight: of the links.
+
+    Raises:
+        RequestError: a load finds no stable balance.
+    """
+    robot = model.robot
+    found = np.empty((len(wanted), 6))
+    for block in _blocks(len(wanted)):
+        cases = _rows(wanted, block)
+        goal = Configurations(robot, robot.joint_map.model_angles(cases.joints))
+        under = replace(cases, joints=commanded[block].copy())
+        found[block] = _off(cases, goal, LoadedPosture.of(robot, model.compliance, under, weight).loaded)
+    return found
+
+
+def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
+    """Return the share (m,) by the length of path [m] since the load set in, and until it ends."""
     if length <= 0.0:
         return np.ones(len(wanted))
-    robot = model.robot
     here = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
     steps = np.linalg.norm(np.diff(here.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
     loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.configuration_choice import (
+    ChosenPostures,
+    Unreached,
+    choose_postures,
+)
 from jointstiff.solver.robot.dh import Convention, DhRow, dh_chain
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.joint_map import JointMap
@@ -14,6 +19,7 @@ from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 __all__ = [
     "WRIST_JOINTS",
     "ChainJoint",
+    "ChosenPostures",
     "Configurations",
     "Convention",
     "DhRow",
@@ -21,7 +27,9 @@ __all__ = [
     "JointMap",
     "KinematicChain",
     "Robot",
+    "Unreached",
     "Wrist",
+    "choose_postures",
     "dh_chain",
     "find_wrist",
     "flange_poses",

@@ -1,0 +1,266 @@
+"""A program whose targets are corrected, so that the loaded tool is where each of them says."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from jointstiff.schemas.deflection import LinkMass
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Point,
+    Quantity,
+    Radians,
+    Timestamp,
+    Vector3,
+)
+from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.robot import MAX_JOINTS
+
+MAX_FILES = 2
+MAX_FRAMES = 64
+MAX_SEGMENTS = 1_000
+MAX_WORST = 20
+
+ProgramFormat = Literal["csv", "apt", "krl", "fanuc", "rapid", "ur"]
+LeftAlone = Literal["no_load", "uncertain", "not_used"]
+
+_FrameNumbers = Annotated[
+    list[Quantity],
+    Field(
+        min_length=6,
+        max_length=7,
+        description="Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, "
+        "B, C "
+        "and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, "
+        "ry, rz in m "
+        "and rad; CSV as its columns; others as KUKA.",
+    ),
+]
+_Line = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
+
+
+class ProgramFrame(Message):
+    """A frame that the program names without its numbers."""
+
+    name: Name | None = Field(
+        default=None,
+        description="As the program calls it, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no "
+        "numbers "
+        "if absent.",
+    )
+    values: _FrameNumbers
+
+
+class ProcessLoad(Message):
+    """The load of the process on the robot."""
+
+    force: Vector3 = Field(description="Force on the tool, in units.force, along the axes of `axes`.")
+    moment: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Moment on the tool about the load point, in units.moment."
+    )
+
+
+class LoadSegment(ProcessLoad):
+    """The load of some lines of the program."""
+
+    first_line: _Line = Field(description="First line of the moves under this load, from 1.")
+    last_line: _Line = Field(description="Last line of them.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LoadSegment:
+        if self.last_line < self.first_line:
+            raise ValueError("`last_line` must not come before `first_line`")
+        return self
+
+
+class ProgramLimits(Message):
+    """Rules by which corrections are held back."""
+
+    displacement: Annotated[Quantity, Field(gt=0.0)] | None = Field(
+        default=None, description="Greatest displacement, in units.length; 5 mm if absent."
+    )
+    rotation: Annotated[Quantity, Field(gt=0.0)] | None = Field(
+        default=None, description="Greatest rotation, in units.angle; 10 mrad if absent."
+    )
+    ramp: Annotated[Quantity, Field(ge=0.0)] = Field(
+        default=0.0,
+        description="Length of path over which corrections set in and fade with the load, in units.length.",
+    )
+
+
+class ProgramOptions(Message):
+    """Options of a compensated program."""
+
+    units: Units = Field(description="Units of what this request states; the program has its own.")
+    accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
+        description="The controller's own accuracy option while the program runs: `off`, on "
+        "`same_as_measured` in "
+        "the campaign, or one that `compensates_load` itself, which would be corrected twice and is refused."
+    )
+    load: ProcessLoad | None = Field(default=None, description="One load for all moves.")
+    segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
+        default_factory=list, description="Loads by lines; other moves have none. In place of `load`."
+    )
+    axes: Literal["robot", "tool", "base"] = Field(
+        default="robot",
+        description="Axes of forces and moments: those of R0, of the tool or of the program's base.",
+    )
+    load_point: Vector3 | None = Field(
+        default=None,
+        description="Where the force acts, flange frame, in units.length; the tool's centre if absent.",
+    )
+    tools: Annotated[list[ProgramFrame], Field(max_length=MAX_FRAMES)] = Field(
+        default_factory=list, description="Tools in the flange frame that the program only names."
+    )
+    bases: Annotated[list[ProgramFrame], Field(max_length=MAX_FRAMES)] = Field(
+        default_factory=list, description="Bases in the controller's world that the program only names."
+    )
+    world: _FrameNumbers | None = Field(
+        default=None, description="The controller's world in R0, where it is another frame than R0."
+    )
+    flange: _FrameNumbers | None = Field(
+        default=None, description="The controller's flange in the model's flange frame, where they differ."
+    )
+    tool_x: Vector3 | None = Field(
+        default=None,
+        description="Direction of the tool's x axis in the base, made perpendicular to the tool's axis; "
+        "needed for "
+        "programs that state the tool's axis or a position only.",
+    )
+    start: Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None = Field(
+        default=None,
+        description="Controller's angles near the first cartesian target, in units.angle, where the "
+        "program does "
+        "not say the arm's configuration.",
+    )
+    limits: ProgramLimits = Field(default_factory=ProgramLimits)
+    masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=list,
+        description="Own weight of the links, acting along -z of R0; left out where no masses are given.",
+    )
+    leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
+        default_factory=list,
+        description="Routines of the program that neither move the robot nor change its frames.",
+    )
+    format: ProgramFormat | None = Field(
+        default=None, description="Format of the program; by the file's name if absent."
+    )
+    confidence: Annotated[float, Field(strict=True, ge=0.5, le=0.9999)] = Field(
+        default=0.95, description="Level of the intervals."
+    )
+
+    @model_validator(mode="after")
+    def _one_load(self) -> ProgramOptions:
+        if self.load is not None and self.segments:
+            raise ValueError("give either `load` or `segments`")
+        return self
+
+
+class ProgramForm(ProgramOptions):
+    """Options of a compensated program as they are posted, beside the files."""
+
+    run_id: Identifier = Field(description="The run whose model predicts.")
+
+
+class ProgramFile(Message):
+    """A file that was sent, or made."""
+
+    name: Name
+    bytes: int = Field(description="Its size.", json_schema_extra={"unit": "byte"})
+    content: str | None = Field(
+        default=None, description="Null in answers: files have addresses of their own."
+    )
+
+
+class ProgramRequest(ProgramForm):
+    """A compensated program as it is stored: options and files."""
+
+    files: Annotated[list[ProgramFile], Field(min_length=1, max_length=MAX_FILES)] = Field(
+        description="The program: one file, or a .src and its .dat."
+    )
+    loads: ProgramFile | None = Field(default=None, description="Table of the load at each point.")
+
+
+class Spread(Message):
+    """Median, 95 % quantile and greatest value over the points under load."""
+
+    median: float
+    p95: float
+    greatest: float
+
+
+class ProgramPoint(Message):
+    """One target under load."""
+
+    number: int = Field(description="In the order of the path, from 1.")
+    name: str = Field(description="As the program calls it; empty if it has no name.")
+    line: int = Field(description="Line of its numbers.")
+    place: Metres[Point] = Field(description="Tool's centre where it is wanted, in R0.")
+    deflection: Metres[float] = Field(description="How far the load moves the tool without a correction.")
+    deflection_rotation: Radians[float]
+    correction: Metres[float] = Field(description="From the wanted to the commanded place.")
+    correction_rotation: Radians[float]
+    standard_uncertainty: Metres[float | None] = Field(
+        description="Of the deflection along itself, by the errors of the readings; null if unknown."
+    )
+    interval: Metres[tuple[float, float] | None] = Field(
+        description="Of the deflection, by the errors of the readings."
+    )
+    residual: Metres[float] = Field(
+        description="Distance of the loaded tool from its target, predicted for the program as it is written."
+    )
+    residual_rotation: Radians[float]
+    rounding: Metres[float] = Field(description="Part of it that comes of the digits of the program.")
+    share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
+    capped: bool = Field(description="Whether the limits hold the correction back.")
+
+
+class ProgramResult(Message):
+    """Counts, spreads and the worst points; the program and all points have addresses of their own."""
+
+    format: ProgramFormat
+    points: int = Field(description="Targets of the program.")
+    moves: int = Field(description="Moves of the program.")
+    corrected: int = Field(description="Targets with other numbers than before.")
+    capped: int = Field(description="Targets whose correction is held back by the limits.")
+    left_alone: dict[LeftAlone, int] = Field(description="Targets that are as they were, by reason.")
+    deflection: Metres[Spread | None] = Field(
+        description="Distance from target without a correction; null if nothing is loaded."
+    )
+    correction: Metres[Spread | None] = Field(description="Displacement of targets.")
+    residual: Metres[Spread | None] = Field(description="Distance from target of the written program.")
+    rounding: Metres[Spread | None] = Field(description="Part of it that comes of the digits of the program.")
+    confidence: Dimensionless[float] = Field(description="Level of the intervals.")
+    worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(
+        description="Points with the greatest residuals, worst first."
+    )
+    remarks: list[str] = Field(description="What was left as it is, and what to know of the prediction.")
+    files: list[ProgramFile] = Field(description="The program: GET …/program.")
+    table: ProgramFile = Field(description="All points: GET …/points.csv.")
+
+
+class ProgramSummary(Message):
+    """A compensated program in a listing."""
+
+    id: Identifier
+    robot_id: Identifier
+    run_id: Identifier
+    state: JobState
+    created_at: Timestamp
+
+
+class Program(Job):
+    """A stored compensated program. It never changes."""
+
+    kind: ClassVar[str] = "program"
+    collection: ClassVar[str] = "programs"
+
+    request: ProgramRequest
+    result: ProgramResult | None = Field(description="Present if the program was corrected.")

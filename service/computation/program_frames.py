@@ -1,0 +1,191 @@
+"""Frames of a program: tools in the model's flange frame, bases in R0; and poses of targets in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import ProgramFrame, ProgramOptions
+from jointstiff.service.programs import (
+    FrameName,
+    Notation,
+    Orientation,
+    Program,
+    frame_notation,
+    shown,
+)
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
+
+_LEAST_SINE: Final = 1e-3
+"""Sine of the angle between tool and x axis under which they count as parallel."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramFrames:
+    """Frames of each target of a program.
+
+    Attributes:
+        tool: (t, 4, 4) in the model's flange frame [m].
+        base: (t, 4, 4) in R0 [m].
+        x_axis: (3,) direction that the tools' x axes follow, in the base; None if it is not stated.
+    """
+
+    tool: FloatArray
+    base: FloatArray
+    x_axis: FloatArray | None
+
+    @classmethod
+    def of(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
+        """Find the numbers of all frames.
+
+        Raises:
+            RequestError: a frame has none, has them twice, is not in the program, or is no frame.
+        """
+        notation = frame_notation(program)
+        world = _stated(notation, options.world, "world")
+        flange = _stated(notation, options.flange, "flange")
+        tools = _Given(notation, options.tools, "tools")
+        bases = _Given(notation, options.bases, "bases")
+        needs_base = options.axes == "base"
+        tool = [flange @ tools.pose(target.tool) for target in program.targets]
+        base = [
+            world @ bases.pose(target.base)
+            if needs_base or target.notation.orientation is not Orientation.JOINTS
+            else world
+            for target in program.targets
+        ]
+        for given in (tools, bases):
+            given.refuse_unused()
+        x_axis = None if options.tool_x is None else np.array(options.tool_x)
+        return cls(np.array(tool), np.array(base), x_axis)
+
+    def flange_poses(self, program: Program, indices: Sequence[int]) -> FloatArray:
+        """Return poses (m, 4, 4) of the flange in R0 [m] by the program's numbers; NaN for joint targets.
+
+        Raises:
+            RequestError: a target states no orientation about the tool's axis, and the request does not.
+        """
+        poses = np.full((len(program.targets), 4, 4), np.nan)
+        for notation, rows in program.by_notation().items():
+            numbers = program.numbers(rows)
+            if notation.has_pose:
+                poses[rows] = notation.poses(numbers)
+            elif notation.orientation is not Orientation.JOINTS:
+                poses[rows] = self._about_axis(notation, numbers, rows)
+        wanted: FloatArray = self.base[indices] @ poses[indices] @ np.linalg.inv(self.tool[indices])
+        return wanted
+
+    def numbers(
+        self, program: Program, indices: Sequence[int], flange: FloatArray
+    ) -> dict[int, Sequence[float]]:
+        """Return the program's numbers of poses (m, 4, 4) of the flange in R0 [m], by index of the target."""
+        place = {index: row for row, index in enumerate(indices)}
+        poses = np.linalg.inv(self.base[indices]) @ flange @ self.tool[indices]
+        found: dict[int, Sequence[float]] = {}
+        for notation, members in program.by_notation().items():
+            chosen = [i for i in members if i in place]
+            rows = [place[i] for i in chosen]
+            if not chosen or notation.orientation is Orientation.JOINTS:
+                continue
+            near = program.numbers(chosen)
+            if notation.has_pose:
+                new = notation.values(poses[rows], near)
+            else:
+                new = near.copy()
+                new[:, :3] = poses[rows, :3, 3] / notation.length
+                new[:, 3:] = -poses[rows, :3, 2] if notation.count else new[:, 3:]
+            found.update(zip(chosen, new.tolist(), strict=True))
+        return found
+
+    def _about_axis(self, notation: Notation, numbers: FloatArray, rows: Sequence[int]) -> FloatArray:
+        """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""
+        if self.x_axis is None:
+            raise RequestError(
+                "the program states the tool's axis, and no angle about it",
+                where="tool_x",
+                remedy="give `tool_x`, the direction of the tool's x axis in the base",
+            )
+        axis = np.tile([0.0, 0.0, 1.0], (len(rows), 1))
+        if notation.orientation is Orientation.TOOL_AXIS:
+            axis = numbers[:, 3:]
+        z = -axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        x = self.x_axis - (z @ self.x_axis)[:, None] * z
+        size = np.linalg.norm(x, axis=1, keepdims=True)
+        if not (size > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
+            raise RequestError(
+                "the tool's axis is along `tool_x`", where="tool_x", remedy="give another direction"
+            )
+        x = x / size
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = x, np.cross(z, x), z
+        poses[:, :3, 3] = numbers[:, :3] * notation.length
+        return poses
+
+
+class _Given:
+    """Frames of one kind that the request gives, and which of them the program uses."""
+
+    def __init__(self, notation: Notation, frames: Sequence[ProgramFrame], where: str) -> None:
+        self._where = where
+        self._poses: Mapping[str | None, FloatArray] = {
+            _key(frame.name): _stated(notation, frame.values, f"{where}[{i}].values")
+            for i, frame in enumerate(frames)
+        }
+        self._names = [frame.name for frame in frames]
+        if len(self._poses) < len(frames):
+            raise RequestError("a frame is given twice", where=where, remedy="give each frame once")
+        self._used: set[str | None] = set()
+
+    def pose(self, frame: FrameName) -> FloatArray:
+        """Return the pose (4, 4) [m] of a frame."""
+        key = _key(frame.name)
+        if frame.pose is not None:
+            if key in self._poses:
+                raise RequestError(
+                    f"the program states the numbers of {shown(frame.name)}",
+                    where=self._where,
+                    remedy="leave this frame out",
+                )
+            return frame.pose
+        key = key if key in self._poses else None
+        if key not in self._poses:
+            raise RequestError(
+                f"the program names {shown(frame.name)}, and not its numbers",
+                where=self._where,
+                remedy=f"give them: {{'name': {frame.name!r}, 'values': [...]}}",
+            )
+        self._used.add(key)
+        return self._poses[key]
+
+    def refuse_unused(self) -> None:
+        """Refuse a frame that the program does not use: its name may be misspelt."""
+        for name in self._names:
+            if _key(name) not in self._used:
+                what = (
+                    "all frames of the program have numbers"
+                    if name is None
+                    else f"the program uses no {shown(name)}"
+                )
+                raise RequestError(
+                    what, where=self._where, remedy="leave this frame out, or correct its name"
+                )
+
+
+def _key(name: str | None) -> str | None:
+    return None if name is None else name.upper()
+
+
+def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
+    if values is None:
+        return np.eye(4)
+    if len(values) != 3 + notation.count or not notation.states(values):
+        raise RequestError(
+            f"it is no frame of {3 + notation.count} numbers",
+            where=where,
+            remedy=f"give the position, then {notation.orientation.value}, in the program's units",
+        )
+    return notation.pose(values)

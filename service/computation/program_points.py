@@ -1,0 +1,202 @@
+"""Points of a compensated program as arrays, as a table, and summed up."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
+from jointstiff.service.computation.program_path import ProgramPath
+from jointstiff.service.conversion import guarded
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection import Compensation
+
+_MM: Final = 1e3
+_MRAD: Final = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Corrections of k points under load.
+
+    Attributes:
+        points: (k,) places in the path.
+        commanded: (k, 6) controller's angles [rad].
+        correction: (k, 6) displacement [m] and rotation vector [rad], axes of R0.
+        residual: (k, 6) from the wanted to the loaded place, before the program's rounding.
+        uncorrected: (k, 6) the same without a correction.
+        uncertainty: (k,) standard uncertainty of the deflection along itself [m]; NaN if unknown.
+        share: (k,) of the full correction.
+        uncertain: (k,) left alone, as the uncertainty exceeds the deflection.
+        capped: (k,) held back by the limits.
+    """
+
+    points: IndexArray
+    commanded: FloatArray
+    correction: FloatArray
+    residual: FloatArray
+    uncorrected: FloatArray
+    uncertainty: FloatArray
+    share: FloatArray
+    uncertain: BoolArray
+    capped: BoolArray
+
+    @classmethod
+    def of(cls, points: IndexArray, found: Compensation) -> Corrections:
+        """Take over what was computed."""
+        return cls(points, **{field.name: getattr(found, field.name) for field in fields(found)})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Corrections]) -> Corrections:
+        """Join parts, in order."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPoints:
+    """The m points of a path with what is written for them.
+
+    Attributes:
+        path: the path.
+        corrections: of the points under load.
+        residual: (k, 6) from the wanted to the loaded place under what is written [m, rad].
+        rounding: (k,) part of it that comes of the program's digits [m].
+        changed: (k,) whether a number is another one than before.
+        place: (m, 3) where the tool's centre is wanted, in R0 [m].
+        quantile: half the width of intervals in standard uncertainties.
+    """
+
+    path: ProgramPath
+    corrections: Corrections
+    residual: FloatArray
+    rounding: FloatArray
+    changed: BoolArray
+    place: FloatArray
+    quantile: float
+
+    def spread(self, sizes: FloatArray) -> Spread | None:
+        """Return median, 95 % quantile and greatest of sizes (k,)."""
+        if not len(sizes):
+            return None
+        median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
+        return Spread(median=median, p95=p95, greatest=greatest)
+
+    def worst(self) -> list[ProgramPoint]:
+        """Return the points with the greatest residuals, worst first."""
+        order = np.argsort(-_size(self.residual[:, :3]), kind="stable")[:MAX_WORST]
+        return [self._point(int(k)) for k in order]
+
+    def _point(self, k: int) -> ProgramPoint:
+        found, point = self.corrections, int(self.corrections.points[k])
+        target = self.path.program.targets[int(self.path.targets[point])]
+        u = float(found.uncertainty[k])
+        deflection = float(_size(found.uncorrected[k, :3]))
+        half = self.quantile * u
+        known = np.isfinite(u)
+        return ProgramPoint(
+            number=point + 1,
+            name=_printable(target.name),
+            line=target.line,
+            place=tuple(self.place[point].tolist()),
+            deflection=deflection,
+            deflection_rotation=float(_size(found.uncorrected[k, 3:])),
+            correction=float(_size(found.correction[k, :3])),
+            correction_rotation=float(_size(found.correction[k, 3:])),
+            standard_uncertainty=u if known else None,
+            interval=(max(deflection - half, 0.0), deflection + half) if known else None,
+            residual=float(_size(self.residual[k, :3])),
+            residual_rotation=float(_size(self.residual[k, 3:])),
+            rounding=float(self.rounding[k]),
+            share=float(found.share[k]),
+            capped=bool(found.capped[k]),
+        )
+
+    def table(self) -> str:
+        """Return all points as CSV, in the order of the path."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_HEADER)
+        numbers, reasons = self._numbers(), self._reasons()
+        rows = np.full(len(self.path.targets), -1)
+        rows[self.corrections.points] = np.arange(len(numbers))
+        program = self.path.program
+        for point, (index, row) in enumerate(zip(self.path.targets.tolist(), rows.tolist(), strict=True)):
+            target = program.targets[index]
+            head = [
+                point + 1,
+                guarded(target.name),
+                guarded(program.sources[target.source].name),
+                target.line,
+            ]
+            place = [f"{value:.6f}" for value in self.place[point]]
+            writer.writerow([*head, *place, *(numbers[row] if row >= 0 else _NOTHING), reasons[point]])
+        return text.getvalue()
+
+    def _numbers(self) -> list[list[str]]:
+        found = self.corrections
+        half = self.quantile * found.uncertainty
+        deflection = _size(found.uncorrected[:, :3])
+        columns = np.column_stack(
+            [
+                _MM * found.uncorrected[:, :3],
+                _MM * deflection,
+                _MRAD * _size(found.uncorrected[:, 3:]),
+                _MM * found.correction[:, :3],
+                _MM * _size(found.correction[:, :3]),
+                _MRAD * _size(found.correction[:, 3:]),
+                _MM * found.uncertainty,
+                _MM * np.maximum(deflection - half, 0.0),
+                _MM * (deflection + half),
+                _MM * _size(self.residual[:, :3]),
+                _MRAD * _size(self.residual[:, 3:]),
+                _MM * self.rounding,
+                found.share,
+            ]
+        )
+        return [
+            ["" if text == "nan" else text for text in map("{:.6g}".format, row)] for row in columns.tolist()
+        ]
+
+    def _reasons(self) -> list[str]:
+        reasons = np.full(len(self.path.targets), "no load", dtype=object)
+        reasons[self.corrections.points] = ""
+        reasons[self.corrections.points[self.corrections.capped]] = "capped"
+        reasons[self.corrections.points[self.corrections.uncertain]] = "uncertain: left alone"
+        return list(reasons)
+
+
+_HEADER: Final = (
+    "point",
+    "name",
+    "file",
+    "line",
+    *(f"place {axis} [m]" for axis in "xyz"),
+    *(f"deflection {axis} [mm]" for axis in "xyz"),
+    "deflection [mm]",
+    "deflection rotation [mrad]",
+    *(f"correction {axis} [mm]" for axis in "xyz"),
+    "correction [mm]",
+    "correction rotation [mrad]",
+    "deflection standard uncertainty [mm]",
+    "deflection low [mm]",
+    "deflection high [mm]",
+    "residual [mm]",
+    "residual rotation [mrad]",
+    "rounding [mm]",
+    "share [1]",
+    "remark",
+)
+_NOTHING: Final = ("",) * (len(_HEADER) - 8)
+
+
+def _size(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def _printable(text: str) -> str:
+    return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,0 +1,192 @@
+"""Ranges of the controller's angles that formats state by the arm's configuration; words rewritten."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor, pi
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from jointstiff.service.programs.program import Program, Target
+from jointstiff.solver.arrays import FloatArray
+
+_HALF: Final = pi / 2
+_INF: Final = float("inf")
+_NEAR: Final = 1e-4
+"""Angle beside a boundary [rad] that may be counted to either side."""
+
+Edit: TypeAlias = tuple[int, int, str]
+"""First and last + 1 character, and the text in their place."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Word:
+    """A word on one joint: where it stands, and the range of angles that each value of it means.
+
+    Attributes:
+        joint: index of the joint.
+        kind: `sign` (1 below zero), `positive` (1 above zero), `quadrant` or `turn`.
+        value: as written.
+    """
+
+    joint: int
+    kind: str
+    value: int
+
+    def range(self) -> tuple[float, float]:
+        """Return least and greatest angle [rad]."""
+        if self.kind in {"sign", "positive"}:
+            below = bool(self.value) == (self.kind == "sign")
+            return (-_INF, 0.0) if below else (0.0, _INF)
+        if self.kind == "quadrant":
+            return _HALF * self.value, _HALF * (self.value + 1)
+        return 2 * pi * self.value - pi, 2 * pi * self.value + pi
+
+    def of(self, angle: float) -> int:
+        """Return the value that an angle [rad] has."""
+        if self.kind in {"sign", "positive"}:
+            return int((angle < 0.0) == (self.kind == "sign"))
+        return floor(angle / _HALF) if self.kind == "quadrant" else ceil((angle - pi) / (2 * pi))
+
+    def holds(self, angle: float) -> bool:
+        """Tell whether an angle [rad] is in the range, or beside it."""
+        low, high = self.range()
+        return low - _NEAR <= angle <= high + _NEAR
+
+
+_KRL_WORD: Final = re.compile(r"(?<![\w$])([ST])\s+('B([01]+)'|\d{1,3})", re.IGNORECASE)
+_RAPID_WORDS: Final = re.compile(
+    r"\s*\]\s*,\s*\[\s*([+-]?\d+(?:\.0*)?)\s*,\s*([+-]?\d+(?:\.0*)?)\s*,\s*([+-]?\d+(?:\.0*)?)\s*,"
+    r"\s*([+-]?\d+(?:\.0*)?)\s*\]"
+)
+_FANUC_WORDS: Final = re.compile(
+    r"CONFIG\s*:\s*'([^'\n,]*),\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*'"
+)
+_FANUC_JOINTS: Final = (0, 3, 5)
+_FREE_RAPID: Final = re.compile(r"\bConfJ\s*\\\s*Off\b", re.IGNORECASE)
+
+
+class StatedConfigurations:
+    """Read what the targets of a program say of the arm's configuration.
+
+    Attributes:
+        decides: whether the controller takes a joint move to the configuration that is stated.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._read = {"krl": _krl_words, "rapid": _rapid_words, "fanuc": _fanuc_words}.get(program.format)
+        self.decides = program.format != "rapid" or not any(
+            _FREE_RAPID.search(source.text) for source in program.sources
+        )
+
+    def ranges(self, indices: Sequence[int]) -> FloatArray:
+        """Return least and greatest controller's angles (m, 6, 2) [rad]; ∓inf where nothing is stated."""
+        ranges = np.tile([-_INF, _INF], (len(indices), 6, 1))
+        for row, i in zip(ranges, indices, strict=True):
+            for word, _ in self._words(i):
+                low, high = word.range()
+                row[word.joint] = max(low, row[word.joint, 0]), min(high, row[word.joint, 1])
+        return ranges
+
+    def letters(self, index: int) -> str:
+        """Return what is stated in letters, which no angle tells: FANUC's N/F, U/D and T/B."""
+        if self._program.format != "fanuc":
+            return ""
+        return "".join(self._program.targets[index].branch.partition(",")[0].split())
+
+    def edits(self, index: int, wanted: FloatArray, commanded: FloatArray) -> list[Edit]:
+        """Return the words to be rewritten, where an angle that agreed with its word no longer does.
+
+        Args:
+            index: of the target.
+            wanted: (6,) controller's angles [rad] of the target before.
+            commanded: (6,) after the correction.
+        """
+        words = self._words(index)
+        changed = {
+            word: word.of(commanded[word.joint])
+            for word, _ in words
+            if word.holds(wanted[word.joint]) and not word.holds(commanded[word.joint])
+        }
+        if not changed:
+            return []
+        return _rewritten([(changed.get(word, word.value), word, place) for word, place in words])
+
+    def _words(self, index: int) -> list[tuple[_Word, _Place]]:
+        target = self._program.targets[index]
+        if self._read is None or not target.branch:
+            return []
+        return self._read(self._program.sources[target.source].text, target)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a word stands: its number's characters, and its bit where several words share the number.
+
+    Attributes:
+        span: first and last + 1 character.
+        bit: of the number; None where the number is the word.
+        whole: the number as it is.
+        style: `b` for KUKA's binary numbers.
+    """
+
+    span: tuple[int, int]
+    bit: int | None = None
+    whole: int = 0
+    style: str = "d"
+
+
+def _rewritten(words: Sequence[tuple[int, _Word, _Place]]) -> list[Edit]:
+    numbers: dict[tuple[int, int], tuple[int, _Place]] = {}
+    for value, _, place in words:
+        before = numbers.get(place.span, (place.whole, place))[0]
+        after = value if place.bit is None else before & ~(1 << place.bit) | value << place.bit
+        numbers[place.span] = after, place
+    edits = []
+    for (start, end), (value, place) in numbers.items():
+        if value != place.whole:
+            width = end - start - 3
+            edits.append((start, end, f"'B{value:0{width}b}'" if place.style == "b" else str(value)))
+    return edits
+
+
+def _krl_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
+    start, end = text.rfind("{", 0, target.spans[0]), text.find("}", target.spans[-1])
+    words: list[tuple[_Word, _Place]] = []
+    for found in _KRL_WORD.finditer(text, start, end):
+        number = int(found[3], 2) if found[3] else int(found[2])
+        style = "b" if found[3] else "d"
+        if found[1].upper() == "T":
+            words += [
+                (_Word(j, "sign", number >> j & 1), _Place(found.span(2), j, number, style)) for j in range(6)
+            ]
+        else:
+            words.append((_Word(4, "positive", number >> 2 & 1), _Place(found.span(2), 2, number, style)))
+    return words
+
+
+def _rapid_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
+    found = _RAPID_WORDS.match(text, target.spans[-1])
+    if not found:
+        return []
+    values = [int(float(found[k])) for k in range(1, 5)]
+    words = [
+        (_Word(joint, "quadrant", values[k]), _Place(found.span(k + 1), None, values[k]))
+        for k, joint in enumerate((0, 3, 5))
+    ]
+    words.append((_Word(4, "sign", values[3] & 1), _Place(found.span(4), 0, values[3])))
+    return words
+
+
+def _fanuc_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
+    found = _FANUC_WORDS.search(text, text.rfind("{", 0, target.spans[0]), target.spans[0])
+    if not found:
+        return []
+    return [
+        (_Word(joint, "turn", int(found[k])), _Place(found.span(k), None, int(found[k])))
+        for k, joint in enumerate(_FANUC_JOINTS, 2)
+    ]
