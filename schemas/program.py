@@ -23,7 +23,7 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
-MAX_FILES = 2
+MAX_FILES = 3
 MAX_FRAMES = 64
 MAX_SEGMENTS = 1_000
 MAX_WORST = 20
@@ -108,6 +108,14 @@ class ProgramOptions(Message):
     segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
         default_factory=list, description="Loads by lines; other moves have none. In place of `load`."
     )
+    loads: Name | None = Field(
+        default=None,
+        description="Name of the sent file with the load at each point, in place of `load` and "
+        "`segments`: CSV with "
+        "the columns `point` (numbered along the path, as points.csv has it), `Fx [N]`, `Fy [N]`, `Fz "
+        "[N]`, and `Mx "
+        "[N.m]` ... if there are moments. Other points have none.",
+    )
     axes: Literal["robot", "tool", "base"] = Field(
         default="robot",
         description="Axes of forces and moments: those of R0, of the tool or of the program's base.",
@@ -158,8 +166,8 @@ class ProgramOptions(Message):
 
     @model_validator(mode="after")
     def _one_load(self) -> ProgramOptions:
-        if self.load is not None and self.segments:
-            raise ValueError("give either `load` or `segments`")
+        if (self.load is not None) + bool(self.segments) + (self.loads is not None) != 1:
+            raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
         return self
 
 
@@ -183,9 +191,8 @@ class ProgramRequest(ProgramForm):
     """A compensated program as it is stored: options and files."""
 
     files: Annotated[list[ProgramFile], Field(min_length=1, max_length=MAX_FILES)] = Field(
-        description="The program: one file, or a .src and its .dat."
+        description="The program: one file, or a .src and its .dat; and the table of loads."
     )
-    loads: ProgramFile | None = Field(default=None, description="Table of the load at each point.")
 
 
 class Spread(Message):

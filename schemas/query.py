@@ -108,6 +108,12 @@ class MapQuery(JobQuery):
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
 
 
+class ProgramQuery(JobQuery):
+    """Which compensated programs."""
+
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+
+
 class PlanQuery(JobQuery):
     """Which plans."""
 

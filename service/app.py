@@ -32,6 +32,7 @@ from jointstiff.service.api import (
     kinematics,
     maps,
     measurement_sets,
+    programs,
     robots,
     sessions,
 )
@@ -113,7 +114,7 @@ def create_app(
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.add_middleware(BodyLimits)
-    for module in (robots, kinematics, measurement_sets, imports, comparisons, maps, deflections, health):
+    for module in (robots, kinematics, measurement_sets, imports, comparisons, maps, programs, deflections, health):
         app.include_router(module.router)
     for module in (sessions, keys, audit):
         app.include_router(module.router)

@@ -92,22 +92,26 @@ def large_bodies(request: Request) -> CapacityLimiter:
     return turns
 
 
-async def _key(
-    request: Request,
-    idempotency_key: Annotated[
-        str | None,
-        Header(
-            min_length=1,
-            max_length=MAX_KEY_LENGTH,
-            description="Any text of your choice, for safe retries: posting the same body again "
-            "with the same key "
-            "returns the resource that the first post created.",
-        ),
-    ] = None,
-) -> IdempotencyKey | None:
-    if idempotency_key is None:
-        return None
-    return IdempotencyKey(idempotency_key, hashlib.sha256(await request.body()).hexdigest())
+KeyText = Annotated[
+    str | None,
+    Header(
+        min_length=1,
+        max_length=MAX_KEY_LENGTH,
+        description="Any text of your choice, for safe retries: posting the same body again with the same "
+        "key "
+        "returns the resource that the first post created.",
+    ),
+]
+"""Text of an idempotency key."""
+
+
+def bound_key(key: str | None, body: bytes) -> IdempotencyKey | None:
+    """Return an idempotency key, bound to the body that it came with."""
+    return None if key is None else IdempotencyKey(key, hashlib.sha256(body).hexdigest())
+
+
+async def _key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
+    return None if idempotency_key is None else bound_key(idempotency_key, await request.body())
 
 
 Key = Annotated[IdempotencyKey | None, Depends(_key)]

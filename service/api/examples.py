@@ -233,6 +233,25 @@ DEFLECTIONS: Final[dict[str, Any]] = {
     }
 }
 
+PROGRAMS: Final[dict[str, Any]] = {
+    "milling": {
+        "files": [
+            "DEF part()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n"
+            "LIN {X 1803.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0}\nEND\n"
+        ],
+        "options": {
+            "run_id": "ID_OF_A_RUN",
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "load": {"force": [0.0, 300.0, -500.0]},
+            "axes": "tool",
+            "tools": [{"name": "TOOL_DATA[1]", "values": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]}],
+            "start": [10.0, -5.0, 10.0, 5.0, 45.0, 3.0],
+            "format": "krl",
+        },
+    }
+}
+
 _PLANS: Final[dict[str, Any]] = {
     "begin a campaign": {
         "robot_id": "ID_OF_A_STORED_ROBOT",

@@ -1,4 +1,4 @@
-"""Forms of imports (multipart/form-data, RFC 7578), kept in memory; incomplete ones are refused."""
+"""Forms with files (multipart/form-data, RFC 7578), kept in memory; incomplete ones are refused."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
-from jointstiff.service.api.limits import SMALL_BYTES
-from jointstiff.service.conversion import MAX_SET_BYTES
+from jointstiff.service.api.limits import MAX_BYTES, SMALL_BYTES
 from jointstiff.solver.errors import RequestError
 
 MAX_FILES: Final = 64
@@ -24,7 +23,7 @@ _TOO_LARGE: Final = ("Too many", "Part exceeded")
 class _Parser(MultiPartParser):
     """Starlette's parser, which keeps files in memory and notices the closing boundary."""
 
-    spool_max_size = MAX_SET_BYTES
+    spool_max_size = max(MAX_BYTES.values())
     is_complete = False
 
     def on_end(self) -> None:

@@ -25,7 +25,7 @@ _NAME: Final = TypeAdapter(Name)
 _DEFAULTS: Final = ImportRequest()
 _EXAMPLE: Final = IMPORTS["one table"]
 
-_BINARY: Final[dict[str, JsonValue]] = {
+BINARY: Final[dict[str, JsonValue]] = {
     "type": "string",
     "contentMediaType": "application/octet-stream",
     "format": "binary",  # as OpenAPI 3.0 has it, by which generated clients know a file
@@ -38,7 +38,7 @@ _Files = Annotated[
         min_length=1,
         max_length=MAX_FILES,
         examples=[_EXAMPLE["files"]],
-        json_schema_extra={"items": _BINARY},
+        json_schema_extra={"items": BINARY},
     ),
 ]
 _Options = Annotated[
@@ -68,10 +68,18 @@ def _understood(files: list[UploadFile], options: ImportRequest) -> str:
 
 
 def _source(file: UploadFile) -> SourceFile:
-    """Return a file under its name without folders."""
+    return SourceFile(*named_content(file))
+
+
+def named_content(file: UploadFile) -> tuple[str, bytes]:
+    """Return name without folders and content of a file.
+
+    Raises:
+        RequestError: it has no name that can be shown.
+    """
     name = (file.filename or "").replace("\\", "/").rpartition("/")[2]
     try:
-        return SourceFile(_NAME.validate_python(name), file.file.read())
+        return _NAME.validate_python(name), file.file.read()
     except ValidationError:
         raise RequestError(
             "a file has no name, or a name that cannot be displayed",

@@ -44,7 +44,10 @@ FollowersOf = Annotated[Followers, Depends(_followers)]
 
 
 def job_routes(kind: AnyKind) -> APIRouter:
-    """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped."""
+    """Return the routes of a kind: create, list, get, delete and restore; follow and cancel if stepped.
+
+    What is posted as a form has a route of its own to create it.
+    """
     router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=BodyRoute)
     identifier = Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)]
 
@@ -52,7 +55,12 @@ def job_routes(kind: AnyKind) -> APIRouter:
         return parts.jobs[kind.name]
 
     jobs = Annotated[Jobs, Depends(jobs_of)]
-    for add in (_add_create, _add_list, _add_get, _add_deletion):
+    adds = (
+        (_add_list, _add_get, _add_deletion)
+        if kind.is_form
+        else (_add_create, _add_list, _add_get, _add_deletion)
+    )
+    for add in adds:
         add(router, kind, {"jobs": jobs, "job_id": identifier})
     if isinstance(kind, Stepped):
         _add_stepped(router, kind, {"jobs": jobs, "job_id": identifier})
@@ -81,7 +89,7 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
 
     def create_quick(jobs: Jobs, body: Message, key: Key, asked_by: AskedBy) -> Response:
         record = jobs.create(body, key, asked_by)
-        return created(kind.collection, record.id, record.document)
+        return created(kind.collection, record.id, kind.answered(record.document))
 
     stepped = isinstance(kind, Stepped)
     later = accepted(kind.message) | problems(429) if stepped else {}
@@ -122,7 +130,7 @@ def _add_get(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None
     )
     @_typed(types)
     def get(jobs: Jobs, job_id: str) -> Response:
-        return json_response(jobs.document(job_id))
+        return json_response(kind.answered(jobs.document(job_id)))
 
 
 def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
@@ -151,7 +159,7 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
     )
     @_typed(types)
     def restore(jobs: Jobs, job_id: str) -> Response:
-        return json_response(jobs.restore(job_id))
+        return json_response(kind.answered(jobs.restore(job_id)))
 
 
 def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
@@ -185,7 +193,7 @@ def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> 
     )
     @_typed(types)
     def cancel(jobs: Jobs, job_id: str) -> Response:
-        return json_response(jobs.cancel(job_id).model_dump_json())
+        return json_response(kind.answered(jobs.cancel(job_id).model_dump_json()))
 
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
@@ -197,13 +205,14 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
         wait: in seconds.
         followers: those who follow jobs.
     """
-    collection = jobs.kind.collection
+    collection, answered = jobs.kind.collection, jobs.kind.answered
     if record.state not in OPEN_STATES:
-        return created(collection, record.id, record.document)
+        return created(collection, record.id, answered(record.document))
     try:
         if wait:
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
     except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
-        return created(collection, record.id, record.document, 202)
-    return created(collection, job.id, job.model_dump_json(), 202 if job.state in OPEN_STATES else 201)
+        return created(collection, record.id, answered(record.document), 202)
+    text = answered(job.model_dump_json())
+    return created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         prepare_robot,
         prepare_set,
     )
-    from jointstiff.service.computation.program import ProgramWork, packed, unpacked
+    from jointstiff.service.computation.program import ProgramWork, packed, unpacked, without_contents
     from jointstiff.service.computation.run import run_hash, run_work
     from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
 else:
@@ -42,7 +42,7 @@ else:
         pair="Side pair_work",
         plan="Planned plan_work",
         prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
-        program="ProgramWork packed unpacked",
+        program="ProgramWork packed unpacked without_contents",
         run="run_hash run_work",
         work="QuickWork Span SteppedWork Work hash_of",
     )
@@ -78,4 +78,5 @@ __all__ = [
     "run_work",
     "unexpected_failure",
     "unpacked",
+    "without_contents",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -31,6 +32,8 @@ MAX_QUICK_POINTS: Final = 10_000
 _STEP: Final = 2_000
 """Points of a step of a longer one."""
 _MAX_REMARKS: Final = 50
+_CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
+"""Content of a file: in a text of JSON, quotes would have a backslash before them."""
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 
 
@@ -54,15 +57,17 @@ class ProgramWork(SteppedWork[Corrections]):
                 remedy="switch that option off, measure with it off, and state `off`",
             )
         self.robot_id, self._run, self._request = robot_id, run, request
-        options = request.model_dump_json(exclude={"run_id", "files", "loads"})
-        contents = [
-            each.content or "" for each in [*request.files, *([request.loads] if request.loads else [])]
-        ]
+        options = request.model_dump_json(exclude={"run_id", "files"})
+        contents = [each.content or "" for each in request.files]
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
         self._model, _ = to_joint_model(robot, model_of(run))
         with as_request_errors():
             self._weight = to_own_weight(request, robot)
-        files = [(each.name, unpacked(each)) for each in request.files]
+        files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
+        if request.loads is not None and len(files) == len(request.files):
+            raise RequestError(
+                "no such file was sent", where="loads", remedy="send the table of loads among the files"
+            )
         self._program = read_program(files, request.format, request.leave_alone)
 
     @cached_property
@@ -72,7 +77,8 @@ class ProgramWork(SteppedWork[Corrections]):
 
     @cached_property
     def _path(self) -> ProgramPath:
-        table = None if self._request.loads is None else unpacked(self._request.loads)
+        named = [each for each in self._request.files if each.name == self._request.loads]
+        table = unpacked(named[0]) if named else None
         return program_path(self._program, self._request, self._model.robot, self._inverse, table)
 
     @cached_property
@@ -175,6 +181,11 @@ class ProgramWork(SteppedWork[Corrections]):
         left = [f"line {remark.line}: {remark.text}" for remark in self._program.left_alone]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         return [*remarks_of(self._run, weighed=self._weight is not None), *left[:_MAX_REMARKS], *more]
+
+
+def without_contents(document: str) -> str:
+    """Return a stored document without the contents of its files, which have addresses of their own."""
+    return _CONTENT.sub('"content":null', document)
 
 
 def packed(name: str, content: bytes) -> ProgramFile:

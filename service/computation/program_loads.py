@@ -46,16 +46,9 @@ def loads_of(
         points: (v,) number of each visit's point, from 1.
 
     Raises:
-        RequestError: none is stated, or in two ways, or segments overlap, or a moment has no unit.
+        RequestError: segments overlap, or a moment has no unit.
         FilesError: the table is not understood.
     """
-    stated = (options.load is not None) + bool(options.segments) + (table is not None)
-    if stated != 1:
-        raise RequestError(
-            "the load is stated in two ways" if stated else "the load of the process is not stated",
-            where="load",
-            remedy="give one of `load`, `segments`, or a table of points as the file `loads`",
-        )
     if table is not None:
         return _from_table(table, np.asarray(points))
     if options.load is not None:

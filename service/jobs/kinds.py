@@ -43,6 +43,8 @@ class Kind(Generic[AnyWork]):
             be done.
         max_bytes: size of a request.
         description: of the post, for the API's users.
+        is_form: whether it is posted as a form with files, at a route of its own.
+        answered: return a stored document as it is answered.
     """
 
     message: type[Job]
@@ -52,6 +54,8 @@ class Kind(Generic[AnyWork]):
     work: Callable[[Resources, Any], AnyWork]
     max_bytes: int
     description: str
+    is_form: bool = False
+    answered: Callable[[str], str] = str
 
     @property
     def name(self) -> str:

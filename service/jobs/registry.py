@@ -11,8 +11,18 @@ from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySumma
 from jointstiff.schemas.map import Map, MapRequest, MapSummary
 from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
 from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
-from jointstiff.schemas.query import ComparisonQuery, GeometryQuery, MapQuery, PairQuery, PlanQuery, RunQuery
+from jointstiff.schemas.program import Program, ProgramRequest, ProgramSummary
+from jointstiff.schemas.query import (
+    ComparisonQuery,
+    GeometryQuery,
+    MapQuery,
+    PairQuery,
+    PlanQuery,
+    ProgramQuery,
+    RunQuery,
+)
 from jointstiff.schemas.run import Run, RunRequest, RunSummary
+from jointstiff.service.computation import without_contents
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
 from jointstiff.service.jobs.life import Enqueue, Jobs
@@ -21,6 +31,7 @@ from jointstiff.service.store import Store
 
 _OPTIONS_BYTES: Final = 64 * 1024
 _READINGS_BYTES: Final = 4 * 1024 * 1024
+_PROGRAM_BYTES: Final = 16 * 1024 * 1024
 
 KINDS: Final[tuple[AnyKind, ...]] = (
     Stepped(
@@ -104,6 +115,26 @@ Each place takes the stiffest posture, or the nearest to a given one, of all bra
 kinematics and all orientations of the tool within the joints' limits; its deflection is the exact balance
 of springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
 201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
+    ),
+    Stepped(
+        message=Program,
+        request=ProgramRequest,
+        summary=ProgramSummary,
+        query=ProgramQuery,
+        work=works.program,
+        max_bytes=_PROGRAM_BYTES,
+        is_form=True,
+        answered=without_contents,
+        description="""Correct the targets of a robot program, so that the loaded tool is where they say.
+
+Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
+base, loads and the state of
+the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files
+are at /program, every
+point with its deflection, correction, interval and predicted residual at /points.csv. A program that is
+not understood
+as a whole is refused by line, and nothing is stored. Programs of more than 10,000 targets are jobs with
+progress.""",
     ),
 )
 """All kinds of jobs: routes, listings, the index, deletion, addresses and tests iterate over them."""

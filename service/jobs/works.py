@@ -11,11 +11,13 @@ from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.map import MapRequest
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.plan import PlanRequest
+from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.computation import (
     ComparisonWork,
     MapWork,
     Planned,
+    ProgramWork,
     QuickWork,
     Side,
     SteppedWork,
@@ -103,6 +105,18 @@ def map_places(resources: Resources, request: MapRequest) -> MapWork:
         run = stored_job(resources.store, Run, request.run_id)
         prepared = resources.sets.prepared(run.request.measurement_set_id)
     return MapWork(prepared.robot, prepared.robot_id, run, request)
+
+
+def program(resources: Resources, request: ProgramRequest) -> ProgramWork:
+    """Return the work of a compensated program.
+
+    Raises:
+        RequestError: there is no such run, it has no model, or the program is not understood.
+    """
+    with _named_by("run_id"):
+        found = stored_job(resources.store, Run, request.run_id)
+        prepared = resources.sets.prepared(found.request.measurement_set_id)
+    return ProgramWork(prepared.robot, prepared.robot_id, found, request)
 
 
 def _side(resources: Resources, name: str, request: PairRequest) -> Side:

@@ -106,7 +106,7 @@ def choose_postures(
 
 
 def _out_of_limits(robot: Robot, joints: FloatArray, unreached: IndexArray) -> IndexArray:
-    known: BoolArray = np.isfinite(joints).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
     low, high = robot.limits.T
     excess: FloatArray = np.maximum(low - angles, angles - high)

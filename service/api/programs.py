@@ -1,0 +1,119 @@
+"""Programs: posted as files, corrected, and handed back as files and a table."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Final, cast
+from urllib.parse import quote
+
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, File, Form, HTTPException, Query, Request, Response, UploadFile
+from pydantic import Json
+
+from jointstiff.schemas.program import MAX_FILES, Program, ProgramForm, ProgramRequest, ProgramResult
+from jointstiff.service.api.access import OPERATOR, VIEWER
+from jointstiff.service.api.bodies import BodyRoute, KeyText, bound_key, large_bodies
+from jointstiff.service.api.examples import PROGRAMS
+from jointstiff.service.api.imports import BINARY, named_content
+from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answer
+from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
+from jointstiff.service.computation import packed, unpacked
+from jointstiff.service.jobs import KINDS
+from jointstiff.solver.errors import RequestError
+
+_EXAMPLE: Final = PROGRAMS["milling"]
+_KIND: Final = next(kind for kind in KINDS if kind.name == Program.kind)
+_FILES: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The file.", "content": {"application/octet-stream": {}}}
+}
+_TABLE: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The table as CSV (RFC 4180).", "content": {"text/csv": {}}}
+}
+
+_Files = Annotated[
+    list[UploadFile],
+    File(
+        description="The program, each file with its name; and the table of loads, if `loads` names one.",
+        min_length=1,
+        max_length=MAX_FILES,
+        examples=[_EXAMPLE["files"]],
+        json_schema_extra={"items": BINARY},
+    ),
+]
+_Options = Annotated[Json[ProgramForm], Form(examples=[json.dumps(_EXAMPLE["options"])])]
+_FileName = Annotated[
+    str | None, Query(max_length=200, description="Which of its files; the first one if absent.")
+]
+
+router = APIRouter(prefix="/v1/programs", tags=["programs"], route_class=BodyRoute)
+
+
+@router.post(
+    "",
+    dependencies=[OPERATOR],
+    description=_KIND.description,
+    status_code=201,
+    response_model=Program,
+    responses=LOCATION | accepted(Program) | problems(400, 413, 415, 422, 429, 507),
+)
+async def create_program(
+    request: Request,
+    parts: PartsOf,
+    files: _Files,
+    options: _Options,
+    followers: FollowersOf,
+    asked_by: AskedBy,
+    query: Wait,
+    idempotency_key: KeyText = None,
+) -> Response:
+    """Correct the targets of a program."""
+    body = ProgramRequest(
+        **options.model_dump(), files=[packed(*named_content(file)) for file in _different(files)]
+    )
+    key = bound_key(idempotency_key, body.model_dump_json().encode())
+    jobs = parts.jobs[Program.kind]
+    # A program may take seconds to read: they wait for their turn, and leave the other requests theirs.
+    record = await run_sync(jobs.create, body, key, asked_by, limiter=large_bodies(request))
+    return await answer(jobs, record, query.wait, followers)
+
+
+@router.get("/{program_id}/program", dependencies=[VIEWER], response_class=Response, responses=_FILES | problems(404, 409, 422))
+def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) -> Response:
+    """Get a file of the corrected program: only numbers of its targets differ from what was sent."""
+    result = _result(parts, program_id)
+    found = next((each for each in result.files if file in {None, each.name}), None)
+    if found is None:
+        names = ", ".join(each.name for each in result.files)
+        raise RequestError(
+            "the program has no such file", where="query.file", remedy=f"ask for one of {names}"
+        )
+    return Response(
+        unpacked(found),
+        media_type="application/octet-stream",
+        headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(found.name, safe='')}"},
+    )
+
+
+@router.get("/{program_id}/points.csv", dependencies=[VIEWER], response_class=Response, responses=_TABLE | problems(404, 409, 422))
+def get_program_points(parts: PartsOf, program_id: JobId) -> Response:
+    """Get all points as a table: deflection, correction, interval, residual, and what was left alone."""
+    return Response(
+        unpacked(_result(parts, program_id).table),
+        media_type="text/csv",
+        headers={"Content-Disposition": f'attachment; filename="program-{program_id}.csv"'},
+    )
+
+
+def _result(parts: PartsOf, program_id: str) -> ProgramResult:
+    program = cast("Program", parts.jobs[Program.kind].current(program_id))
+    if program.result is None:
+        raise HTTPException(
+            409, f"there are no corrected files, because the program's state is {program.state}"
+        )
+    return program.result
+
+
+def _different(files: list[UploadFile]) -> list[UploadFile]:
+    if len({file.filename for file in files}) < len(files):
+        raise RequestError("two files have one name", where="files", remedy="send each file once")
+    return files
