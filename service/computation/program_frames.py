@@ -97,7 +97,8 @@ class ProgramFrames:
             else:
                 new = near.copy()
                 new[:, :3] = poses[rows, :3, 3] / notation.length
-                new[:, 3:] = -poses[rows, :3, 2] if notation.count else new[:, 3:]
+                size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
+                new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
             found.update(zip(chosen, new.tolist(), strict=True))
         return found
 

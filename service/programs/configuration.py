@@ -125,7 +125,7 @@ class StatedConfigurations:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a word stands: its number's characters, and its bit where several words share the number.
+    """Place of a word: its number's characters, and its bit where several words share the number.
 
     Attributes:
         span: first and last + 1 character.

@@ -112,6 +112,7 @@ class Notation:
         old = near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
             new = rotation.as_quat()[:, [3, 0, 1, 2]]
+            new *= np.linalg.norm(old, axis=1, keepdims=True)  # rounded as it was: an unchanged one stays
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
             numbers[:, 3:] = _nearest_vector(rotation.as_rotvec(), old * self.angle) / self.angle

@@ -1,0 +1,120 @@
+"""Compensated programs over HTTP: a form with files, a small answer, files and a table beside it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.in_process import Client
+from support.programs import options, path, tool_poses
+
+from jointstiff.schemas.problem import Problem
+from jointstiff.schemas.program import Program
+from jointstiff.service.api.examples import PROGRAMS
+from jointstiff.service.programs import read_program
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+TEXT = program_text("krl", tool_poses(path(8)), 4)
+
+
+@pytest.fixture(scope="module")
+def client():
+    with Store.open("sqlite://") as store:
+        yield Client(store)
+
+
+@pytest.fixture(scope="module")
+def run_id(client):
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    robot = client.request("POST", "/v1/robots", json=campaign["robot"]).json()["id"]
+    readings = campaign["measurement_set"] | {"robot_id": robot}
+    measured = client.request("POST", "/v1/measurement-sets", json=readings).json()["id"]
+    return client.request("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
+
+
+def post(client, run_id, text=TEXT, name="cell.src", headers=None, kind="krl", **changes):
+    stated = options(kind, **changes) | {"run_id": run_id}
+    return client.request(
+        "POST",
+        "/v1/programs",
+        files=[("files", (name, text.encode("latin-1")))],
+        data={"options": json.dumps(stated)},
+        headers=headers,
+    )
+
+
+def test_a_program_is_corrected_and_handed_back(client, run_id):
+    answer = post(client, run_id)
+    assert answer.status_code == 201, answer.text
+    assert len(answer.content) < 20_000
+    program = Program.model_validate(answer.json())
+    assert program.state == "succeeded"
+    assert (program.result.points, program.result.corrected) == (8, 8)
+    assert {file.content for file in [*program.result.files, *program.request.files]} == {None}
+    address = answer.headers["location"]
+    assert client.get(address).json() == answer.json()
+    file = client.get(f"{address}/program")
+    assert file.headers["content-disposition"] == "attachment; filename*=UTF-8''cell.src"
+    assert len(read_program([("cell.src", file.content)]).targets) == 8
+    assert client.get(f"{address}/program", params={"file": "cell.src"}).content == file.content
+    assert client.get(f"{address}/program", params={"file": "cell.dat"}).status_code == 422
+    table = client.get(f"{address}/points.csv")
+    assert table.headers["content-type"].startswith("text/csv")
+    assert len(table.text.splitlines()) == 9
+    listed = client.get("/v1/programs").json()["items"]
+    assert [item["run_id"] for item in listed if item["id"] == program.id] == [run_id]
+    assert client.request("DELETE", address).status_code == 204
+    assert client.get(f"{address}/program").status_code == 404
+    assert client.request("POST", f"{address}/restore").json() == answer.json()
+
+
+def test_a_key_comes_again_with_another_boundary(client, run_id):
+    key = {"Idempotency-Key": "once"}
+    first, second = post(client, run_id, headers=key), post(client, run_id, headers=key)
+    assert first.json()["id"] == second.json()["id"]
+    assert post(client, run_id, TEXT + "\n", headers=key).status_code == 422
+
+
+def test_faults_come_by_line(client, run_id):
+    poses = tool_poses(path(8))
+    poses[2:5, 0, 3] += 9.0
+    problem = Problem.model_validate(post(client, run_id, program_text("krl", poses, 4)).json())
+    assert [item.where for item in problem.errors] == [f"'cell.src', line {i}" for i in (9, 10, 11)]
+    assert (problem.status, problem.where) == (422, "'cell.src', line 9")
+    answer = post(client, run_id, "\n".join(["DEF a()", *["LIN_REL {X 1}"] * 500, "END"]))
+    assert answer.status_code == 422
+    assert len(answer.json()["errors"]) <= 20
+    assert len(answer.content) <= 8000
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"run_id": "nothing"}, "run_id"),
+        ({"accuracy_option": "compensates_load"}, "accuracy_option"),
+        ({"load": None}, "options"),
+        ({"limits": {"displacement": -1.0}}, "options.limits.displacement"),
+        ({"units": None}, "options.units"),
+    ],
+)
+def test_requests_that_cannot_be(client, run_id, changes, where):
+    answer = post(client, changes.pop("run_id", run_id), **changes)
+    assert answer.status_code == 422
+    assert answer.json()["where"] == where, answer.text
+
+
+def test_two_files_of_one_name_are_refused(client, run_id):
+    files = [("files", ("a.src", TEXT.encode()))] * 2
+    stated = {"options": json.dumps(options("krl") | {"run_id": run_id})}
+    assert client.request("POST", "/v1/programs", files=files, data=stated).json()["where"] == "files"
+
+
+def test_the_documented_example_is_carried_out(client, run_id):
+    example = PROGRAMS["milling"]
+    files = [("files", (f"part{i}.src", text)) for i, text in enumerate(example["files"])]
+    stated = {"options": json.dumps(example["options"] | {"run_id": run_id})}
+    answer = client.request("POST", "/v1/programs", files=files, data=stated)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["result"]["corrected"] == 1

@@ -1,0 +1,98 @@
+"""Programs over the simulated arm: paths, the exact run, and what is made of them."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.program import ProgramRequest, ProgramResult
+from jointstiff.schemas.run import Run
+from jointstiff.service.computation import ProgramWork, packed
+from jointstiff.service.library import campaigns
+from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
+from jointstiff.simulator.programs import PROGRAM_FILES
+from jointstiff.solver.robot import Robot
+
+ARM = default_arm()
+START = np.radians([10.0, -5.0, 10.0, 5.0, 45.0, 3.0])
+TOOL = np.array([0.01, -0.02, 0.2155])
+FORCE = (300.0, 400.0, -1400.0)
+KUKA_TOOL = [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]
+FRAMES = {
+    "krl": (KUKA_TOOL, [0.0] * 6),
+    "fanuc": (KUKA_TOOL, [0.0] * 6),
+    "csv": (KUKA_TOOL, [0.0] * 6),
+    "apt": (KUKA_TOOL, [0.0] * 6),
+    "rapid": ([10.0, -20.0, 215.5, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+    "ur": ([0.01, -0.02, 0.2155, 0.0, 0.0, 0.0], None),
+}
+
+
+@lru_cache
+def exact_run() -> tuple[Robot, Run]:
+    """The robot and a run of exact readings: its compliances are those of the arm, but for rounding."""
+    document = simulate_campaign(ARM, load="pull", configurations=12, sigma=0.0, noise=False, seed=1)
+    document["run"] = {"method": "partial_pose", "complementary_stiffness": "included"}
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    return campaigns.prepared_campaign(campaign).robot, campaigns.identify(campaign, campaign.run)
+
+
+def path(count: int) -> np.ndarray:
+    """Angles (count, 6) [rad] of a smooth path."""
+    t = np.linspace(0.0, 1.0, count)
+    wave = np.stack([np.sin(3 * t), np.cos(2 * t) - 1, np.sin(2 * t), t, 0.5 * t, -t], axis=1)
+    return START + 0.3 * wave
+
+
+def tool_poses(joints: np.ndarray) -> np.ndarray:
+    """Poses (m, 4, 4) of the tool's centre [m], axes of the flange, by the simulator's kinematics."""
+    posture = ARM.posture(joints)
+    poses = np.tile(np.eye(4), (len(joints), 1, 1))
+    poses[:, :3, :3] = posture.flange_rotation
+    poses[:, :3, 3] = posture.point_to_base(np.tile(TOOL, (len(joints), 1)))
+    return poses
+
+
+def loaded_poses(joints: np.ndarray, force: Any = FORCE) -> np.ndarray:
+    """The same once exact springs balance a force at the tool's centre."""
+    shape = (len(joints), 3)
+    deflection = equilibrium(
+        ARM, joints, np.broadcast_to(force, shape), np.zeros(shape), np.tile(TOOL, (len(joints), 1))
+    )
+    return tool_poses(joints + deflection)
+
+
+def options(kind: str, **changes: Any) -> dict[str, Any]:
+    """Options of a program of one of the simulator's files."""
+    tool, base = FRAMES[kind]
+    return {
+        "units": {"length": "mm", "angle": "deg", "force": "N"},
+        "accuracy_option": "off",
+        "load": {"force": FORCE},
+        "tools": [{"values": tool}],
+        "bases": [{"values": base}] if base else [],
+        "start": np.degrees(START).tolist(),
+        **({"tool_x": [0.0, 0.0, 1.0]} if kind == "apt" else {}),
+    } | changes
+
+
+def request(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramRequest:
+    """The request of a program."""
+    content = text.encode("latin-1") if isinstance(text, str) else text
+    file = packed(name or PROGRAM_FILES[kind], content)
+    return ProgramRequest.model_validate({"run_id": "r", "files": [file], **options(kind, **changes)})
+
+
+def work_of(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramWork:
+    """The work of a program on the exact run."""
+    robot, run = exact_run()
+    return ProgramWork(robot, "robot", run, request(kind, text, name, **changes))
+
+
+def compensated(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramResult:
+    """The result of a program, carried out at once."""
+    return work_of(kind, text, name, **changes).conclude(())
