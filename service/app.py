@@ -114,7 +114,17 @@ def create_app(
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.add_middleware(BodyLimits)
-    for module in (robots, kinematics, measurement_sets, imports, comparisons, maps, programs, deflections, health):
+    for module in (
+        robots,
+        kinematics,
+        measurement_sets,
+        imports,
+        comparisons,
+        maps,
+        programs,
+        deflections,
+        health,
+    ):
         app.include_router(module.router)
     for module in (sessions, keys, audit):
         app.include_router(module.router)

@@ -122,9 +122,9 @@ def _quaternions(poses: FloatArray) -> FloatArray:
     K[:, 2] = np.column_stack([z[0] - x[2], x[1] + y[0], 1 - x[0] + y[1] - z[2], y[2] + z[1]])
     K[:, 3] = np.column_stack([x[1] - y[0], z[0] + x[2], y[2] + z[1], 1 - x[0] - y[1] + z[2]])
     best = np.argmax(np.einsum("bii->bi", K), axis=1)
-    q = K[np.arange(len(R)), best]
-    q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return np.where(q[:, :1] < 0.0, -q, q)
+    q: FloatArray = K[np.arange(len(R)), best]
+    q = np.copysign(1.0, q[:, :1]) * q / np.linalg.norm(q, axis=1, keepdims=True)
+    return np.asarray(q)
 
 
 _WRITERS: Mapping[str, Callable[[FloatArray, int], str]] = MappingProxyType(

@@ -8,8 +8,8 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
 
 from jointstiff.schemas.map import Map
-from jointstiff.service.api.bodies import large_bodies
 from jointstiff.service.api.access import VIEWER, AccessRoute
+from jointstiff.service.api.bodies import large_bodies
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.computation import MapWork

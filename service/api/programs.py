@@ -77,7 +77,12 @@ async def create_program(
     return await answer(jobs, record, query.wait, followers)
 
 
-@router.get("/{program_id}/program", dependencies=[VIEWER], response_class=Response, responses=_FILES | problems(404, 409, 422))
+@router.get(
+    "/{program_id}/program",
+    dependencies=[VIEWER],
+    response_class=Response,
+    responses=_FILES | problems(404, 409, 422),
+)
 def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) -> Response:
     """Get a file of the corrected program: only numbers of its targets differ from what was sent."""
     result = _result(parts, program_id)
@@ -94,7 +99,12 @@ def get_program_file(parts: PartsOf, program_id: JobId, file: _FileName = None) 
     )
 
 
-@router.get("/{program_id}/points.csv", dependencies=[VIEWER], response_class=Response, responses=_TABLE | problems(404, 409, 422))
+@router.get(
+    "/{program_id}/points.csv",
+    dependencies=[VIEWER],
+    response_class=Response,
+    responses=_TABLE | problems(404, 409, 422),
+)
 def get_program_points(parts: PartsOf, program_id: JobId) -> Response:
     """Get all points as a table: deflection, correction, interval, residual, and what was left alone."""
     return Response(

@@ -258,6 +258,79 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/programs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Programs
+         * @description List programs without their results, newest first.
+         */
+        get: operations["listPrograms"];
+        put?: never;
+        /**
+         * Create Program
+         * @description Correct the targets of a robot program, so that the loaded tool is where they say.
+         *
+         *     Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
+         *     base, loads and the state of
+         *     the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files
+         *     are at /program, every
+         *     point with its deflection, correction, interval and predicted residual at /points.csv. A program that is
+         *     not understood
+         *     as a whole is refused by line, and nothing is stored. Programs of more than 10,000 targets are jobs with
+         *     progress.
+         */
+        post: operations["createProgram"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/programs/{program_id}/program": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Program File
+         * @description Get a file of the corrected program: only numbers of its targets differ from what was sent.
+         */
+        get: operations["getProgramFile"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/programs/{program_id}/points.csv": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Program Points
+         * @description Get all points as a table: deflection, correction, interval, residual, and what was left alone.
+         */
+        get: operations["getProgramPoints"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/deflections": {
         parameters: {
             query?: never;
@@ -1013,6 +1086,90 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/programs/{program_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Program
+         * @description Get a program: request, state, result and provenance. Once finished, it never changes.
+         */
+        get: operations["getProgram"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete Program
+         * @description Delete a program. Resources made from it are kept. It can be restored for 30 days. Cancel an unfinished one first.
+         */
+        delete: operations["deleteProgram"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/programs/{program_id}/restore": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Restore Program
+         * @description Restore a deleted program. One that is not deleted stays as it is.
+         */
+        post: operations["restoreProgram"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/programs/{program_id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow Program
+         * @description Follow a program: `progress` events with state and progress, then one `end` event.
+         */
+        get: operations["followProgram"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/programs/{program_id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel Program
+         * @description Cancel a program. Its workers stop at their next step; a finished one stays as it is.
+         */
+        post: operations["cancelProgram"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -1386,6 +1543,22 @@ export interface components {
              * @example {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}
              */
             options?: string;
+        };
+        /** Body_createProgram */
+        Body_createProgram: {
+            /**
+             * Files
+             * @description The program, each file with its name; and the table of loads, if `loads` names one.
+             * @example [
+             *       "DEF part()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\nLIN {X 1803.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0}\nEND\n"
+             *     ]
+             */
+            files: string[];
+            /**
+             * Options
+             * @example {"run_id": "ID_OF_A_RUN", "units": {"length": "mm", "angle": "deg", "force": "N"}, "accuracy_option": "off", "load": {"force": [0.0, 300.0, -500.0]}, "axes": "tool", "tools": [{"name": "TOOL_DATA[1]", "values": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]}], "start": [10.0, -5.0, 10.0, 5.0, 45.0, 3.0], "format": "krl"}
+             */
+            options: string;
         };
         /**
          * Cable
@@ -3914,6 +4087,84 @@ export interface components {
             ] | null;
         };
         /**
+         * LoadSegment
+         * @description The load of some lines of the program.
+         */
+        "LoadSegment-Input": {
+            /**
+             * Force
+             * @description Force on the tool, in units.force, along the axes of `axes`.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the tool about the load point, in units.moment.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            moment?: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * First Line
+             * @description First line of the moves under this load, from 1.
+             */
+            first_line: number;
+            /**
+             * Last Line
+             * @description Last line of them.
+             */
+            last_line: number;
+        };
+        /**
+         * LoadSegmentOutput
+         * @description The load of some lines of the program.
+         */
+        "LoadSegment-Output": {
+            /**
+             * Force
+             * @description Force on the tool, in units.force, along the axes of `axes`.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the tool about the load point, in units.moment.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            moment: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * First Line
+             * @description First line of the moves under this load, from 1.
+             */
+            first_line: number;
+            /**
+             * Last Line
+             * @description Last line of them.
+             */
+            last_line: number;
+        };
+        /**
          * Map
          * @description A stored map. Once finished, it never changes.
          */
@@ -5134,6 +5385,19 @@ export interface components {
              */
             next: string | null;
         };
+        /** Page[ProgramSummary] */
+        Page_ProgramSummary_: {
+            /**
+             * Items
+             * @description The resources on this page, newest first.
+             */
+            items: components["schemas"]["ProgramSummary"][];
+            /**
+             * Next
+             * @description Value of `cursor` for the following page; null on the last page.
+             */
+            next: string | null;
+        };
         /** Page[RobotSummary] */
         Page_RobotSummary_: {
             /**
@@ -6028,6 +6292,563 @@ export interface components {
              * @description Recommended correction.
              */
             remedy: string | null;
+        };
+        /**
+         * ProcessLoad
+         * @description The load of the process on the robot.
+         */
+        "ProcessLoad-Input": {
+            /**
+             * Force
+             * @description Force on the tool, in units.force, along the axes of `axes`.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the tool about the load point, in units.moment.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            moment?: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
+         * ProcessLoadOutput
+         * @description The load of the process on the robot.
+         */
+        "ProcessLoad-Output": {
+            /**
+             * Force
+             * @description Force on the tool, in units.force, along the axes of `axes`.
+             */
+            force: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Moment
+             * @description Moment on the tool about the load point, in units.moment.
+             * @default [
+             *       0,
+             *       0,
+             *       0
+             *     ]
+             */
+            moment: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
+         * Program
+         * @description A stored compensated program. It never changes.
+         */
+        Program: {
+            /** Id */
+            id: string;
+            /**
+             * State
+             * @description State of the job. While `queued` or `running`, poll its address or follow its /events.
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /** @description Progress; null for a job that is computed immediately. */
+            progress: components["schemas"]["Progress"] | null;
+            request: components["schemas"]["ProgramRequest"];
+            /** @description Present if the program was corrected. */
+            result: components["schemas"]["ProgramResult"] | null;
+            /** @description Present if the job has failed. */
+            error: components["schemas"]["Problem"] | null;
+            provenance: components["schemas"]["Provenance"];
+            /** @description Key that asked for it; null if the service demanded none. */
+            requested_by: components["schemas"]["Requester"] | null;
+        };
+        /**
+         * ProgramFile
+         * @description A file that was sent, or made.
+         */
+        ProgramFile: {
+            /** Name */
+            name: string;
+            /**
+             * Bytes
+             * @description Its size.
+             */
+            bytes: number;
+            /**
+             * Content
+             * @description Null in answers: files have addresses of their own.
+             */
+            content: string | null;
+        };
+        /**
+         * ProgramForm
+         * @description Options of a compensated program as they are posted, beside the files.
+         */
+        ProgramForm: {
+            /** @description Units of what this request states; the program has its own. */
+            units: components["schemas"]["Units-Input"];
+            /**
+             * Accuracy Option
+             * @description The controller's own accuracy option while the program runs: `off`, on `same_as_measured` in the campaign, or one that `compensates_load` itself, which would be corrected twice and is refused.
+             * @enum {string}
+             */
+            accuracy_option: "off" | "same_as_measured" | "compensates_load";
+            /** @description One load for all moves. */
+            load?: components["schemas"]["ProcessLoad-Input"] | null;
+            /**
+             * Segments
+             * @description Loads by lines; other moves have none. In place of `load`.
+             */
+            segments?: components["schemas"]["LoadSegment-Input"][];
+            /**
+             * Loads
+             * @description Name of the sent file with the load at each point, in place of `load` and `segments`: CSV with the columns `point` (numbered along the path, as points.csv has it), `Fx [N]`, `Fy [N]`, `Fz [N]`, and `Mx [N.m]` ... if there are moments. Other points have none.
+             */
+            loads?: string | null;
+            /**
+             * Axes
+             * @description Axes of forces and moments: those of R0, of the tool or of the program's base.
+             * @default robot
+             * @enum {string}
+             */
+            axes?: "robot" | "tool" | "base";
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; the tool's centre if absent.
+             */
+            load_point?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Tools
+             * @description Tools in the flange frame that the program only names.
+             */
+            tools?: components["schemas"]["ProgramFrame-Input"][];
+            /**
+             * Bases
+             * @description Bases in the controller's world that the program only names.
+             */
+            bases?: components["schemas"]["ProgramFrame-Input"][];
+            /**
+             * World
+             * @description The controller's world in R0, where it is another frame than R0.
+             */
+            world?: number[] | null;
+            /**
+             * Flange
+             * @description The controller's flange in the model's flange frame, where they differ.
+             */
+            flange?: number[] | null;
+            /**
+             * Tool X
+             * @description Direction of the tool's x axis in the base, made perpendicular to the tool's axis; needed for programs that state the tool's axis or a position only.
+             */
+            tool_x?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Start
+             * @description Controller's angles near the first cartesian target, in units.angle, where the program does not say the arm's configuration.
+             */
+            start?: number[] | null;
+            limits?: components["schemas"]["ProgramLimits-Input"];
+            /**
+             * Masses
+             * @description Own weight of the links, acting along -z of R0; left out where no masses are given.
+             */
+            masses?: components["schemas"]["LinkMass"][];
+            /**
+             * Leave Alone
+             * @description Routines of the program that neither move the robot nor change its frames.
+             */
+            leave_alone?: string[];
+            /**
+             * Format
+             * @description Format of the program; by the file's name if absent.
+             */
+            format?: ("csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur") | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence?: number;
+            /**
+             * Run Id
+             * @description The run whose model predicts.
+             */
+            run_id: string;
+        };
+        /**
+         * ProgramFrame
+         * @description A frame that the program names without its numbers.
+         */
+        "ProgramFrame-Input": {
+            /**
+             * Name
+             * @description As the program calls it, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no numbers if absent.
+             */
+            name?: string | null;
+            /**
+             * Values
+             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns; others as KUKA.
+             */
+            values: number[];
+        };
+        /**
+         * ProgramFrameOutput
+         * @description A frame that the program names without its numbers.
+         */
+        "ProgramFrame-Output": {
+            /**
+             * Name
+             * @description As the program calls it, such as `BASE_DATA[2]`, `UT 3` or `tMill`; all that have no numbers if absent.
+             */
+            name: string | null;
+            /**
+             * Values
+             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns; others as KUKA.
+             */
+            values: number[];
+        };
+        /**
+         * ProgramLimits
+         * @description Rules by which corrections are held back.
+         */
+        "ProgramLimits-Input": {
+            /**
+             * Displacement
+             * @description Greatest displacement, in units.length; 5 mm if absent.
+             */
+            displacement?: number | null;
+            /**
+             * Rotation
+             * @description Greatest rotation, in units.angle; 10 mrad if absent.
+             */
+            rotation?: number | null;
+            /**
+             * Ramp
+             * @description Length of path over which corrections set in and fade with the load, in units.length.
+             * @default 0
+             */
+            ramp?: number;
+        };
+        /**
+         * ProgramLimitsOutput
+         * @description Rules by which corrections are held back.
+         */
+        "ProgramLimits-Output": {
+            /**
+             * Displacement
+             * @description Greatest displacement, in units.length; 5 mm if absent.
+             */
+            displacement: number | null;
+            /**
+             * Rotation
+             * @description Greatest rotation, in units.angle; 10 mrad if absent.
+             */
+            rotation: number | null;
+            /**
+             * Ramp
+             * @description Length of path over which corrections set in and fade with the load, in units.length.
+             * @default 0
+             */
+            ramp: number;
+        };
+        /**
+         * ProgramPoint
+         * @description One target under load.
+         */
+        ProgramPoint: {
+            /**
+             * Number
+             * @description In the order of the path, from 1.
+             */
+            number: number;
+            /**
+             * Name
+             * @description As the program calls it; empty if it has no name.
+             */
+            name: string;
+            /**
+             * Line
+             * @description Line of its numbers.
+             */
+            line: number;
+            /**
+             * Place
+             * @description Tool's centre where it is wanted, in R0.
+             */
+            place: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Deflection
+             * @description How far the load moves the tool without a correction.
+             */
+            deflection: number;
+            /** Deflection Rotation */
+            deflection_rotation: number;
+            /**
+             * Correction
+             * @description From the wanted to the commanded place.
+             */
+            correction: number;
+            /** Correction Rotation */
+            correction_rotation: number;
+            /**
+             * Standard Uncertainty
+             * @description Of the deflection along itself, by the errors of the readings; null if unknown.
+             */
+            standard_uncertainty: number | null;
+            /**
+             * Interval
+             * @description Of the deflection, by the errors of the readings.
+             */
+            interval: [
+                number,
+                number
+            ] | null;
+            /**
+             * Residual
+             * @description Distance of the loaded tool from its target, predicted for the program as it is written.
+             */
+            residual: number;
+            /** Residual Rotation */
+            residual_rotation: number;
+            /**
+             * Rounding
+             * @description Part of it that comes of the digits of the program.
+             */
+            rounding: number;
+            /**
+             * Share
+             * @description Share of the full correction that is applied.
+             */
+            share: number;
+            /**
+             * Capped
+             * @description Whether the limits hold the correction back.
+             */
+            capped: boolean;
+        };
+        /**
+         * ProgramRequest
+         * @description A compensated program as it is stored: options and files.
+         */
+        ProgramRequest: {
+            /** @description Units of what this request states; the program has its own. */
+            units: components["schemas"]["Units-Output"];
+            /**
+             * Accuracy Option
+             * @description The controller's own accuracy option while the program runs: `off`, on `same_as_measured` in the campaign, or one that `compensates_load` itself, which would be corrected twice and is refused.
+             * @enum {string}
+             */
+            accuracy_option: "off" | "same_as_measured" | "compensates_load";
+            /** @description One load for all moves. */
+            load: components["schemas"]["ProcessLoad-Output"] | null;
+            /**
+             * Segments
+             * @description Loads by lines; other moves have none. In place of `load`.
+             */
+            segments: components["schemas"]["LoadSegment-Output"][];
+            /**
+             * Loads
+             * @description Name of the sent file with the load at each point, in place of `load` and `segments`: CSV with the columns `point` (numbered along the path, as points.csv has it), `Fx [N]`, `Fy [N]`, `Fz [N]`, and `Mx [N.m]` ... if there are moments. Other points have none.
+             */
+            loads: string | null;
+            /**
+             * Axes
+             * @description Axes of forces and moments: those of R0, of the tool or of the program's base.
+             * @default robot
+             * @enum {string}
+             */
+            axes: "robot" | "tool" | "base";
+            /**
+             * Load Point
+             * @description Where the force acts, flange frame, in units.length; the tool's centre if absent.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Tools
+             * @description Tools in the flange frame that the program only names.
+             */
+            tools: components["schemas"]["ProgramFrame-Output"][];
+            /**
+             * Bases
+             * @description Bases in the controller's world that the program only names.
+             */
+            bases: components["schemas"]["ProgramFrame-Output"][];
+            /**
+             * World
+             * @description The controller's world in R0, where it is another frame than R0.
+             */
+            world: number[] | null;
+            /**
+             * Flange
+             * @description The controller's flange in the model's flange frame, where they differ.
+             */
+            flange: number[] | null;
+            /**
+             * Tool X
+             * @description Direction of the tool's x axis in the base, made perpendicular to the tool's axis; needed for programs that state the tool's axis or a position only.
+             */
+            tool_x: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Start
+             * @description Controller's angles near the first cartesian target, in units.angle, where the program does not say the arm's configuration.
+             */
+            start: number[] | null;
+            limits: components["schemas"]["ProgramLimits-Output"];
+            /**
+             * Masses
+             * @description Own weight of the links, acting along -z of R0; left out where no masses are given.
+             */
+            masses: components["schemas"]["LinkMass"][];
+            /**
+             * Leave Alone
+             * @description Routines of the program that neither move the robot nor change its frames.
+             */
+            leave_alone: string[];
+            /**
+             * Format
+             * @description Format of the program; by the file's name if absent.
+             */
+            format: ("csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur") | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             * @default 0.95
+             */
+            confidence: number;
+            /**
+             * Run Id
+             * @description The run whose model predicts.
+             */
+            run_id: string;
+            /**
+             * Files
+             * @description The program: one file, or a .src and its .dat; and the table of loads.
+             */
+            files: components["schemas"]["ProgramFile"][];
+        };
+        /**
+         * ProgramResult
+         * @description Counts, spreads and the worst points; the program and all points have addresses of their own.
+         */
+        ProgramResult: {
+            /**
+             * Format
+             * @enum {string}
+             */
+            format: "csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur";
+            /**
+             * Points
+             * @description Targets of the program.
+             */
+            points: number;
+            /**
+             * Moves
+             * @description Moves of the program.
+             */
+            moves: number;
+            /**
+             * Corrected
+             * @description Targets with other numbers than before.
+             */
+            corrected: number;
+            /**
+             * Capped
+             * @description Targets whose correction is held back by the limits.
+             */
+            capped: number;
+            /**
+             * Left Alone
+             * @description Targets that are as they were, by reason.
+             */
+            left_alone: {
+                [key: string]: number;
+            };
+            /** @description Distance from target without a correction; null if nothing is loaded. */
+            deflection: components["schemas"]["Spread"] | null;
+            /** @description Displacement of targets. */
+            correction: components["schemas"]["Spread"] | null;
+            /** @description Distance from target of the written program. */
+            residual: components["schemas"]["Spread"] | null;
+            /** @description Part of it that comes of the digits of the program. */
+            rounding: components["schemas"]["Spread"] | null;
+            /**
+             * Confidence
+             * @description Level of the intervals.
+             */
+            confidence: number;
+            /**
+             * Worst
+             * @description Points with the greatest residuals, worst first.
+             */
+            worst: components["schemas"]["ProgramPoint"][];
+            /**
+             * Remarks
+             * @description What was left as it is, and what to know of the prediction.
+             */
+            remarks: string[];
+            /**
+             * Files
+             * @description The program: GET …/program.
+             */
+            files: components["schemas"]["ProgramFile"][];
+            /** @description All points: GET …/points.csv. */
+            table: components["schemas"]["ProgramFile"];
+        };
+        /**
+         * ProgramSummary
+         * @description A compensated program in a listing.
+         */
+        ProgramSummary: {
+            /** Id */
+            id: string;
+            /** Robot Id */
+            robot_id: string;
+            /** Run Id */
+            run_id: string;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+            /**
+             * Created At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            created_at: string;
         };
         /**
          * Progress
@@ -7565,6 +8386,18 @@ export interface components {
              * @enum {string}
              */
             verdict: "consistent" | "residuals_too_large" | "residuals_too_small";
+        };
+        /**
+         * Spread
+         * @description Median, 95 % quantile and greatest value over the points under load.
+         */
+        Spread: {
+            /** Median */
+            median: number;
+            /** P95 */
+            p95: number;
+            /** Greatest */
+            greatest: number;
         };
         /**
          * StageIdentifiability
@@ -9480,6 +10313,379 @@ export interface operations {
                 };
                 content: {
                     "application/zip": unknown;
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    listPrograms: {
+        parameters: {
+            query?: {
+                /** @description Maximum number of resources per page. */
+                limit?: number;
+                /** @description `next` of the previous page; omit it for the first page. */
+                cursor?: string | null;
+                /** @description Only deleted ones, which can be restored, instead of the others. */
+                deleted?: boolean;
+                /** @description Filter by state. */
+                state?: ("queued" | "running" | "succeeded" | "failed" | "cancelled") | null;
+                /** @description Filter by robot. */
+                robot_id?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_ProgramSummary_"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createProgram: {
+        parameters: {
+            query?: {
+                /** @description Time to wait for a long job to finish, in seconds. */
+                wait?: number;
+            };
+            header?: {
+                /** @description Any text of your choice, for safe retries: posting the same body again with the same key returns the resource that the first post created. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "multipart/form-data": components["schemas"]["Body_createProgram"];
+            };
+        };
+        responses: {
+            /** @description Stored. */
+            201: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Program"];
+                };
+            };
+            /** @description Stored but not finished: poll its address, or follow its events. */
+            202: {
+                headers: {
+                    /** @description Address of the resource. */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Program"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getProgramFile: {
+        parameters: {
+            query?: {
+                /** @description Which of its files; the first one if absent. */
+                file?: string | null;
+            };
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The file. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/octet-stream": unknown;
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getProgramPoints: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The table as CSV (RFC 4180). */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/csv": unknown;
                 };
             };
             /** @description A key is needed, and none came that opens the service. */
@@ -13330,6 +14536,393 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Map"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getProgram: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Program"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    deleteProgram: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Deleted. `restore` undoes this for 30 days. */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    restoreProgram: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Program"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    followProgram: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": unknown;
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancelProgram: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                program_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Program"];
                 };
             };
             /** @description A key is needed, and none came that opens the service. */
