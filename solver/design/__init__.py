@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
-    from jointstiff.solver.design.campaign_plan import CampaignPlan, PlanRequest, plan_campaign
+    from jointstiff.solver.design.campaign_plan import CampaignPlan, plan_campaign
     from jointstiff.solver.design.candidates import PackedCandidates
     from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
     from jointstiff.solver.design.distinct import Distinct
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from jointstiff.solver.design.experiment import Equipment, Loads, targets_in_flange
     from jointstiff.solver.design.feasibility import Cell
     from jointstiff.solver.design.optimum import Design, optimise
+    from jointstiff.solver.design.plan_request import PlanRequest
     from jointstiff.solver.design.problem import DesignProblem
 else:
     __getattr__ = names_of(
         __name__,
-        campaign_plan="CampaignPlan PlanRequest plan_campaign",
+        campaign_plan="CampaignPlan plan_campaign",
         candidates="PackedCandidates",
         criteria="AOptimality DOptimality EOptimality GOptimality",
         distinct="Distinct",
@@ -27,6 +28,7 @@ else:
         experiment="Equipment Loads targets_in_flange",
         feasibility="Cell",
         optimum="Design optimise",
+        plan_request="PlanRequest",
         problem="DesignProblem",
     )
 

@@ -49,11 +49,9 @@ def parameters_of(
 ) -> Parameters:
     """Choose the parameters of a plan.
 
-    Link compliances, where the rows have their columns, are a nuisance. Before any reading they are
-    taken to move
-    the targets by a share of what the joints do, each matrix entry alike; of their combinations those
-    that move
-    the targets most are kept.
+    Link compliances, where the rows have their columns, are a nuisance. Before any reading they are taken
+    to move the targets by a share of what the joints do, each matrix entry alike; of their combinations
+    those that move the targets most are kept.
 
     Args:
         rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.

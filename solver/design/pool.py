@@ -1,0 +1,147 @@
+"""Feasible readings of a plan, with the information that each adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.design.candidates import Candidates, PackedCandidates
+from jointstiff.solver.design.experiment import Equipment, drawn_postures, whitened_rows
+from jointstiff.solver.design.feasibility import Strikes, feasible
+from jointstiff.solver.design.parameters import Parameters, parameters_of
+from jointstiff.solver.design.plan_request import PlanRequest
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import Robot
+
+_WITH_LINKS: Final = 800
+"""Candidates where elastic links are a nuisance: each costs fifteen times as much."""
+_SAMPLED: Final = 500
+"""Candidates from whose rows the parameters are chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Feasible readings: posture, anchor and strength of each, with their information in absolute units."""
+
+    joints: FloatArray
+    anchor: IndexArray
+    strength: FloatArray
+    candidates: Candidates
+    parameters: Parameters
+    base: FloatArray
+    strikes: Strikes
+    equipment: Equipment
+
+    @classmethod
+    def of(cls, robot: Robot, request: PlanRequest) -> Pool:
+        """Draw or take postures, strike out what is not feasible, and compute what each reading adds.
+
+        Raises:
+            RequestError: no reading is feasible, or nothing excites a joint.
+        """
+        equipment, loads = request.equipment, request.equipment.loads
+        postures = request.postures
+        if postures is None:
+            postures = drawn_postures(robot, request.candidates, request.seed)
+        free = loads.kind == "any_direction"
+        joints = np.repeat(postures, loads.choices, axis=0)
+        anchor = np.tile(np.arange(loads.choices), len(postures))
+        direction = None
+        if not free:
+            direction = np.concatenate(
+                [equipment.direction(robot, joints[a :: loads.choices], a) for a in range(loads.choices)]
+            )
+            direction = direction.reshape(loads.choices, -1, 3).transpose(1, 0, 2).reshape(-1, 3)
+        kept, strikes = feasible(robot, equipment, request.cell, joints, direction)
+        _refuse_none(kept, strikes)
+        if request.links:
+            kept = _thinned(kept, _WITH_LINKS)
+        joints, anchor = joints[kept], anchor[kept] if loads.kind == "cable" else np.full(kept.sum(), -1)
+        strength = equipment.strength(robot, joints) if free else np.full(len(joints), loads.force)
+        directions = np.eye(3)[:, None] if free else direction[kept][None]  # type: ignore[index]
+        forces = [np.broadcast_to(strength[:, None] * each, (len(joints), 3)) for each in directions]
+        sample = slice(None, None, max(1, len(joints) // _SAMPLED))
+        some = [
+            whitened_rows(
+                robot, equipment.measurements(robot, joints[sample], F[sample]), links=request.links
+            )
+            for F in forces
+        ]
+        if request.so_far is not None:
+            some.append(whitened_rows(robot, request.so_far, links=request.links))
+        parameters = parameters_of(
+            np.concatenate([rows.reshape(-1, some[0].shape[-1]) for rows in some]) / equipment.sigma,
+            robot.joint_names,
+            request.joints,
+            request.nominal,
+            request.link_share,
+        )
+        candidates = _candidates(robot, request, joints, forces, parameters)
+        base = parameters.prior + _known(robot, request, parameters)
+        return cls(joints, anchor, strength, candidates, parameters, base, strikes, equipment)
+
+    def force(self, robot: Robot, unit: FloatArray, index: IndexArray) -> FloatArray:
+        """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
+        if not self.candidates.free:
+            unit = np.array(
+                [self.equipment.direction(robot, self.joints[[i]], self.anchor[i])[0] for i in index]
+            )
+        force: FloatArray = self.strength[index, None] * unit
+        return force
+
+
+def _candidates(
+    robot: Robot, request: PlanRequest, joints: FloatArray, forces: list[FloatArray], parameters: Parameters
+) -> Candidates:
+    """Return the information of all readings, block by block, in units of 1/variance."""
+    equipment, parts = request.equipment, []
+    for start in range(0, len(joints), 2048):
+        part = slice(start, start + 2048)
+        rows = [
+            parameters.rows(
+                whitened_rows(
+                    robot, equipment.measurements(robot, joints[part], F[part]), links=request.links
+                )
+            )
+            / equipment.sigma
+            for F in forces
+        ]
+        parts.append(np.stack(rows, axis=1))
+    stack = np.concatenate(parts)
+    return PackedCandidates.from_rows(stack if len(forces) > 1 else stack[:, 0])
+
+
+def _known(robot: Robot, request: PlanRequest, parameters: Parameters) -> FloatArray:
+    """Return the information of the readings so far, and of priors on the joints (p, p)."""
+    p = parameters.basis.shape[1]
+    known = np.zeros((p, p))
+    if request.so_far is not None:
+        sigma = request.so_far.sigma or request.equipment.sigma
+        rows = parameters.rows(whitened_rows(robot, request.so_far, links=request.links)) / sigma
+        rows = rows.reshape(-1, p)
+        known += rows.T @ rows
+    s = parameters.interest
+    relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
+    known[np.arange(s), np.arange(s)] += 1.0 / np.square(relative)
+    return known
+
+
+def _thinned(kept: BoolArray, count: int) -> BoolArray:
+    """Return the mask with at most so many, evenly spread."""
+    index = np.flatnonzero(kept)
+    thinned = np.zeros(len(kept), dtype=np.bool_)
+    thinned[index[:: max(1, -(-len(index) // count))]] = True
+    return thinned
+
+
+def _refuse_none(kept: BoolArray, strikes: Strikes) -> None:
+    if not kept.any():
+        counts = ", ".join(f"{name} {count}" for name, count in strikes.reasons.items())
+        raise RequestError(
+            f"none of {strikes.considered} readings is feasible: {counts}",
+            where="candidates",
+            remedy="loosen what strikes most of them out, or give other postures or loads",
+        )
