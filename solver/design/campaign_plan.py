@@ -103,6 +103,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         RequestError: no reading is feasible, nothing excites a joint, there are too few readings or distinct
             postures.
     """
+    _refuse_worst_place_with_links(request)
     pool = Pool.of(robot, request)
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
@@ -135,6 +136,16 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         feasible=len(pool.candidates),
         strikes=pool.strikes,
     )
+
+
+def _refuse_worst_place_with_links(request: PlanRequest) -> None:
+    """Refuse a cone program that Clarabel does not solve: 12 cones of 24 parameters."""
+    if request.criterion == "worst_place" and request.links:
+        raise RequestError(
+            "criterion worst_place is not available with elastic links as a nuisance",
+            where="criterion",
+            remedy="use criterion work_area, or set `elastic_links` to false",
+        )
 
 
 def _criteria(robot: Robot, request: PlanRequest, pool: Pool) -> dict[str, Criterion]:

@@ -19,9 +19,12 @@ _POOL: Final = 4_000
 """Candidates of the best prices among which readings are exchanged."""
 _TRIED: Final = 8
 """Best-priced candidates whose exchange is evaluated exactly."""
-_PASSES: Final = 30
+_EXCHANGES: Final = 600
+"""Exchanges tried in one search: 30 passes over a list of 20. A long list is near its optimum at once."""
 _RESTARTS: Final = 4
 """Times that a third of the list is drawn anew, and the exchange repeated."""
+_LONG: Final = 60
+"""Readings of a list for which that gains nothing."""
 _IMPROVES: Final = 1.0 + 1e-10
 
 
@@ -62,7 +65,7 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
     search = _Search(problem, design, distinct)
     best = search.improved(search.rounded([]))
     random = np.random.default_rng(seed)
-    for _ in range(_RESTARTS):
+    for _ in range(_RESTARTS if problem.readings < _LONG else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
         trial = search.improved(search.rounded([best[i] for i in kept]))
         best = max(best, trial, key=lambda atoms: search.value(search.matrix(atoms)))
@@ -113,7 +116,7 @@ class _Search:
         near = [self._conflicts([each]) for each in found]
         taken = np.sum(near, axis=0)
         M = self._base + sum(self._scaled(each) for each in found)
-        for _ in range(_PASSES):
+        for _ in range(max(2, _EXCHANGES // self._readings)):
             before = value = self._criterion.information(M)
             for i in range(len(found)):
                 rest = M - self._scaled(found[i])

@@ -38,6 +38,12 @@ _COARSE_GAP: Final = 1e-6
 _ADDED: Final = 20
 """Candidates that join in a round."""
 _ROUNDS: Final = 200
+_PROGRESS: Final = 0.9
+"""Ratio of gaps of two rounds that is progress."""
+_STALLED: Final = 4
+"""Rounds without progress after which rounding is taken to keep the gap open."""
+_STALLED_GAP: Final = 1e-3
+"""Gap that is then accepted; the bound says what it is."""
 _NO_WEIGHT: Final = 1e-13
 _SINGULAR: Final = 1e-11
 """Ratio of eigenvalues below which information is taken to determine fewer parameters."""
@@ -85,15 +91,20 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
 def _generated(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray, Bound]:
     """Generate columns until the gap closes; of many candidates first among some, which saves sweeps."""
     held, weights = _start(problem, tolerance)
-    efficiency = 0.0
+    best: tuple[Atoms, FloatArray, Bound] | None = None
+    efficiency, stalled = 0.0, 0
     for _ in range(_ROUNDS):
         weights, dual = _solve_held(problem, held, weights)
         bound = bound_of(problem, problem.matrix(held, weights), dual)
-        efficiency = bound.efficiency
         kept = weights > _NO_WEIGHT
         held, weights = held[np.flatnonzero(kept)], weights[kept]
-        if 1.0 - efficiency <= tolerance:
-            return held, weights, bound
+        stalled += 1
+        if best is None or bound.efficiency > efficiency:
+            stalled = 0 if 1.0 - bound.efficiency < _PROGRESS * (1.0 - efficiency) else stalled
+            best, efficiency = (held, weights, bound), bound.efficiency
+        accepted = tolerance if stalled < _STALLED else _STALLED_GAP
+        if 1.0 - efficiency <= accepted:
+            return best
         new = problem.candidates.atoms(_entering(problem, bound.prices, held.index), bound.support)
         held, weights = held.joined(new), np.concatenate([weights, np.zeros(len(new))])
     raise SolverError(

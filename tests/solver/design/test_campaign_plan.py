@@ -194,6 +194,10 @@ class TestRefusals:
         with pytest.raises(RequestError, match="needs a work area"):
             plan_campaign(robot, request_of(equipment(), criterion="work_area"))
 
+    def test_the_worst_place_with_elastic_links(self, robot):
+        with pytest.raises(RequestError, match="worst_place is not available with elastic links"):
+            plan_campaign(robot, request_of(equipment(), criterion="worst_place", links=True))
+
     def test_a_work_area_out_of_reach(self, robot):
         area = np.array([[50.0, 50.0, 50.0], [60.0, 60.0, 60.0]])
         with pytest.raises(RequestError, match="0 of 400 candidates have their load point"):
