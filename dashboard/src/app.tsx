@@ -1,13 +1,13 @@
 /** The frame of the page: header, the view of the address, messages. */
 import { useEffect, useRef, useState } from "preact/hooks";
-import { api } from "./api/client";
 import { Tip } from "./charts/tip";
-import { Choice, Empty, Select, Title } from "./components/basics";
+import { Busy, Choice, Empty, Select, Title } from "./components/basics";
 import { Boundary } from "./components/boundary";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
 import { type Route, useRoute } from "./state/router";
+import { type Standing, needsKey, signOut, useSession } from "./state/session";
 import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
-import { dismiss, useToasts } from "./state/toasts";
+import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
 import { PairView } from "./views/pair";
@@ -19,6 +19,7 @@ import { RunView } from "./views/run";
 import { RunsView } from "./views/runs";
 import { SetView } from "./views/set";
 import { SideBySideView } from "./views/side_by_side";
+import { SignInView } from "./views/sign_in";
 import { StartView } from "./views/start";
 import { TrendView } from "./views/trend";
 
@@ -32,6 +33,8 @@ const SECTIONS = [
 export function App() {
   const settings = useStoredSettings();
   const route = useRoute();
+  const [session, setSession] = useSession();
+  const isLink = route.parts[0] === "sign-in" && route.parts[1] !== undefined;
   const main = useRef<HTMLElement>(null);
   const address = route.parts.join("/");
   const first = useRef(true);
@@ -51,29 +54,23 @@ export function App() {
       <a class="skip" href="#content" onClick={toContent}>
         {text.app.skip}
       </a>
-      <Header section={sectionOf(route)} settings={settings} />
-      <AccessNote />
+      <Header section={sectionOf(route)} settings={settings} session={session} />
+      {typeof session === "object" && session.access === "none" && <p class="note warn">{text.app.noAccessControl}</p>}
       <main id="content" tabIndex={-1} ref={main}>
         <Boundary key={viewKey(route)}>
-          <View route={route} />
+          {session === "unknown" ? (
+            <Busy />
+          ) : needsKey(session) || isLink ? (
+            <SignInView link={isLink ? route.parts[1] : undefined} signedIn={setSession} />
+          ) : (
+            <View route={route} />
+          )}
         </Boundary>
       </main>
       <Toasts />
       <Tip />
     </SettingsContext.Provider>
   );
-}
-
-/** Say that nothing controls who is answered, where that is so. */
-function AccessNote() {
-  const [open, setOpen] = useState(false);
-  useEffect(() => {
-    void api.health().then(
-      ({ access }) => setOpen(access === "none"),
-      () => setOpen(false),
-    );
-  }, []);
-  return open ? <p class="note warn">{text.app.noAccessControl}</p> : null;
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string => (first === "sets" ? "robots" : first);
@@ -124,7 +121,7 @@ function Lost() {
   );
 }
 
-function Header({ section, settings }: { section: string; settings: Settings }) {
+function Header({ section, settings, session }: { section: string; settings: Settings; session: Standing }) {
   return (
     <header class="header">
       <a class="brand" href="#/">
@@ -146,7 +143,7 @@ function Header({ section, settings }: { section: string; settings: Settings }) 
         ))}
       </nav>
       <Documentation />
-      <Display settings={settings} />
+      <Display settings={settings} session={session} />
     </header>
   );
 }
@@ -171,7 +168,7 @@ function Documentation() {
   );
 }
 
-function Display({ settings }: { settings: Settings }) {
+function Display({ settings, session }: { settings: Settings; session: Standing }) {
   const details = useRef<HTMLDetailsElement>(null);
   useEffect(() => {
     const close = (event: Event) => {
@@ -209,6 +206,14 @@ function Display({ settings }: { settings: Settings }) {
           change={(unit) => settings.change({ unit: unit as StiffnessUnit })}
           options={UNIT_NAMES.map((value) => ({ value, label: STIFFNESS_UNITS[value].label }))}
         />
+        {typeof session === "object" && session.key_name !== null && (
+          <>
+            <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>
+            <button type="button" class="button" onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>
+              {text.signIn.out}
+            </button>
+          </>
+        )}
       </div>
     </details>
   );

@@ -21,13 +21,13 @@ async def get_session(request: Request) -> Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
     gate: Gate = request.app.state.gate
     key = asked_of(request).key
-    _, ends_at = (None, None) if gate.is_open else await gate.session(request)
+    browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
     return Session(
         access=gate.access,
         key_id=None if key is None else key.id,
         key_name=None if key is None else key.name,
         role=None if key is None else cast("Role", key.role),
-        ends_at=ends_at,
+        ends_at=ends_at if key is not None and browser is not None and key.id == browser.id else None,
     )
 
 

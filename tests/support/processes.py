@@ -17,8 +17,9 @@ from pathlib import Path
 class Service:
     """A service process of our own, on a real socket and a real database."""
 
-    def __init__(self, database_url: str) -> None:
+    def __init__(self, database_url: str, *options: str) -> None:
         command = [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", database_url]
+        command += options
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed by stop
         self.process = subprocess.Popen(
             command,

@@ -17,6 +17,7 @@ import type {
   RobotSummary,
   Run,
   RunSummary,
+  Session,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -30,6 +31,14 @@ interface Call {
   body?: unknown;
   key?: string;
   signal?: AbortSignal;
+}
+
+const refusals = new Set<() => void>();
+
+/** Hear of answers that a key is needed. Answers with how to stop. */
+export function onRefused(hear: () => void): () => void {
+  refusals.add(hear);
+  return () => void refusals.delete(hear);
 }
 
 /** What was thrown, as problem details. */
@@ -65,6 +74,7 @@ async function call<Answer>(method: string, path: string, { body, key, signal }:
   }
   if (response.status === 204) return undefined as Answer;
   const answer: unknown = await response.json().catch(() => null);
+  if (response.status === 401 && path !== SESSION) refusals.forEach((hear) => hear());
   if (!response.ok) throw new ApiError(isProblem(answer) ? answer : unreadable(response.status));
   return answer as Answer;
 }
@@ -111,8 +121,13 @@ type Filters = Record<string, string | number | null | undefined>;
 
 const id = encodeURIComponent;
 
+const SESSION = "/v1/session";
+
 /** Every address of the API that the page uses. */
 export const api = {
+  session: () => call<Session>("GET", SESSION),
+  signIn: (secret: { key: string } | { link: string }) => call<Session>("POST", SESSION, { body: secret }),
+  signOut: () => call<undefined>("DELETE", SESSION),
   health: (signal?: AbortSignal) => call<Health>("GET", "/health", options(signal)),
 
   robots: (filters: Filters = {}, signal?: AbortSignal) =>

@@ -45,6 +45,7 @@ export type ElementKind = Schemas["ElementShare"]["kind"];
 export type Method = RunRequest["method"];
 export type Observability = Schemas["ObservabilityIndices"];
 export type RunState = Run["state"];
+export type Session = Schemas["Session"];
 export type Solver = RunResult["certificate"]["solved_by"][number];
 export type Usability = Assessment["verdict"];
 export type Weighting = RunRequest["weighting"];

@@ -52,6 +52,16 @@ export const en = {
     all: "All",
     more: "Load more",
   },
+  signIn: {
+    title: "Sign in",
+    hint: "This service demands a key. Enter yours once; this device stays signed in for 7 days at most, and for 8 hours without use. `jointstiff keys create` makes keys.",
+    key: "Key",
+    checking: "Checking the key…",
+    enter: "Sign in",
+    as: (name: string, role: string) => `Signed in as ${name} (${role})`,
+    out: "Sign out",
+    stuck: "You are still signed in: the service did not answer. Try again.",
+  },
   errors: {
     unexpected: "Something went wrong in the page",
     unreachable: {

@@ -1,0 +1,28 @@
+/** Who is signed in on this device. The key itself is in a cookie that no script can read. */
+import { useEffect, useState } from "preact/hooks";
+import { api, onRefused } from "../api/client";
+import type { Session } from "../api/types";
+
+/** `unknown` until the service says; `away` if it does not: views say why. */
+export type Standing = Session | "unknown" | "away";
+
+/** Whether a key has to be entered before anything can be seen. */
+export const needsKey = (session: Standing): boolean =>
+  typeof session === "object" && session.access === "keys" && session.key_id === null;
+
+/** Who is signed in, and how to say that it changed; an answer that a key is needed asks the service again. */
+export function useSession(): [Standing, (session: Session) => void] {
+  const [session, set] = useState<Standing>("unknown");
+  useEffect(() => {
+    const ask = () => void api.session().then(set, () => set((before) => (before === "unknown" ? "away" : before)));
+    ask();
+    return onRefused(ask);
+  }, []);
+  return [session, set];
+}
+
+/** End the session of this device, and forget all that was shown. */
+export async function signOut(): Promise<void> {
+  await api.signOut();
+  location.reload();
+}

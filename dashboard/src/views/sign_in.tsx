@@ -1,0 +1,62 @@
+/** Signing in: a key is entered once, or comes with a one-time link. */
+import { useCallback, useEffect, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { Session } from "../api/types";
+import { Busy, ProblemNote, Prose, Title } from "../components/basics";
+import { useAction } from "../state/action";
+import { go } from "../state/router";
+import { text } from "../i18n";
+
+/** `link`: secret of a one-time link, which leaves the address before it is used. */
+export function SignInView({ link, signedIn }: { link: string | undefined; signedIn: (session: Session) => void }) {
+  const [key, setKey] = useState("");
+  const { run, busy, problem } = useAction(
+    useCallback(
+      async (secret: { key: string } | { link: string }) => {
+        const session = await api.signIn(secret);
+        if (location.hash.startsWith("#/sign-in")) go("#/");
+        signedIn(session);
+      },
+      [signedIn],
+    ),
+  );
+  useEffect(() => {
+    if (link === undefined) return;
+    history.replaceState(null, "", "#/sign-in");
+    run({ link });
+  }, [link]);
+  const enter = (event: Event) => {
+    event.preventDefault();
+    if (key.trim()) run({ key: key.trim() });
+  };
+  const { signIn: words } = text;
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <form class="card form" onSubmit={enter}>
+        <p>
+          <Prose text={words.hint} />
+        </p>
+        <label class="field">
+          <span>{words.key}</span>
+          <input
+            type="password"
+            name="key"
+            autocomplete="off"
+            autocapitalize="none"
+            spellcheck={false}
+            maxLength={200}
+            value={key}
+            placeholder="jst_…"
+            onInput={(event) => setKey(event.currentTarget.value)}
+          />
+        </label>
+        {problem && <ProblemNote problem={problem} />}
+        {busy && <Busy label={words.checking} />}
+        <button type="submit" class="button primary" disabled={busy || !key.trim()}>
+          {words.enter}
+        </button>
+      </form>
+    </>
+  );
+}

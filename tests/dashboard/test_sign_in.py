@@ -1,0 +1,120 @@
+"""Signing in on the page, in a real browser: with a key, with a one-time link, and out again."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+from support.browsing import post
+from support.processes import Service
+
+from jointstiff.service.access import digest, mint, mint_token
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+NOW = datetime.now(UTC)
+KEY = mint("tablet hall 3", "operator", NOW, None)
+
+FOLLOW = """async (run) => {
+  const source = new EventSource(`/v1/runs/${run}/events`);
+  return new Promise((tell) => {
+    source.addEventListener("end", () => { source.close(); tell("end"); });
+    source.addEventListener("error", () => { source.close(); tell("refused"); });
+  });
+}"""
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    return f"sqlite:///{tmp_path_factory.mktemp('keys') / 'jointstiff.db'}"
+
+
+@pytest.fixture(scope="module")
+def site(bundle, database):
+    with Store.open(database) as store:
+        store.keys.add(KEY.record)
+    running = Service(database, "--require-key")
+    try:
+        yield running
+        assert KEY.text not in running.log()
+    finally:
+        running.stop()
+
+
+@pytest.fixture(scope="module")
+def run(site):
+    headers = {"Authorization": f"Bearer {KEY.text}"}
+    with httpx.Client(base_url=site.url, headers=headers, timeout=60.0) as api:
+        campaign = simulate_campaign(default_arm(), configurations=6)
+        robot = post(api, "/v1/robots", campaign["robot"])["id"]
+        readings = post(api, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]
+        return post(api, "/v1/runs", {"measurement_set_id": readings})["id"]
+
+
+def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):
+    tablet = visit()
+    page = tablet.page
+    tablet.go(f"#/runs/{run}")
+    expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
+    assert page.evaluate(FOLLOW, run) == "refused"
+
+    page.get_by_label("Key").fill(KEY.text[:-1])
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_contain_text("not the text of a key")
+    assert page.context.cookies() == []
+
+    page.get_by_label("Key").fill(KEY.text)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.locator("h1")).not_to_have_text("Sign in")
+    tablet.settle()
+    (cookie,) = page.context.cookies()
+    assert (cookie["httpOnly"], cookie["sameSite"], cookie["secure"]) == (True, "Strict", False)
+    assert timedelta(0) < datetime.fromtimestamp(cookie["expires"], UTC) - NOW < timedelta(days=7, hours=1)
+    assert page.evaluate("document.cookie") == ""
+    assert KEY.text not in page.evaluate("JSON.stringify(localStorage) + JSON.stringify(sessionStorage)")
+    assert page.evaluate(FOLLOW, run) == "end"
+
+    page.reload()
+    page.get_by_label("Display").click()
+    expect(page.get_by_text("Signed in as tablet hall 3 (operator)")).to_be_visible()
+    page.get_by_role("button", name="Sign out").click()
+    expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
+    assert page.context.cookies() == []
+    assert all(KEY.text not in address for address in tablet.requests)
+
+
+def test_a_session_that_ends_meanwhile_asks_for_the_key(visit, run, database):
+    tablet = visit()
+    tablet.go("#/runs")
+    tablet.page.get_by_label("Key").fill(KEY.text)
+    tablet.page.get_by_role("button", name="Sign in").click()
+    expect(tablet.page.locator("h1")).not_to_have_text("Sign in")
+    tablet.settle()
+    (cookie,) = tablet.page.context.cookies()
+    with Store.open(database) as store:
+        store.sessions.end(digest(cookie["value"]))
+    tablet.page.evaluate("run => { location.hash = `#/runs/${run}` }", run)
+    expect(tablet.page.get_by_role("heading", name="Sign in")).to_be_visible()
+
+
+def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
+    token = mint_token("jsl")
+    with Store.open(database) as store:
+        now = datetime.now(UTC)
+        store.sessions.offer(digest(token), KEY.record.id, now, now + timedelta(minutes=10))
+    first, second = visit(), visit("phone")
+    first.go(f"#/sign-in/{token}")
+    expect(first.page.locator("h1")).not_to_have_text("Sign in")
+    assert token not in first.page.url
+    assert len(first.page.context.cookies()) == 1
+    second.go(f"#/sign-in/{token}")
+    expect(second.page.get_by_role("alert")).to_contain_text("used before")
+    assert token not in second.page.url
+    second.page.get_by_label("Key").fill(KEY.text)
+    second.page.get_by_role("button", name="Sign in").click()
+    expect(second.page.locator("h1")).not_to_have_text("Sign in")
+    assert all(
+        token not in address for one in (first, second) for address in one.requests if "#" not in address
+    )
