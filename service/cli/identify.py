@@ -147,7 +147,7 @@ def compare(
         bool | None,
         typer.Option(
             "--positive/--unconstrained",
-            help="Fit only constrained, or only free compliances; default: both.",
+            help="Fit only constrained, or only unconstrained compliances; default: both.",
         ),
     ] = None,
     unit: Unit = UnitChoice.MEGA,

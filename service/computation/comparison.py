@@ -1,4 +1,4 @@
-"""A comparison: several methods on one set, free and constrained, the same draws for all."""
+"""A comparison: several methods on one set, unconstrained and constrained, the same draws for all."""
 
 from __future__ import annotations
 

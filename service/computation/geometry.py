@@ -16,7 +16,13 @@ from jointstiff.service.conversion import (
     to_sweeps,
 )
 from jointstiff.solver.errors import InputError, NotObservableError, RequestError
-from jointstiff.solver.geometry import Poses, Survey, SweepSet, survey_poses, survey_sweeps
+from jointstiff.solver.geometry import (
+    IdentifiedGeometry,
+    Poses,
+    SweepSet,
+    identify_from_poses,
+    identify_from_sweeps,
+)
 from jointstiff.solver.robot import Robot
 
 
@@ -68,16 +74,18 @@ def _readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Pos
 
 def _identify(request: GeometryRequest, readings: SweepSet | Poses, nominal: Robot | None) -> GeometryResult:
     with as_request_errors():
-        survey = _survey(request, readings, nominal)
-        return to_geometry_result(survey, request.name, readings.joint_map)
+        geometry = _identified_geometry(request, readings, nominal)
+        return to_geometry_result(geometry, request.name, readings.joint_map)
 
 
-def _survey(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> Survey:
+def _identified_geometry(
+    request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None
+) -> IdentifiedGeometry:
     nominal = robot.chain if robot is not None else None
     conventions = to_conventions(request, readings.targets)
     base_targets = to_base_targets(request, readings.sigma)
     if isinstance(readings, SweepSet):
-        return survey_sweeps(
+        return identify_from_sweeps(
             readings,
             conventions,
             nominal=nominal,
@@ -88,4 +96,6 @@ def _survey(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot |
         )
     if nominal is None:
         raise ValueError("poses need a nominal model to calibrate, but the request has none")
-    return survey_poses(readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets)
+    return identify_from_poses(
+        readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
+    )

@@ -54,7 +54,7 @@ Any other failure is a stored run in state `failed` that says why.""",
         query=ComparisonQuery,
         work=works.comparison,
         max_bytes=_OPTIONS_BYTES,
-        description="""Identify by several methods, free and constrained, and store the results side by side.
+        description="""Identify by several methods, unconstrained and constrained, side by side.
 
 Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
 with the comparison as it is and its address. A method that the readings cannot support is an entry with

@@ -31,7 +31,7 @@ Cell = Callable[[ComparedFit, int], Text]
 def comparison_report(
     comparison: Comparison, *, details: bool = False, unit: str = DEFAULT_UNIT
 ) -> RenderableType:
-    """Show the methods side by side, free and constrained; or why there is no result.
+    """Show the methods side by side, unconstrained and constrained; or why there is no result.
 
     Args:
         comparison: with its result, or its error.
@@ -69,7 +69,7 @@ def _numbers(
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedFit]) -> bool:
-    """Return whether each fit has the same numbers free and constrained."""
+    """Return whether each fit has the same numbers unconstrained and constrained."""
     by_constraint = [
         {_short(entry): [joint.model_dump() for joint in entry.joints] for entry in entries if same(entry)}
         for same in (lambda entry: entry.positive, lambda entry: not entry.positive)

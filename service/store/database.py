@@ -25,7 +25,9 @@ _DIALECTS: dict[str, Dialect] = {
     "postgres": "postgresql",
     "postgresql+psycopg": "postgresql",
 }
-_BUSY_SECONDS = 20.0
+BUSY_SECONDS = 20.0
+"""Time that a statement waits for other writers of SQLite [s]."""
+"""Time that a statement waits for other writers of SQLite [s]."""
 _CONNECTIONS = 16
 
 
@@ -93,8 +95,8 @@ class Database:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        if not self._turns.acquire(timeout=_BUSY_SECONDS):
-            raise PoolTimeoutError(f"the database has been locked by other writers for {_BUSY_SECONDS:.0f} s")
+        if not self._turns.acquire(timeout=BUSY_SECONDS):
+            raise PoolTimeoutError(f"the database has been locked by other writers for {BUSY_SECONDS:.0f} s")
         try:
             yield
         finally:
@@ -160,7 +162,7 @@ def _sqlite_engines(url: URL) -> tuple[Engine, Engine]:
     reader = create_engine(
         url,
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
-        connect_args={"timeout": _BUSY_SECONDS, "check_same_thread": False},
+        connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=QueuePool,
         # A database in memory is its one connection, which its users take in turn.
         pool_size=1 if in_memory else _CONNECTIONS,
@@ -187,7 +189,7 @@ def _switch_to_wal(connection: Connection) -> None:
     The mode stays with the file. Changing it does not honour the busy timeout, so that a second
     process opening the same new file must try again.
     """
-    deadline = time.monotonic() + _BUSY_SECONDS
+    deadline = time.monotonic() + BUSY_SECONDS
     while True:
         try:
             mode = connection.exec_driver_sql("PRAGMA journal_mode=WAL").scalar_one()

@@ -33,7 +33,7 @@ answer."""
 _ROUNDING = 64 * np.finfo(float).eps
 """Tolerance of a gradient, relative to the largest variable."""
 
-_PIVOTS = 8
+MOST_PIVOTS = 8
 """Rounds of pivoting; nearly all problems settle in two or three."""
 
 
@@ -133,7 +133,7 @@ def _pivot(problems: _Scaled) -> Support:
     """Pivot on all problems that are not settled yet; see `supports.pivot`."""
     active = np.zeros(problems.b.shape, dtype=np.int8)
     unsettled = np.arange(len(active))
-    for _ in range(_PIVOTS):
+    for _ in range(MOST_PIVOTS):
         part, side = problems.select(unsettled), active[unsettled]
         x = _polish(part, side)
         moved = pivot(side, x, _gradient(part, x), part.lower, part.upper)

@@ -40,7 +40,7 @@ TOLERANCE: Final = 1e-10
 _CONE_TOLERANCE: Final = 1e-8
 """Near the tip of a second-order cone Clarabel does not always reach more."""
 
-_SETTINGS: Final[Mapping[str, Any]] = {
+SETTINGS: Final[Mapping[str, Any]] = {
     "verbose": False,
     "max_iter": 200,
     "max_threads": 1,
@@ -114,7 +114,7 @@ class Program:
         import clarabel
 
         settings = clarabel.DefaultSettings()
-        for name, value in _SETTINGS.items():
+        for name, value in SETTINGS.items():
             setattr(settings, name, value)
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         q, A, b = self._at(data)

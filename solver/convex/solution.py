@@ -44,7 +44,7 @@ _NO_DIRECTION = 1e-13
 _TOUCHES = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
 
-_PIVOTS = 8
+MOST_PIVOTS = 8
 """Maximum rounds of pivoting; starting from Clarabel's support, one round confirms it."""
 
 
@@ -190,7 +190,7 @@ def _from_pivoting(scaled: Scaled) -> list[_Candidate]:
 def _pivoted(scaled: Scaled, active: Support) -> FloatArray:
     """Return the polished point of a support that pivoting no longer changes, or of its last round."""
     x = _polished(scaled, active)
-    for _ in range(_PIVOTS):
+    for _ in range(MOST_PIVOTS):
         moved = pivot(active, x, scaled.gradient(x), scaled.lower, scaled.upper)
         if (moved == active).all():
             break

@@ -52,9 +52,10 @@ _LEAST_SCALE = 1e-6
 scale."""
 _SCALE_TOLERANCE = 1e-6
 _SCALE_ROUNDS = 100
-_ROUNDS = 200
+MOST_ROUNDS = 200
+"""Maximum rounds of reweighting."""
 _LEAST_DAMPING = 1e-8
-_STATED = 500
+MOST_STATED = 500
 """Number of targets up to which Huber's problem is solved as stated: 12 ms for 100, about 40 ms for these."""
 _NO_DESCENT = 1e-12
 """Relative increase of the objective that counts as rounding."""
@@ -250,13 +251,13 @@ def _squared(problem: _HuberProblem) -> IdentificationProblem:
 def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """Return the optimum and its certificate: Clarabel's point, polished by Newton's steps.
 
-    Of more than `_STATED` targets the rounds start at least squares, with full damping, which is faster.
+    Of more than `MOST_STATED` targets the rounds start at least squares, with full damping, which is faster.
     """
-    stated = _stated(problem) if len(problem.d) <= _STATED else None
+    stated = _stated(problem) if len(problem.d) <= MOST_STATED else None
     compliance = _least_squares(problem) if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
-    for _ in range(_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         proposed, solver = problem.step(compliance, damping)
         value = problem.objective(proposed)
         if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
         RigidTransform,
         WristCentre,
     )
+    from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
+    from jointstiff.solver.geometry.identified_geometry import BaseTargets, Conventions, IdentifiedGeometry
     from jointstiff.solver.geometry.model import CalibratedAxes, DhTable, Poses
-    from jointstiff.solver.geometry.survey import survey_poses, survey_sweeps
-    from jointstiff.solver.geometry.surveyed import BaseTargets, Conventions, Survey
     from jointstiff.solver.geometry.sweeps import (
         Axis,
         AxisFit,
@@ -30,8 +30,8 @@ else:
         finding="GeometryFinding",
         frames="BaseDrift CentreEstimate RigidTransform WristCentre",
         model="CalibratedAxes DhTable Poses",
-        survey="survey_poses survey_sweeps",
-        surveyed="BaseTargets Conventions Survey",
+        identification="identify_from_poses identify_from_sweeps",
+        identified_geometry="BaseTargets Conventions IdentifiedGeometry",
         sweeps="Axis AxisFit IdentifiedAxes Sweep SweepSet",
     )
 
@@ -46,12 +46,12 @@ __all__ = [
     "DhTable",
     "GeometryFinding",
     "IdentifiedAxes",
+    "IdentifiedGeometry",
     "Poses",
     "RigidTransform",
-    "Survey",
     "Sweep",
     "SweepSet",
     "WristCentre",
-    "survey_poses",
-    "survey_sweeps",
+    "identify_from_poses",
+    "identify_from_sweeps",
 ]

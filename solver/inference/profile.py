@@ -33,7 +33,8 @@ from jointstiff.solver.fitting import Likelihood
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""
 
-_ROUNDS = 100
+MOST_ROUNDS = 100
+"""Maximum rounds of the search for an end of an interval."""
 _POINT = 1e-9
 """Relative radius of a ball that counts as a point, as of one-sided bounds at 50 %."""
 _NO_DIRECTION = 1e-13
@@ -191,7 +192,7 @@ def _march(ball: _Ball, objective: FloatArray, radius2: FloatArray) -> tuple[Flo
     points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
     own = range_on_box(objective, ball.bounds)[:, 0]
     pending = np.arange(count)
-    for _ in range(_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         x, step = _points(ball, s[pending], objective[pending], pull[pending])
         reached = np.square(x @ ball.A.T).sum(axis=1)
         slope = (objective[pending] * step).sum(axis=1)

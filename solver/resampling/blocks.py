@@ -35,7 +35,7 @@ from jointstiff.solver.robot import WRIST_JOINTS, Robot
 
 JointIndices = IndexArray
 
-_TILE_RESIDUALS = 2**17
+TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
 
 
@@ -109,7 +109,7 @@ class GramBlocks:
         """
         moved = np.linalg.norm(self.deflection, axis=0).mean()
         left = np.empty(len(compliance))
-        step = max(1, _TILE_RESIDUALS // self.deflection.size)
+        step = max(1, TILE_RESIDUALS // self.deflection.size)
         for first in range(0, len(left), step):
             part = compliance[first : first + step, self.visible]
             residual = np.repeat(self.deflection[None], len(part), axis=0)

@@ -23,7 +23,7 @@ from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
 MAX_REPETITIONS = 100_000
 MAX_SEED = 2**63 - 1
 
-_TILE = 1024
+TILE = 1024
 """Number of repetitions per block."""
 _TILE_WEIGHTS = 2**22
 """Maximum number of weights per block, 32 MB, however many configurations there are."""
@@ -147,7 +147,7 @@ def resample(
         SolverError: if optimality of an estimate could not be certified.
     """
     stop = plan.repetitions if stop is None else stop
-    step = max(1, min(_TILE, _TILE_WEIGHTS // len(blocks)))
+    step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
     draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
     return Resamples.concatenate([fit_subsets(blocks, drawn, bounds) for drawn in draws])

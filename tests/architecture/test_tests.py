@@ -42,13 +42,9 @@ def test_tests_import_neither_tests_nor_benchmarks():
 
 PATCHED = {
     "service/api/test_progress.py": 1,
-    "service/store/test_store_opening.py": 2,
-    "solver/convex/test_batch.py": 2,
+    "service/store/test_store_opening.py": 1,
+    "solver/convex/test_batch.py": 1,
     "solver/convex/test_links_program.py": 2,
-    "solver/convex/test_solve.py": 2,
-    "solver/fitting/test_robust.py": 3,
-    "solver/inference/test_profile.py": 1,
-    "solver/resampling/test_resampling.py": 2,
 }
 """How often private names are still replaced: the numbers may fall and never rise."""
 

@@ -79,7 +79,7 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
 
 
 def disagree(probability: float | None) -> bool:
-    """Return whether one robot does not fit all sweeps, by the probability of the test; see `survey`."""
+    """Return whether one robot does not fit all sweeps, by the probability of the test."""
     return probability is not None and probability < _CHI_SQUARE_ALARM
 
 

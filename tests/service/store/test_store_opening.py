@@ -230,7 +230,7 @@ class TestSqlite:
         release.join()
 
     def test_a_writer_that_never_ends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(database_module, "_BUSY_SECONDS", 0.2)
+        monkeypatch.setattr(database_module, "BUSY_SECONDS", 0.2)
         path = tmp_path / "jointstiff.db"
         with Store.open(f"sqlite:///{path}") as store:
             other = sqlite3.connect(path, isolation_level=None)

@@ -43,7 +43,7 @@ def correlated(rng: np.random.Generator, count: int, n: int) -> tuple[np.ndarray
 def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
     """Columns over twelve decades, condition up to 1e3, any number of zeros: all certified and exact."""
     if finder == "alone":
-        monkeypatch.setattr(module, "_PIVOTS", 0)
+        monkeypatch.setattr(module, "MOST_PIVOTS", 0)
     worst, zeros = 0.0, 0
     for n, problems in batches(random_problem, 1500 if finder == "pivoting" else 200).items():
         found = solved(problems, Bounds.positive(n))

@@ -79,7 +79,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
     A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
     problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
-    monkeypatch.setattr(module, "_PIVOTS", 0)
+    monkeypatch.setattr(module, "MOST_PIVOTS", 0)
     monkeypatch.setattr(programs, "least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"
@@ -90,7 +90,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
 
 
 def test_clarabel_that_does_not_say_optimal_is_not_believed(monkeypatch):
-    monkeypatch.setattr(programs, "_SETTINGS", {**programs._SETTINGS, "max_iter": 1})
+    monkeypatch.setattr(programs, "SETTINGS", {**programs.SETTINGS, "max_iter": 1})
     rng = np.random.default_rng(0)
     for _ in range(20):
         A, b = random_problem(rng)

@@ -455,7 +455,7 @@ class TestRefusals:
         bad, _ = spoilt(noisy(exact, 2), 2)
         stated = estimate(robot, bad, loss="huber")
         assert {each.solved_by for each in stated.certificates} == {"clarabel"}
-        monkeypatch.setattr(robust, "_STATED", 0)
+        monkeypatch.setattr(robust, "MOST_STATED", 0)
         large = estimate(robot, bad, loss="huber")
         assert large.robust.certificate.solved_by != "clarabel"
         np.testing.assert_allclose(large.compliance, stated.compliance, rtol=1e-9)
@@ -463,8 +463,8 @@ class TestRefusals:
     def test_an_optimum_without_a_certificate_is_none(self, pulls, monkeypatch):
         robot, exact = pulls
         bad, _ = spoilt(noisy(exact, 2), 2)
-        monkeypatch.setattr(robust, "_ROUNDS", 2)
-        monkeypatch.setattr(robust, "_STATED", 0)
+        monkeypatch.setattr(robust, "MOST_ROUNDS", 2)
+        monkeypatch.setattr(robust, "MOST_STATED", 0)
         with pytest.raises(SolverError, match="did not converge to an optimum"):
             estimate(robot, bad, loss="huber")
 

@@ -140,7 +140,7 @@ class TestIndependently:
                     assert ends[0, j, side] / unit[j] == pytest.approx(stated, abs=1e-6, rel=1e-6)
 
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
-        monkeypatch.setattr(module, "_ROUNDS", 0)
+        monkeypatch.setattr(module, "MOST_ROUNDS", 0)
         with pytest.raises(SolverError, match="end of a confidence interval"):
             ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2))
 

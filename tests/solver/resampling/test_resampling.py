@@ -262,8 +262,8 @@ class TestSameNumbers:
         cuts = [0, 1, 2, 13, 13, 40, 50]
         parts = [resample(blocks, plan, POSITIVE, *cut) for cut in pairwise(cuts)]
         assert _bytes(Resamples.concatenate(parts)) == _bytes(whole)
-        monkeypatch.setattr(module, "_TILE", 7)
-        monkeypatch.setattr("jointstiff.solver.resampling.blocks._TILE_RESIDUALS", 600)
+        monkeypatch.setattr(module, "TILE", 7)
+        monkeypatch.setattr("jointstiff.solver.resampling.blocks.TILE_RESIDUALS", 600)
         assert _bytes(resample(blocks, plan, POSITIVE)) == _bytes(whole)
 
     @pytest.mark.process

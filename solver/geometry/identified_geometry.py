@@ -100,7 +100,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class IdentifiedGeometry:
     """A robot as it was found.
 
     Attributes:

@@ -1,6 +1,6 @@
-"""All that sweeps, or unloaded poses, tell of a robot: one call from readings to an identified robot.
+"""Identify the geometry of a robot from sweeps or unloaded poses: one call from readings to a robot.
 
-Every number comes with its uncertainty and every suspicion with its figure; nothing is mended silently.
+Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
 """
 
 from __future__ import annotations
@@ -21,6 +21,13 @@ from jointstiff.solver.geometry.frames import (
     find_wrist_centre,
     nearest_to_axes,
 )
+from jointstiff.solver.geometry.identified_geometry import (
+    BaseTargets,
+    Conventions,
+    Evidence,
+    IdentifiedGeometry,
+    SweepFit,
+)
 from jointstiff.solver.geometry.model import (
     FlangeConvention,
     Poses,
@@ -30,7 +37,6 @@ from jointstiff.solver.geometry.model import (
     link_table,
     refine_axes,
 )
-from jointstiff.solver.geometry.surveyed import BaseTargets, Conventions, Evidence, Survey, SweepFit
 from jointstiff.solver.geometry.sweeps import (
     AngleUse,
     Axis,
@@ -51,7 +57,7 @@ LEAST_SIGMA = 1e-12
 """Smallest standard uncertainty of a coordinate [m]; with less, covariances vanish."""
 
 
-def survey_sweeps(
+def identify_from_sweeps(
     sweeps: SweepSet,
     conventions: Conventions,
     *,
@@ -60,7 +66,7 @@ def survey_sweeps(
     fit: SweepFit = "together",
     angles: AngleUse = "free",
     base_targets: BaseTargets | None = None,
-) -> Survey:
+) -> IdentifiedGeometry:
     """Identify a robot from its sweeps.
 
     Args:
@@ -87,18 +93,18 @@ def survey_sweeps(
     wrist = _wrist_of_sweeps(identified)
     found = geometry_findings(alone, together or alone) + agreement_findings(agreement)
     frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
-    return _survey(identified, frame, wrist, found, base_targets, evidence)
+    return _identified_geometry(identified, frame, wrist, found, base_targets, evidence)
 
 
-def survey_poses(
+def identify_from_poses(
     poses: Poses,
     conventions: Conventions,
     *,
     nominal: KinematicChain,
     name: str = "identified",
     base_targets: BaseTargets | None = None,
-) -> Survey:
-    """Identify a robot from unloaded poses, starting from a nominal model; see `survey_sweeps`.
+) -> IdentifiedGeometry:
+    """Identify a robot from unloaded poses, starting from a nominal model; see `identify_from_sweeps`.
 
     Raises:
         InputError: the poses contradict the nominal model, or have too little in them.
@@ -108,7 +114,7 @@ def survey_poses(
     _refuse_exact(identified)
     wrist = "the poses do not determine all axes" if identified.unseen.size else _wrist_of_axes(identified)
     frame = _Frame(conventions, nominal, name, stated=poses.sigma is not None)
-    return _survey(identified, frame, wrist, identified.findings(), base_targets)
+    return _identified_geometry(identified, frame, wrist, identified.findings(), base_targets)
 
 
 @dataclass(frozen=True)
@@ -121,14 +127,14 @@ class _Frame:
     stated: bool
 
 
-def _survey(
+def _identified_geometry(
     identified: IdentifiedAxes,
     frame: _Frame,
     wrist: WristCentre | str,
     findings: Sequence[GeometryFinding],
     base_targets: BaseTargets | None,
     evidence: Evidence | None = None,
-) -> Survey:
+) -> IdentifiedGeometry:
     conventions, nominal = frame.conventions, frame.nominal
     base = find_base_frame(identified, _base(conventions, identified, nominal))
     flange = _flange(conventions, nominal)
@@ -140,7 +146,7 @@ def _survey(
     found += drift.findings() if drift else ()
     tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
     found += tables[0].findings()
-    return Survey(
+    return IdentifiedGeometry(
         identified=identified,
         sigma_stated=frame.stated,
         conventions=conventions,
