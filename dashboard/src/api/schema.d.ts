@@ -657,7 +657,7 @@ export interface paths {
         put?: never;
         /**
          * Create Comparison
-         * @description Identify by several methods, unconstrained and constrained, and store the results side by side.
+         * @description Identify by several methods, unconstrained and constrained, side by side.
          *
          *     Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
          *     with the comparison as it is and its address. A method that the readings cannot support is an entry with
