@@ -317,6 +317,28 @@ def test_a_deleted_run_is_found_and_restored(visit, api, stored):
     assert api.get(f"/v1/runs/{run}").json()["state"] == "succeeded"
 
 
+@pytest.mark.parametrize("kind", ["methods", "pairs"])
+def test_deleted_comparisons_and_pairs_are_found_and_restored(visit, api, stored, kind):
+    sides = {
+        name: {"measurement_set_id": of} for name, of in (("first", stored.set), ("second", stored.other_set))
+    }
+    path, request = {
+        "methods": ("/v1/comparisons", {"measurement_set_id": stored.other_set}),
+        "pairs": ("/v1/pairs", sides),
+    }[kind]
+    made = post(api, path, request)["id"]
+    api.delete(f"{path}/{made}")
+    visited = visit("phone")
+    visited.go(f"#/compare/{kind}")
+    page = visited.page
+    page.get_by_role("radio", name="Deleted").check(force=True)
+    restore = page.get_by_role("button", name="Restore")
+    expect(restore).to_have_count(1)
+    restore.click()
+    expect(page.get_by_text("Nothing deleted")).to_be_visible()
+    assert api.get(f"{path}/{made}").json()["state"] == "succeeded"
+
+
 def test_a_print_is_a_document_of_all_parts(visit, stored):
     visited = visit("desktop")
     visited.go(f"#/runs/{stored.run}")

@@ -4,6 +4,7 @@ import { useEffect, useId, useRef } from "preact/hooks";
 import type { Problem, QualityWarning, RunState } from "../api/types";
 import type { Loading } from "../state/load";
 import { hasNavigated } from "../state/router";
+import { placeName, sentence } from "../lib/said";
 import { text } from "../i18n";
 
 /** A name that someone else chose: text, isolated from what is around it. */
@@ -117,7 +118,12 @@ export function Warnings({ warnings }: { warnings: QualityWarning[] }) {
 
 const Seen = ({ warning }: { warning: QualityWarning }) => (
   <p>
-    {warning.where && <code>{warning.where}</code>} <Prose text={warning.message} />
+    {warning.where && (
+      <b>
+        <bdi>{placeName(warning.where)}</bdi>:
+      </b>
+    )}{" "}
+    <Prose text={warning.where ? warning.message : sentence(warning.message)} />
   </p>
 );
 

@@ -41,8 +41,7 @@ function exchanged(values: number[], a: number, b: number): number[] {
   return copy;
 }
 
-/** A robot with another matrix in its joint map, the offsets as they were. */
-export function withJointMap(robot: Robot, matrix: number[][], name: string): RobotDocument {
-  const offset = robot.joint_map?.offset ?? robot.joints.map(() => 0);
+/** A robot with the joint map that an action suggests. */
+export function withJointMap(robot: Robot, { joint_map: matrix, offset }: Action, name: string): RobotDocument {
   return { name, model: robot.model, joint_map: { matrix, offset } } as RobotDocument;
 }

@@ -2,15 +2,14 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ComparisonSummary, PairSummary, RunSummary } from "../api/types";
-import { Badge } from "../components/badge";
-import { Empty, Name, ProblemNote, Select, Show, State, Tabs, Title, Toggle, When } from "../components/basics";
+import { Empty, Name, ProblemNote, Select, Show, Tabs, Title, Toggle } from "../components/basics";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { go, link, parse } from "../state/router";
 import { text } from "../i18n";
-import { Figures } from "./run_list";
+import { Earlier } from "./earlier";
 
 const words = text.compare;
 const KINDS = ["methods", "pairs", "trend"] as const;
@@ -69,39 +68,14 @@ function StartMethods({ names }: { names: Names }) {
           {start.busy ? words.going : words.go}
         </button>
       </section>
-      <Earlier names={names} />
+      <Earlier
+        kind="methods"
+        names={names}
+        title={(item: ComparisonSummary) => <Name>{names.set(item.measurement_set_id)}</Name>}
+        list={api.comparisons}
+        restore={api.restoreComparison}
+      />
     </>
-  );
-}
-
-function Earlier({ names }: { names: Names }) {
-  const found = valueOf(useLoad((signal) => api.comparisons({ limit: 20 }, signal), []));
-  if (!found || found.items.length === 0) return null;
-  return (
-    <section>
-      <h2>{words.earlier}</h2>
-      <ul class="rows">
-        {found.items.map((item: ComparisonSummary) => (
-          <li class="item">
-            <a class="main" href={link(["compare", "methods", item.id])}>
-              <span class="what">
-                <Name>{names.set(item.measurement_set_id)}</Name>
-                <small>
-                  <Name>{names.robot(item.robot_id)}</Name>
-                </small>
-              </span>
-              <Figures of={item} />
-              <span class="when">
-                <When time={item.created_at} />
-              </span>
-              <span class="standing">
-                {item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
-              </span>
-            </a>
-          </li>
-        ))}
-      </ul>
-    </section>
   );
 }
 
@@ -158,41 +132,18 @@ function StartPair({ names }: { names: Names }) {
           {start.busy ? words.going : words.go}
         </button>
       </section>
-      <EarlierPairs names={names} />
+      <Earlier
+        kind="pairs"
+        names={names}
+        title={(item: PairSummary) => (
+          <>
+            <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
+          </>
+        )}
+        list={api.pairs}
+        restore={api.restorePair}
+      />
     </>
-  );
-}
-
-function EarlierPairs({ names }: { names: Names }) {
-  const found = valueOf(useLoad((signal) => api.pairs({ limit: 20 }, signal), []));
-  if (!found || found.items.length === 0) return null;
-  return (
-    <section>
-      <h2>{words.earlier}</h2>
-      <ul class="rows">
-        {found.items.map((item: PairSummary) => (
-          <li class="item">
-            <a class="main" href={link(["compare", "pairs", item.id])}>
-              <span class="what">
-                <span>
-                  <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
-                </span>
-                <small>
-                  <Name>{names.robot(item.robot_id)}</Name>
-                </small>
-              </span>
-              <Figures of={item} />
-              <span class="when">
-                <When time={item.created_at} />
-              </span>
-              <span class="standing">
-                {item.verdict ? <Badge verdict={item.verdict} /> : <State state={item.state} />}
-              </span>
-            </a>
-          </li>
-        ))}
-      </ul>
-    </section>
   );
 }
 

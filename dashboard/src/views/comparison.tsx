@@ -6,12 +6,13 @@ import type { ComparedFit, Comparison, JointResult, MeasurementSet } from "../ap
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
 import { Badge } from "../components/badge";
-import { Choice, Name, ProblemNote, Prose, Show, State, Title, Warnings, When } from "../components/basics";
+import { Choice, Name, ProblemNote, Prose, Show, State, Title, When } from "../components/basics";
 import { Cancelled, Going } from "../components/going";
 import { JobActions } from "../components/job_actions";
 import { Term } from "../components/term";
 import { Scroll, type Table } from "../components/table";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
+import { unsaid } from "../lib/said";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
 import { changeIn, inUnit, intervalIn, maybeInUnit, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
 import { useLoad } from "../state/load";
@@ -20,6 +21,7 @@ import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { markOf } from "./joint_marks";
+import { Further } from "./further";
 import { VerdictCard } from "./verdict_card";
 
 const words = text.compare;
@@ -83,12 +85,7 @@ function Page({ comparison, set, ended }: { comparison: Comparison; set: Measure
       {comparison.result && (
         <>
           <VerdictCard assessment={comparison.result.assessment} context={null} />
-          {comparison.result.warnings.length > 0 && (
-            <>
-              <h2>{text.run.warnings(comparison.result.warnings.length)}</h2>
-              <Warnings warnings={comparison.result.warnings} />
-            </>
-          )}
+          <Further warnings={unsaid(comparison.result.warnings, comparison.result.assessment.reasons)} />
           <TableTwo entries={comparison.result.entries} />
           <Methods entries={comparison.result.entries} level={percent(comparison.request.confidence ?? 0.95)} />
         </>
@@ -113,6 +110,7 @@ const jointNames = (entries: ComparedFit[]): string[] => [
 function TableTwo({ entries }: { entries: ComparedFit[] }) {
   const { unit } = useSettings();
   const joints = jointNames(entries);
+  const shown = merged(entries);
   return (
     <section class="card">
       <h2>
@@ -136,8 +134,8 @@ function TableTwo({ entries }: { entries: ComparedFit[] }) {
             </tr>
           </thead>
           <tbody>
-            {entries.map((fit) => (
-              <Row fit={fit} joints={joints} unit={unit} />
+            {shown.map(({ fit, both }) => (
+              <Row fit={fit} joints={joints} unit={unit} both={both} />
             ))}
           </tbody>
         </table>
@@ -146,12 +144,36 @@ function TableTwo({ entries }: { entries: ComparedFit[] }) {
   );
 }
 
-function Row({ fit, joints, unit }: { fit: ComparedFit; joints: string[]; unit: StiffnessUnit }) {
+/** The fits, those once whose constraints change no number. */
+function merged(entries: ComparedFit[]): { fit: ComparedFit; both: boolean }[] {
+  const numbers = ({ positive: _, assessment: _a, ...rest }: ComparedFit) => JSON.stringify(rest);
+  const free = new Set(entries.filter((fit) => !fit.positive).map(numbers));
+  const constrained = new Set(entries.filter((fit) => fit.positive).map(numbers));
+  return entries.flatMap((fit) => {
+    const both = free.has(numbers(fit)) && constrained.has(numbers(fit));
+    return both && !fit.positive ? [] : [{ fit, both }];
+  });
+}
+
+function Row({
+  fit,
+  joints,
+  unit,
+  both,
+}: {
+  fit: ComparedFit;
+  joints: string[];
+  unit: StiffnessUnit;
+  /** Whether the fit without constraints has the same numbers. */
+  both: boolean;
+}) {
   return (
-    <tr class={fit.positive ? "positive" : "free"}>
+    <tr class={both ? "both" : fit.positive ? "positive" : "free"}>
       <th scope="row">
         <Term of={fit.method}>{entryName(fit)}</Term>
-        <small class="soft">{fit.positive ? text.options.constrained : text.options.unconstrained}</small>
+        <small class="soft">
+          {both ? words.alike : fit.positive ? text.options.constrained : text.options.unconstrained}
+        </small>
       </th>
       {fit.error ? (
         <td colSpan={joints.length + 2}>

@@ -64,7 +64,7 @@ export function JointTable({
   return (
     <Figure
       title={words.stiffness}
-      note={words.stiffnessNote(percent(run.request.confidence))}
+      {...(bare ? {} : { note: words.stiffnessNote(percent(run.request.confidence)) })}
       legend={legend}
       tools={tools}
       drawing={chart}
@@ -122,9 +122,10 @@ function Rows({
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
   const format = axisStiffness(unit);
+  const shared = sharedReasons(joints);
   return (
     <div class={shares ? "joints shares" : bare ? "joints bare" : "joints"} role="table" aria-label={words.stiffness}>
-      <div class="joint-head" role="row">
+      <div class={bare ? "joint-head hidden" : "joint-head"} role="row">
         <span role="columnheader">{words.joint}</span>
         <div role="columnheader" class="bar" ref={head}>
           {width > 0 && !bare && (
@@ -144,6 +145,7 @@ function Rows({
         <Fragment key={joint.name}>
           <Row
             joint={joint}
+            reason={shared.has(joint.reason ?? "") ? null : joint.reason}
             unit={unit}
             part={shares ? (parts.get(joint.name) ?? null) : undefined}
             most={most}
@@ -152,18 +154,35 @@ function Rows({
           {after(joint)}
         </Fragment>
       ))}
+      {[...shared].map(([reason, names]) => (
+        <div class="shared-reason soft" role="row">
+          <span role="cell">
+            <Name>{names.join(", ")}</Name>: <Prose text={reason} />
+          </span>
+        </div>
+      ))}
     </div>
   );
 }
 
+/** Reasons that several joints have, said once, with their names. */
+function sharedReasons(joints: JointResult[]): Map<string, string[]> {
+  const names = new Map<string, string[]>();
+  for (const { name, reason } of joints) if (reason) names.set(reason, [...(names.get(reason) ?? []), name]);
+  return new Map([...names].filter(([, same]) => same.length > 1));
+}
+
 function Row({
   joint,
+  reason,
   unit,
   bar,
   part,
   most,
 }: {
   joint: JointResult;
+  /** Null where it is said with that of other joints. */
+  reason: string | null;
   unit: StiffnessUnit;
   bar: preact.ComponentChildren;
   /** Undefined where no joint contributes. */
@@ -199,9 +218,9 @@ function Row({
           {part && part.mean !== 0 ? <Share part={part} most={most} /> : <span class="soft">–</span>}
         </span>
       )}
-      {joint.reason !== null && (
+      {reason !== null && (
         <span role="cell" class="reason soft">
-          <Prose text={joint.reason} />
+          <Prose text={reason} />
         </span>
       )}
     </div>

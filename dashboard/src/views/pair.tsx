@@ -5,10 +5,11 @@ import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
 import { Badge } from "../components/badge";
-import { Name, ProblemNote, Show, State, Title, Warnings, When } from "../components/basics";
+import { Name, ProblemNote, Show, State, Title, When } from "../components/basics";
 import { JobActions } from "../components/job_actions";
 import { DataTable } from "../components/table";
 import { percent, pValue, significant } from "../lib/format";
+import { unsaid } from "../lib/said";
 import { axisStiffness } from "../lib/stiffness";
 import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
 import { useLoad } from "../state/load";
@@ -17,6 +18,7 @@ import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { markOf } from "./joint_marks";
+import { Further } from "./further";
 import { VerdictCard } from "./verdict_card";
 
 const words = text.pair;
@@ -94,17 +96,12 @@ function PairPage({ result, sides, level }: { result: Result; sides: Sides; leve
   return (
     <>
       <VerdictCard assessment={result.assessment} context={null} />
-      {result.warnings.length > 0 && (
-        <>
-          <h2>{text.run.warnings(result.warnings.length)}</h2>
-          <Warnings warnings={result.warnings} />
-        </>
-      )}
+      <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Avoided result={result} />
       <Ratios result={result} sides={sides} level={level} />
       <Both result={result} sides={sides} level={level} />
       <ByConfiguration result={result} />
-      {result.ordered && <Ordered result={result} sides={sides} />}
+      {result.ordered && <Ordered result={result} sides={sides} level={level} />}
     </>
   );
 }
@@ -166,7 +163,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
                 value: joint.ratio,
                 low: joint.ratio_interval?.[0] ?? null,
                 high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
-                instead: joint.reason ?? "–",
+                instead: joint.reason === null ? "–" : text.verdicts.unobservable,
                 label: `${joint.name}: ${joint.ratio === null ? "–" : show(joint.ratio)}`,
               },
             ],
@@ -274,10 +271,16 @@ function ByConfiguration({ result: { avoided } }: { result: Result }) {
   );
 }
 
-function Ordered({ result: { ordered }, sides }: { result: Result; sides: Sides }) {
+function Ordered({ result: { ordered }, sides, level }: { result: Result; sides: Sides; level: string }) {
   const { unit } = useSettings();
-  const { column } = STIFFNESS_UNITS[unit];
   if (!ordered) return null;
+  const u = { unit: STIFFNESS_UNITS[unit].label };
+  const ends = (compliances: [number, number] | null): string => {
+    if (!compliances || compliances[1] <= 0) return "–";
+    const [least, most] = compliances;
+    const [low, high] = intervalIn([1 / most, least > 0 ? 1 / least : null], unit);
+    return `${low === null ? "0" : significant(low, 3)} … ${high === null ? "∞" : significant(high, 3)}`;
+  };
   return (
     <section class="card">
       <h2>{words.ordered}</h2>
@@ -289,14 +292,18 @@ function Ordered({ result: { ordered }, sides }: { result: Result; sides: Sides 
         table={{
           columns: [
             { title: text.run.joint },
-            { title: sides[0], unit: column },
-            { title: sides[1], unit: column },
+            { title: sides[0], ...u },
+            { title: text.run.interval(level) },
+            { title: sides[1], ...u },
+            { title: text.run.interval(level) },
             { title: "" },
           ],
           rows: ordered.joints.map((joint) => [
             joint.name,
             maybeInUnit(joint.stiffness_first, unit),
+            ends(joint.compliance_interval_first),
             maybeInUnit(joint.stiffness_second, unit),
+            ends(joint.compliance_interval_second),
             joint.equal ? words.heldEqual : "",
           ]),
         }}

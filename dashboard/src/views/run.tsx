@@ -81,7 +81,7 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
             {text.run.repeat}
           </button>
           {run.result && (
-            <button type="button" class="button" onClick={() => print()}>
+            <button type="button" class="button print" onClick={() => print()}>
               {text.run.print}
             </button>
           )}

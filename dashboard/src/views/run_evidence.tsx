@@ -114,7 +114,10 @@ function Goodness({ result }: { result: RunResult }) {
       <h2>{words.goodness}</h2>
       <Facts
         facts={[
-          { label: <Term of="chiSquare">{words.chiSquare}</Term>, value: significant(goodness.chi_square, 4) },
+          // with sigma from the residuals it equals the degrees of freedom, whatever was read
+          ...(goodness.sigma_source === "given"
+            ? [{ label: <Term of="chiSquare">{words.chiSquare}</Term>, value: significant(goodness.chi_square, 4) }]
+            : []),
           { label: <Term of="freedom">{words.freedom}</Term>, value: significant(goodness.degrees_of_freedom, 4) },
           ...(goodness.test
             ? [{ label: <Term of="pValue">{words.pValue}</Term>, value: pValue(goodness.test.p_value) }]

@@ -2,9 +2,10 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Run, RunResult } from "../api/types";
-import { ProblemNote, Warnings } from "../components/basics";
+import { ProblemNote } from "../components/basics";
 import { DataTable } from "../components/table";
 import { percent, significant } from "../lib/format";
+import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
 import { changeIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
 import { useAction } from "../state/action";
@@ -12,15 +13,13 @@ import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { JointTable } from "./joint_table";
 import { BeforeAfter } from "./before_after";
+import { Further } from "./further";
 import { isElastic, type RunContext } from "./run_context";
 import { ElementShares, ModelChoice } from "./run_links";
 import { VerdictCard } from "./verdict_card";
 
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
   const { run } = context;
-  // what the verdict says is not said again
-  const said = new Set(result.assessment.reasons.map((reason) => reason.message));
-  const further = result.warnings.filter((warning) => !said.has(warning.message));
   const nothing = result.joints.every((joint) => joint.status !== "identified" && joint.status !== "uncertain");
   const [beside, setBeside] = useState<Run | null>(null);
   const other = useAction(async () => setBeside(beside ? null : await otherConstraint(run)));
@@ -29,13 +28,8 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
     <>
       <VerdictCard assessment={result.assessment} context={context} />
       {run.request.variant_of !== null && <BeforeAfter run={run} origin={run.request.variant_of} />}
-      {further.length > 0 && (
-        <details class="card further" open={result.assessment.reasons.length === 0}>
-          <summary>{text.assessment.more(further.length)}</summary>
-          <Warnings warnings={further} />
-        </details>
-      )}
-      {nothing ? <p class="note bad">{text.assessment.nothing}</p> : <Summary result={result} />}
+      <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
+      {!nothing && <Summary result={result} />}
       <JointTable
         context={context}
         result={result}

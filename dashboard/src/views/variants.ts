@@ -18,7 +18,7 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
     case "include_complementary_stiffness":
       return post({ ...asked, complementary_stiffness: "included" });
     case "apply_joint_map": {
-      const named = withJointMap(robot, action.joint_map, text.assessment.corrected.map(robot.name));
+      const named = withJointMap(robot, action, text.assessment.corrected.map(robot.name));
       const added = await api.addRobot(named, contentKey("robot", named));
       return onOtherSet(asked, { ...bare(set), robot_id: added.id });
     }

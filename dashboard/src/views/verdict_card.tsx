@@ -3,6 +3,7 @@ import type { Action, Assessment, Reason } from "../api/types";
 import { Badge } from "../components/badge";
 import { ProblemNote, Prose } from "../components/basics";
 import { exchangeable } from "../lib/corrections";
+import { placeName, sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
@@ -30,9 +31,6 @@ export function VerdictCard({ assessment, context }: { assessment: Assessment; c
   );
 }
 
-/** The label of an observation, of a place in what was posted. */
-const placeName = (where: string): string => /^observations\[\d+\] '(.+)'$/.exec(where)?.[1] ?? where;
-
 /** Reasons of one kind stand together. */
 function grouped(reasons: Reason[]): Reason[][] {
   const groups = new Map<string, Reason[]>();
@@ -57,11 +55,11 @@ function ReasonItem({ reasons, context }: { reasons: Reason[]; context: RunConte
                 <bdi>{placeName(where)}</bdi>:
               </b>
             )}{" "}
-            <Prose text={message} />
+            <Prose text={where ? message : sentence(message)} />
           </p>
         ))}
         <p class="remedy">
-          <Prose text={first.remedy} />
+          <Prose text={sentence(first.remedy)} />
         </p>
       </div>
       {context && actions.length > 0 && (

@@ -30,7 +30,7 @@ describe("warnings", () => {
   it("shows what stands between backticks as code", async () => {
     const root = await drawn(<Warnings warnings={[warning({ message: "omit `noise` or `<b>`", remedy: "a ` b" })]} />);
     expect([...root.querySelectorAll("code")].map((code) => code.textContent)).toEqual(["noise", "<b>"]);
-    expect(root.textContent).toContain("omit noise or <b>");
+    expect(root.textContent).toContain("Omit noise or <b>");
     expect(root.textContent).toContain("a ` b");
   });
 });

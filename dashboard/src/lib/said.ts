@@ -1,0 +1,24 @@
+/** What has been said of a result, so that nothing is said twice. */
+import type { QualityWarning, Reason } from "../api/types";
+
+/** Warnings that `deflection_unexplained` says better. */
+const UNEXPLAINED = ["low_compensation", "deflections_unexplained", "residual_outlier"];
+
+/** The warnings that no reason says or sums up. */
+export function unsaid(warnings: QualityWarning[], reasons: Reason[]): QualityWarning[] {
+  const said = new Set<string>(reasons.map((reason) => reason.code));
+  for (const { code, message } of warnings)
+    if (reasons.some((reason) => reason.message.startsWith(message))) said.add(code);
+  if (said.has("deflection_unexplained")) for (const code of UNEXPLAINED) said.add(code);
+  return warnings.filter(({ code }) => !said.has(code));
+}
+
+/** The label of an observation, of a place in what was posted; in a pair with its side. */
+export function placeName(where: string): string {
+  const [, side, label] = /^(?:(first|second)\.)?observations\[\d+\] '(.+)'$/.exec(where) ?? [];
+  return label === undefined ? where : side === undefined ? label : `${label} (${side})`;
+}
+
+/** A sentence of the service with a capital; names and code stay as they are. */
+export const sentence = (words: string): string =>
+  /^[a-z]+[ ,:;]/.test(words) ? words[0]?.toUpperCase() + words.slice(1) : words;

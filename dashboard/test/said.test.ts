@@ -1,0 +1,38 @@
+import { describe, expect, it } from "vitest";
+import type { Action, QualityWarning, Reason, Robot } from "../src/api/types";
+import { withJointMap } from "../src/lib/corrections";
+import { placeName, sentence, unsaid } from "../src/lib/said";
+
+const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as QualityWarning;
+const reason = (code: string, message: string) => ({ code, message }) as Reason;
+
+describe("what a reason says", () => {
+  it("is not said again, nor are others of its kind", () => {
+    const warnings = [
+      warning("target_moved", "P1 moved"),
+      warning("target_moved", "P2 moved"),
+      warning("zero_load", "none"),
+    ];
+    const reasons = [reason("gross_error", "P1 moved (and 1 more of this kind)")];
+    expect(unsaid(warnings, reasons).map(({ code }) => code)).toEqual(["zero_load"]);
+  });
+  it("covers what it says better", () => {
+    const warnings = [warning("low_compensation", "46 %"), warning("residual_outlier", "c01")];
+    expect(unsaid(warnings, [reason("deflection_unexplained", "46 %, usual is 80 %")])).toEqual([]);
+    expect(unsaid(warnings, [])).toEqual(warnings);
+  });
+});
+
+it("begins sentences with a capital, names and labels with what they are", () => {
+  expect(sentence("the residuals are large")).toBe("The residuals are large");
+  expect(sentence("joint_2 is stiff")).toBe("joint_2 is stiff");
+  expect(placeName("observations[4] 'c05'")).toBe("c05");
+  expect(placeName("first.observations[4] 'c05'")).toBe("c05 (first)");
+  expect(placeName("joint_2")).toBe("joint_2");
+});
+
+it("takes matrix and offset of a suggested joint map", () => {
+  const robot = { model: {}, joints: [], joint_map: { matrix: [[1]], offset: [0] } } as unknown as Robot;
+  const action = { joint_map: [[-1]], offset: [1.5] } as unknown as Action;
+  expect(withJointMap(robot, action, "arm").joint_map).toEqual({ matrix: [[-1]], offset: [1.5] });
+});

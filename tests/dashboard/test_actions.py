@@ -1,0 +1,109 @@
+"""What an assessment advises is one button away: it does that and nothing else, and shows what came of it."""
+
+from __future__ import annotations
+
+import math
+import re
+from copy import deepcopy
+
+import pytest
+from playwright.sync_api import expect
+from support.browsing import campaign, post
+
+from jointstiff.simulator.campaign import TARGETS
+
+
+@pytest.fixture(scope="module")
+def readings():
+    """A clean set under pulls, with the places of its targets on the flange."""
+    document = campaign(load="pull", configurations=19, seed=8)["measurement_set"]
+    return {**document, "flange_targets": {name: list(place) for name, place in TARGETS.items()}}
+
+
+def exchanged(document):
+    for observation in document["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+
+
+def zeroed_elsewhere(document):
+    for observation in document["observations"]:
+        observation["joints"][2] += math.pi / 2
+
+
+def load_and_target_exchanged(document):
+    places, load = document["flange_targets"], document["load_point"]
+    document["load_point"], places["P11"] = places["P11"], load
+
+
+def moved(document):
+    """All targets of an observation, as by another load."""
+    for reading in document["observations"][4]["readings"]:
+        reading["loaded"][0] += 8e-4
+
+
+def understated(document):
+    document["noise"] = {"sigma": 6e-6}
+
+
+def heavy(document):
+    """Nothing is wrong, but K_c matters."""
+    document |= campaign(load="dead_weight", configurations=19, force=4000.0, seed=8)["measurement_set"]
+
+
+CASES = {
+    "Repeat with Huber loss": (moved, {"loss": "huber"}),
+    "Include K_c": (heavy, {"complementary_stiffness": "included"}),
+    "Take the noise from the residuals": (understated, {}),
+    "Exchange the columns of joint_2 and joint_3": (exchanged, {}),
+    "Use the suggested joint map": (zeroed_elsewhere, {}),
+    "Exchange load point and P11": (load_and_target_exchanged, {}),
+}
+
+
+@pytest.fixture(scope="module")
+def runs(api, stored, readings):
+    """A run of each case, by its button, without K_c."""
+
+    def run(change):
+        document = deepcopy(readings)
+        change(document)
+        document |= {"name": change.__name__, "robot_id": stored.robot}
+        made = post(api, "/v1/measurement-sets", document)["id"]
+        return post(api, "/v1/runs", {"measurement_set_id": made})
+
+    return {button: run(change) for button, (change, _) in CASES.items()}
+
+
+@pytest.mark.parametrize("button", list(CASES))
+def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
+    before, options = runs[button], CASES[button][1]
+    visited = visit("desktop")
+    visited.go(f"#/runs/{before['id']}")
+    page = visited.page
+    page.get_by_role("region", name="Assessment").get_by_role("button", name=button).click()
+    beside = page.get_by_role("region", name="Before and after")
+    expect(beside).to_be_visible()
+    expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(re.compile("Use"))
+    after = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()
+    request = after["request"]
+    assert request["variant_of"] == before["id"]
+    assert request | {"variant_of": None, "measurement_set_id": ""} == before["request"] | options | {
+        "measurement_set_id": ""
+    }
+    done = {reason["code"] for reason in before["result"]["assessment"]["reasons"]} - {
+        reason["code"] for reason in after["result"]["assessment"]["reasons"]
+    }
+    assert done, "the reason that was acted on is gone"
+
+
+def test_a_reason_shows_its_posture_in_3d_and_leads_back(visit, runs):
+    run = runs["Repeat with Huber loss"]["id"]
+    visited = visit("desktop")
+    visited.go(f"#/runs/{run}")
+    page = visited.page
+    page.get_by_role("region", name="Assessment").get_by_role("link", name="Show c05 in 3D").first.click()
+    page.locator("canvas[data-ready=true]").wait_for()
+    expect(page.get_by_text("5 of 19")).to_be_visible()
+    page.locator(".back").click()
+    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
