@@ -48,8 +48,9 @@ def links_line(links: LinksResult, selection: ModelSelection | None) -> Text:
         return Text(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
     return Text(
-        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {_percent(scores[links.model])} of postures "
-        f"left out, joints alone {_percent(scores['joints'])}{'' if selection.simplest == links.model else chosen}"
+        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {_percent(scores[links.model])} of "
+        f"postures left out, joints alone {_percent(scores['joints'])}"
+        f"{'' if selection.simplest == links.model else chosen}"
     )
 
 

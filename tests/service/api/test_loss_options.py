@@ -105,7 +105,7 @@ def test_options_of_the_command(command):
 
 
 def test_table_tells_both(command):
-    shown = command("--loss", "huber").stdout
+    shown = command("--loss", "huber", "--details").stdout
     assert "c05, P11: residual of" in shown
     assert "threshold 2.8 sigma" in shown
     assert "complementary stiffness neglected" in shown
