@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from jointstiff.service.cli.compensate import compensate
 from jointstiff.service.cli.database import backup, doctor, restore
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
@@ -37,6 +38,7 @@ for command in (
     compare,
     pair,
     predict,
+    compensate,
     serve,
     worker,
     post,

@@ -16,7 +16,9 @@ from jointstiff.solver.arrays import FloatArray
 _HALF: Final = pi / 2
 _INF: Final = float("inf")
 _NEAR: Final = 1e-4
-"""Angle beside a boundary [rad] that may be counted to either side."""
+"""Angle beside a boundary [rad] where a program, which is rounded, may say either."""
+_ROUNDING: Final = 1e-8
+"""Angle beside a boundary [rad] that is nothing: no word is changed for it."""
 
 Edit: TypeAlias = tuple[int, int, str]
 """First and last + 1 character, and the text in their place."""
@@ -51,10 +53,10 @@ class _Word:
             return int((angle < 0.0) == (self.kind == "sign"))
         return floor(angle / _HALF) if self.kind == "quadrant" else ceil((angle - pi) / (2 * pi))
 
-    def holds(self, angle: float) -> bool:
-        """Tell whether an angle [rad] is in the range, or beside it."""
+    def holds(self, angle: float, beside: float) -> bool:
+        """Tell whether an angle [rad] is in the range, or as near beside it."""
         low, high = self.range()
-        return low - _NEAR <= angle <= high + _NEAR
+        return low - beside <= angle <= high + beside
 
 
 _KRL_WORD: Final = re.compile(r"(?<![\w$])([ST])\s+('B([01]+)'|\d{1,3})", re.IGNORECASE)
@@ -110,7 +112,7 @@ class StatedConfigurations:
         changed = {
             word: word.of(commanded[word.joint])
             for word, _ in words
-            if word.holds(wanted[word.joint]) and not word.holds(commanded[word.joint])
+            if word.holds(wanted[word.joint], _NEAR) and not word.holds(commanded[word.joint], _ROUNDING)
         }
         if not changed:
             return []

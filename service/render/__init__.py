@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jointstiff.service.render.methods_table import comparison_report
     from jointstiff.service.render.pair_table import pair_report
     from jointstiff.service.render.plan_table import plan_csv, plan_report
+    from jointstiff.service.render.program_table import program_report
     from jointstiff.service.render.run_table import run_report
     from jointstiff.service.render.stiffness import UNITS
     from jointstiff.service.render.terminal import console, problem_text, progress_bar
@@ -27,6 +28,7 @@ else:
         methods_table="comparison_report",
         pair_table="pair_report",
         plan_table="plan_csv plan_report",
+        program_table="program_report",
         run_table="run_report",
         stiffness="UNITS",
         terminal="console problem_text progress_bar",
@@ -44,6 +46,7 @@ __all__ = [
     "plan_csv",
     "plan_report",
     "problem_text",
+    "program_report",
     "progress_bar",
     "run_report",
 ]

@@ -46,7 +46,10 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
 def problem_text(problem: Problem) -> Text:
     """Lay out an error: what, where, and how to mend it."""
     if len(problem.errors) > 1:
-        lines = [f"{item.where}: {item.reason}" for item in problem.errors]
+        lines = [
+            f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
+            for item in problem.errors
+        ]
         return Text("\n".join([problem.title, *(f"  {line}" for line in lines)]), style="red")
     place = f"{problem.where}: " if problem.where else ""
     detail = problem.errors[0].reason if problem.errors else problem.detail

@@ -31,6 +31,7 @@ GUIDES = (
     "docs/elastic-links.md",
     "docs/geometry.md",
     "docs/plan.md",
+    "docs/compensate.md",
 )
 BEFORE = {
     "README.md": "rm secondary.json",

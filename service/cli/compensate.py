@@ -1,0 +1,186 @@
+"""The command `compensate`: a program whose loaded tool is where it says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jointstiff.service.cli.answers import failed, refuse_existing, refused
+from jointstiff.service.cli.options import AsJson, CampaignFile
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.program import Program
+
+
+class AccuracyChoice(StrEnum):
+    """State of the controller's own accuracy option."""
+
+    OFF = "off"
+    SAME = "same_as_measured"
+    LOAD = "compensates_load"
+
+
+class AxesChoice(StrEnum):
+    """Axes of forces and moments."""
+
+    ROBOT = "robot"
+    TOOL = "tool"
+    BASE = "base"
+
+
+_Vector = tuple[float, float, float] | None
+
+
+def compensate(
+    file: CampaignFile,
+    program: Annotated[
+        list[Path],
+        typer.Argument(
+            exists=True,
+            dir_okay=False,
+            metavar="PROGRAM",
+            help="A program; a .src with its .dat as two files.",
+        ),
+    ],
+    *,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Write it there; a .dat beside it, by that name."
+        ),
+    ],
+    accuracy_option: Annotated[
+        AccuracyChoice, typer.Option(help="The controller's own accuracy option while the program runs.")
+    ],
+    force: Annotated[_Vector, typer.Option(metavar="X Y Z", help="Force on the tool [N].")] = None,
+    moment: Annotated[
+        _Vector, typer.Option(metavar="X Y Z", help="Moment on the tool about the load point [N.m].")
+    ] = None,
+    axes: Annotated[AxesChoice | None, typer.Option(help="Axes of both; robot if absent.")] = None,
+    loads: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="CSV of the load at each point, in place of --force.",
+        ),
+    ] = None,
+    load_point: Annotated[
+        _Vector,
+        typer.Option(metavar="X Y Z", help="Where it acts, flange frame [m]; the tool's centre if absent."),
+    ] = None,
+    tool: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]NUMBERS", help="Tool that the program only names, in its notation. Repeatable."
+        ),
+    ] = None,
+    base: Annotated[
+        list[str] | None, typer.Option(metavar="[NAME=]NUMBERS", help="Base, likewise. Repeatable.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="NUMBERS", help="Controller's angles near the first target [deg].")
+    ] = None,
+    ramp: Annotated[float, typer.Option(min=0.0, help="Length over which corrections set in [m].")] = 0.0,
+    leave_alone: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Routine that moves nothing. Repeatable.")
+    ] = None,
+    options: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="JSON, as POST /v1/programs takes it, without run_id.",
+        ),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all points there, as CSV.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace these files.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Correct a program by a campaign's model, so that the loaded tool is where it says."""
+    from jointstiff.schemas.run import Run
+    from jointstiff.service.computation import unpacked, without_contents
+    from jointstiff.service.library import CampaignError, programs, read_campaign
+    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.service.render import console, program_report, progress_bar
+
+    outputs = [output, *(output.with_suffix(each.suffix) for each in program[1:])]
+    for path in [*outputs, *([report] if report else [])]:
+        refuse_existing(path, overwrite=overwrite)
+    given: dict[str, Any] = {
+        "accuracy_option": accuracy_option.value,
+        "load": None if force is None else {"force": force, **({"moment": moment} if moment else {})},
+        "axes": None if axes is None else axes.value,
+        "loads": None if loads is None else loads.name,
+        "load_point": load_point,
+        "tools": _frames(tool, "--tool"),
+        "bases": _frames(base, "--base"),
+        "start": None if start is None else _numbers(start, "--start"),
+        "limits": {"ramp": ramp} if ramp else None,
+        "leave_alone": leave_alone,
+    }
+    files = [*program, *([loads] if loads else [])]
+    try:
+        campaign = read_campaign(file)
+        asked = programs.stated_options(options, {name: value for name, value in given.items() if value})
+        measured = None if run is None else read_document(run, Run)
+        with progress_bar(shown=True) as show:
+            found = programs.compensate(campaign, files, asked, measured, show)
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    if found.result is not None:
+        for path, each in zip(outputs, found.result.files, strict=True):
+            _write(path, unpacked(each))
+        if report is not None:
+            _write(report, unpacked(found.result.table))
+    if as_json:
+        typer.echo(without_contents(found.model_dump_json()))
+    else:
+        console().print(program_report(found))
+    _end(found)
+
+
+def _end(found: Program) -> None:
+    if found.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise failed(f"cannot write {path}: {error.strerror}", "choose another path") from error
+
+
+def _frames(texts: Sequence[str] | None, option: str) -> list[dict[str, Any]]:
+    frames = []
+    for text in texts or ():
+        name, _, numbers = text.rpartition("=")
+        frames.append({"name": name or None, "values": _numbers(numbers, option)})
+    return frames
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        return [float(number) for number in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"'{text}' must be numbers, such as 0,0,215.5,0,0,0", param_hint=option
+        ) from error

@@ -1,0 +1,63 @@
+"""The command `compensate`: files in, files out, and refusals that say what to do."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.programs import options, path, tool_poses
+from typer.testing import CliRunner
+
+from jointstiff.service.cli.app import app
+from jointstiff.service.programs import read_program
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    (tmp_path / "campaign.json").write_text(json.dumps(campaign))
+    (tmp_path / "path.src").write_text(program_text("krl", tool_poses(path(6)), 4), newline="")
+    (tmp_path / "options.json").write_text(json.dumps(options("krl", axes="tool")))
+    return tmp_path
+
+
+def compensate(*arguments):
+    command = ["compensate", "campaign.json", "path.src", "-o", "out.src", "--accuracy-option", "off"]
+    return CliRunner().invoke(app, [*command, *arguments])
+
+
+def test_a_program_and_its_report(folder):
+    done = compensate("--options", "options.json", "--report", "points.csv")
+    assert done.exit_code == 0, done.output
+    assert "6 of 6 targets corrected" in done.output
+    assert len((folder / "points.csv").read_text().splitlines()) == 7
+    content = (folder / "out.src").read_bytes()
+    assert len(read_program([("out.src", content)]).targets) == 6
+    assert content.count(b"\r\n") == (folder / "path.src").read_bytes().count(b"\r\n")
+    again = compensate("--options", "options.json")
+    assert again.exit_code == 2
+    assert "exists" in again.output
+    other = compensate("--options", "options.json", "--axes", "robot", "--overwrite", "--json")
+    assert json.loads(other.stdout)["request"]["axes"] == "robot"
+    assert (folder / "out.src").read_bytes() != content
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "state the load"),
+        (["--force", "0", "0", "-500"], "TOOL_DATA[1]"),
+        (["--options", "campaign.json"], "unknown field"),
+        (["--options", "path.src"], "no JSON object"),
+        (["--options", "options.json", "--accuracy-option", "compensates_load"], "twice"),
+        (["--options", "options.json", "--tool", "a,b"], "must be numbers"),
+    ],
+)
+def test_refusals_write_nothing(folder, arguments, words):
+    done = compensate(*arguments)
+    assert done.exit_code == 2
+    assert words in done.output
+    assert not (folder / "out.src").exists()
