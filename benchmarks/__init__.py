@@ -13,6 +13,7 @@ measured, and whether it is met; the exit status does not depend on it. The data
 Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,000,000), `resampling` (1,000
 times 10 of 19), `post` (a run over HTTP), `start` (commands beside bare imports,
 idle memory), `exactness` (against exact rational arithmetic). By name only:
+`access` (the cost of a key; half a minute),
 `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability` (kill -9 of workers
 and services; twenty minutes), which start PostgreSQL servers of their own; `plan` (optimal designs beside
 cvxpy), `plan_figaroh` and `plan_sizes` (1e5 and 1e6 candidates).

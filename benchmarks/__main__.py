@@ -17,6 +17,7 @@ from rich.console import Console
 
 import benchmarks
 from benchmarks import (
+    access,
     assessment,
     attacks,
     coverage,
@@ -67,6 +68,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "exactness": exactness.run,
     "workers": workers.run,
     "durability": durability.run,
+    "access": access.run,
     "attacks": attacks.run,
     "faults": faults.run,
     "coverage": coverage.run,
@@ -111,7 +113,8 @@ STUDIES = frozenset(
 )
 """They prove numbers and compare no times."""
 BY_NAME = (
-    frozenset({"attacks", "faults", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"}) | STUDIES
+    frozenset({"access", "attacks", "faults", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"})
+    | STUDIES
 )
 """They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")

@@ -1,0 +1,109 @@
+"""`jointstiff keys`: keys made, listed and revoked on a database or in a file; links as QR codes."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime, timedelta
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from jointstiff.service.access import Keyring, digest
+from jointstiff.service.cli.app import app
+from jointstiff.service.library import Client, RefusedError
+from jointstiff.service.store import Store
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def invoke(*arguments):
+        return CliRunner().invoke(app, ["keys", *arguments])
+
+    return invoke
+
+
+@pytest.mark.parametrize("place", [(), ("--keys-file", "keys.json")], ids=["database", "file"])
+def test_a_key_is_made_listed_and_revoked(place, command, tmp_path):
+    made = command("create", "tablet hall 3", "--role", "operator", "--expires", "2999-01-01", *place)
+    assert made.exit_code == 0, made.output
+    key = made.stdout.strip()  # and nothing else, for $(…)
+    with Store.open("sqlite:///jointstiff.db") as store:
+        keyring = Keyring(store, tmp_path / "keys.json" if place else None)
+        keyring.look()
+        found = keyring.check(key)
+        assert (found.name, found.role) == ("tablet hall 3", "operator")
+        assert found.expires_at == datetime(2999, 1, 1, tzinfo=UTC)
+        listed = command("list", *place).stdout
+        assert found.id in listed
+        assert "2999-01-01" in listed
+        assert key.split("_")[2] not in listed
+        assert command("revoke", found.id, *place).exit_code == 0
+        keyring.look()
+        assert keyring.find(found.id) is None
+        assert "revoked" in command("list", *place).stdout
+        entries, _ = store.audit.page(9)
+    noted = [(entry.operation, entry.address, entry.path) for entry in entries]
+    path = f"/v1/keys/{found.id}"
+    expected = [("revokeKey", "terminal", path), ("createKey", "terminal", path)]
+    assert noted == ([] if place else expected)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("create", "x"),
+        ("create", "x", "--role", "owner"),
+        ("create", " ", "--role", "viewer"),
+        ("create", "x", "--role", "viewer", "--expires", "2001-01-01"),
+        ("create", "x", "--role", "viewer", "--keys-file", "missing/keys.json"),
+        ("revoke", "0000000000"),
+        ("link", "0000000000"),
+        ("list", "--keys-file", "missing.json"),
+    ],
+)
+def test_what_cannot_be_done_is_refused(arguments, command):
+    ended = command(*arguments)
+    assert ended.exit_code == 2
+    assert "jst_" not in ended.stdout
+
+
+def test_a_link_has_its_secret_after_the_number_sign_and_begins_a_session(command):
+    key_id = command("create", "tablet", "--role", "viewer").stdout.split("_")[1]
+    shown = command("link", key_id, "--server", "https://cell3.example/")
+    assert shown.exit_code == 0, shown.output
+    (token,) = re.findall(
+        r"^https://cell3\.example/#/sign-in/(jsl_[A-Za-z0-9]{43})$", shown.stdout, re.MULTILINE
+    )
+    assert "█" in shown.stdout or "\x1b[" in shown.stdout  # the QR code
+    now = datetime.now(UTC)
+    with Store.open("sqlite:///jointstiff.db") as store:
+        assert store.sessions.redeem(digest(token), now + timedelta(minutes=9)) == key_id
+
+
+def sent_by(**options):
+    heard = []
+
+    def answer(request):
+        heard.append(request.headers.get("Authorization"))
+        return httpx.Response(200, json={})
+
+    Client("http://service", transport=httpx.MockTransport(answer), **options).ping()
+    return heard[0]
+
+
+def test_programs_send_the_key_that_they_are_given_or_that_of_the_environment(monkeypatch):
+    assert sent_by() is None
+    assert sent_by(key="jst_given\n") == "Bearer jst_given"
+    monkeypatch.setenv("JOINTSTIFF_KEY", "jst_environment")
+    assert sent_by() == "Bearer jst_environment"
+    assert sent_by(key="jst_given") == "Bearer jst_given"
+
+
+@pytest.mark.parametrize("key", ["jst_two\nlines", "jst_☃"])
+def test_what_cannot_be_sent_is_refused_without_being_shown(key):
+    with pytest.raises(RefusedError) as caught:
+        Client("http://service", key=key)
+    assert "jst_" not in str(caught.value)
