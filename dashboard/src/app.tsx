@@ -12,6 +12,8 @@ import { text } from "./i18n";
 import { CompareView } from "./views/compare";
 import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
+import { PlanView } from "./views/plan";
+import { PlansView } from "./views/plans";
 import { RobotsView } from "./views/robots";
 import { RobotNewView } from "./views/robot_new";
 import { RobotView } from "./views/robot";
@@ -73,7 +75,8 @@ export function App() {
   );
 }
 
-const sectionOf = ({ parts: [first = ""] }: Route): string => (first === "sets" ? "robots" : first);
+const sectionOf = ({ parts: [first = ""] }: Route): string =>
+  first === "sets" || first === "plans" ? "robots" : first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -91,6 +94,8 @@ function View({ route }: { route: Route }) {
       );
     case "sets":
       return second ? <SetView id={second} /> : <RobotsView list="sets" />;
+    case "plans":
+      return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
     case "compare":

@@ -139,4 +139,6 @@ def stored(api: httpx.Client) -> Stored:
         "/v1/pairs",
         {"first": {"measurement_set_id": first}, "second": {"measurement_set_id": second}, "ordered": True},
     )["id"]
-    return Stored(robot, first, second, run, comparison, pair)
+    joints = [f"joint_{j}" for j in range(2, 7)]  # a weight never twists the first
+    plan = post(api, "/v1/plans", {"measurement_set_id": first, "readings": 6, "joints": joints})["id"]
+    return Stored(robot, first, second, run, comparison, pair, plan)

@@ -75,7 +75,7 @@ class Visit:
 
 @dataclass(frozen=True)
 class Stored:
-    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair."""
+    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair, a plan."""
 
     robot: str
     set: str
@@ -83,6 +83,7 @@ class Stored:
     run: str
     comparison: str
     pair: str
+    plan: str
 
 
 def campaign(**options: Any) -> dict[str, Any]:
@@ -113,6 +114,8 @@ VIEWS = (
     "#/robots/{robot}",
     "#/sets",
     "#/sets/{set}",
+    "#/plans?robot={robot}",
+    "#/plans/{plan}",
     "#/compare/methods",
     "#/compare/pairs",
     "#/compare/trend",

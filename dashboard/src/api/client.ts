@@ -4,12 +4,15 @@ import type {
   Comparison,
   ComparisonSummary,
   Health,
+  ImportAnswer,
   Kinematics,
   MeasurementSet,
   MeasurementSetSummary,
   Page,
   Pair,
   PairSummary,
+  Plan,
+  PlanSummary,
   Problem,
   Robot,
   RobotDocument,
@@ -58,14 +61,15 @@ export function problemOf(error: unknown): Problem {
 
 async function call<Answer>(method: string, path: string, { body, key, signal }: Call = {}): Promise<Answer> {
   const headers: Record<string, string> = { Accept: "application/json" };
-  if (body !== undefined) headers["Content-Type"] = "application/json";
+  const form = body instanceof FormData;
+  if (body !== undefined && !form) headers["Content-Type"] = "application/json";
   if (key !== undefined) headers["Idempotency-Key"] = key;
   let response: Response;
   try {
     response = await fetch(path, {
       method,
       headers,
-      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
+      ...(body === undefined ? {} : { body: form ? body : JSON.stringify(body) }),
       ...(signal === undefined ? {} : { signal }),
     });
   } catch (error) {
@@ -141,6 +145,12 @@ export const api = {
     call<Page<MeasurementSetSummary>>("GET", `/v1/measurement-sets${query(filters)}`, options(signal)),
   set: (set: string, signal?: AbortSignal) =>
     call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
+  /** What a table of readings was understood as; nothing is stored. */
+  importTable: (file: File) => {
+    const body = new FormData();
+    body.append("files", file);
+    return call<ImportAnswer>("POST", "/v1/imports", { body });
+  },
   addSet: (document: unknown, key: string) =>
     call<MeasurementSet>("POST", "/v1/measurement-sets", { body: document, key }),
 
@@ -169,6 +179,13 @@ export const api = {
   deletePair: (pair: string) => call<undefined>("DELETE", `/v1/pairs/${id(pair)}`),
   restorePair: (pair: string) => call<Pair>("POST", `/v1/pairs/${id(pair)}/restore`),
   addPair: (request: unknown, key: string) => call<Pair>("POST", "/v1/pairs", { body: request, key }),
+
+  plans: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<PlanSummary>>("GET", `/v1/plans${query(filters)}`, options(signal)),
+  plan: (plan: string, signal?: AbortSignal) => call<Plan>("GET", `/v1/plans/${id(plan)}`, options(signal)),
+  addPlan: (request: unknown, key: string) => call<Plan>("POST", "/v1/plans", { body: request, key }),
+  deletePlan: (plan: string) => call<undefined>("DELETE", `/v1/plans/${id(plan)}`),
+  restorePlan: (plan: string) => call<Plan>("POST", `/v1/plans/${id(plan)}/restore`),
 };
 
 function options(signal: AbortSignal | undefined): Call {

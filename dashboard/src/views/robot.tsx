@@ -36,6 +36,9 @@ function RobotPage({ robot }: { robot: Robot }) {
           <a class="button primary" href={link([], { robot: robot.id })}>
             {text.robots.use}
           </a>
+          <a class="button" href={link(["plans"], { robot: robot.id })}>
+            {text.plan.begin}
+          </a>
           <a class="button" href={link(["compare", "trend", robot.id])}>
             {text.robots.trend}
           </a>

@@ -42,6 +42,9 @@ function SetPage({ set }: { set: MeasurementSet }) {
           <a class="button" href={link(["compare", "methods"], { set: set.id })}>
             {text.sets.compare}
           </a>
+          <a class="button" href={link(["plans"], { set: set.id })}>
+            {text.plan.goOn}
+          </a>
         </div>
       </div>
       <div class="flow">

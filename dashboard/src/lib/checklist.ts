@@ -1,0 +1,163 @@
+/** A plan carried out: what is to be filled in, what has been read, how sure the joints are. */
+import type { JointResult, MeasurementSet, PlanResult, PlanRequest } from "../api/types";
+import { factors } from "./units";
+
+type Fields = Record<string, unknown>;
+export type Planned = PlanResult["readings"][number];
+type Promised = PlanResult["joints"][number];
+
+/** What a person asks for, in the units of a workshop: mm, N, µm. */
+export interface Asked {
+  targets: string;
+  loadPoint: string;
+  station: string;
+  sigma: string;
+  kind: "dead_weight" | "any_direction" | "cable";
+  force: string;
+  anchors: string;
+  floor: string;
+  readings: string;
+  joints: string[];
+}
+
+const MILLI = 1e-3;
+
+/** Numbers of a line, in m; null if they are not three. */
+export function point(line: string): [number, number, number] | null {
+  const found = line.trim().split(/[\s;,]+/);
+  const numbers = found.map((part) => Number(part) * MILLI);
+  return found.length === 3 && found.every(Boolean) && numbers.every(Number.isFinite)
+    ? (numbers as [number, number, number])
+    : null;
+}
+
+/** Targets of lines `name x y z`; the first line that is none comes back as text. */
+export function targetsOf(lines: string): { [name: string]: [number, number, number] } | string {
+  const targets: { [name: string]: [number, number, number] } = {};
+  for (const line of lines.split("\n").filter((each) => each.trim())) {
+    const [name = "", ...rest] = line.trim().split(/[\s;,]+/);
+    const place = point(rest.join(" "));
+    if (!place) return line.trim();
+    targets[name] = place;
+  }
+  return targets;
+}
+
+/** The request without its subject; what is left empty is left to the service or to the campaign. */
+export function optionsOf(asked: Asked): Fields | string {
+  const targets = targetsOf(asked.targets);
+  if (typeof targets === "string") return targets;
+  const points: Fields = {};
+  for (const [name, line] of [
+    ["load_point", asked.loadPoint],
+    ["station", asked.station],
+  ] as const) {
+    const place = line.trim() ? point(line) : null;
+    if (line.trim() && !place) return line.trim();
+    if (place) points[name] = place;
+  }
+  const anchors = asked.anchors.split("\n").filter((line) => line.trim());
+  const places = anchors.map(point);
+  const missing = places.indexOf(null);
+  if (asked.kind === "cable" && missing >= 0) return anchors[missing] ?? "";
+  const sigma = asked.sigma.trim() ? Number(asked.sigma) * 1e-6 : null;
+  const { station, ...others } = points;
+  const uncertainty = { constant: sigma ?? 2e-5, per_distance: 0 };
+  return {
+    ...others,
+    readings: Number(asked.readings),
+    ...(asked.joints.length > 0 ? { joints: asked.joints } : {}),
+    ...(Object.keys(targets).length > 0 ? { targets } : {}),
+    ...(station ? { tracker: { station, range: uncertainty, transverse: uncertainty } } : sigma ? { sigma } : {}),
+    ...(asked.force.trim()
+      ? {
+          load: {
+            kind: asked.kind,
+            force: Number(asked.force),
+            ...(asked.kind === "cable" ? { anchors: places } : {}),
+          },
+        }
+      : {}),
+    ...(asked.floor.trim() ? { surroundings: { floor: Number(asked.floor) * MILLI } } : {}),
+  };
+}
+
+/** A campaign to fill in: the set so far with the planned readings after it, whose positions are null. */
+export function toFillIn(
+  request: PlanRequest,
+  readings: Planned[],
+  robotId: string,
+  base: MeasurementSet | null,
+): Fields {
+  const unit = base ? factors(base.units) : { length: 1, angle: 1, force: 1 };
+  const over = (values: readonly number[], factor: number) => values.map((value) => value / factor);
+  const before = base?.observations ?? [];
+  const named = Object.keys(request.targets);
+  const targets = named.length > 0 ? named : [...new Set(before.flatMap((o) => o.readings.map((r) => r.target)))];
+  const planned = readings.map((each) => ({
+    label: each.label,
+    joints: over(each.joints, unit.angle),
+    force: over(each.force, unit.force),
+    readings: targets.map((target) => ({ target, unloaded: null, loaded: null })),
+  }));
+  if (base) {
+    const { id, created_at, content_hash, warnings, resolved_frame, ...document } = base;
+    return { ...document, observations: [...before, ...planned] };
+  }
+  return {
+    robot_id: robotId,
+    name: "planned campaign",
+    units: { length: "m", angle: "rad", force: "N" },
+    encoders: "motor",
+    ...(request.sigma === null ? {} : { noise: { sigma: request.sigma } }),
+    load_point: request.load_point ?? [0, 0, 0],
+    observations: planned,
+  };
+}
+
+/** The set with those observations only whose readings are all there; null if there is none. */
+export function readSoFar(set: Fields): { document: Fields; labels: string[] } | null {
+  const observations = (Array.isArray(set["observations"]) ? set["observations"] : []).filter(isRead);
+  if (observations.length === 0) return null;
+  return { document: { ...set, observations }, labels: observations.map((each) => String(each["label"])) };
+}
+
+function isRead(observation: unknown): observation is Fields {
+  if (typeof observation !== "object" || observation === null) return false;
+  const { readings } = observation as { readings?: unknown };
+  return (
+    Array.isArray(readings) &&
+    readings.length > 0 &&
+    readings.every((reading: Fields) =>
+      Object.entries(reading).every(([key, value]) => !POSITION.test(key) || value !== null),
+    )
+  );
+}
+
+const POSITION = /^(unloaded|loaded|deflection)$/;
+
+/** How sure a joint is, beside what the plan promises for its end; relative to the compliance. */
+export interface Sureness {
+  name: string;
+  now: number | null;
+  promised: number | null;
+  enough: boolean;
+}
+
+/** An uncertainty up to this much above the promised one is as promised: sigma is an estimate, too. */
+const TOLERANCE = 1.1;
+
+export function surenessOf(promised: Promised[], found: JointResult[]): Sureness[] {
+  return promised.map((joint) => {
+    const own = found.find((each) => each.name === joint.name);
+    const [c, u] = [own?.compliance ?? null, own?.standard_uncertainty ?? null];
+    if (c === null || u === null || c <= 0)
+      return { name: joint.name, now: null, promised: joint.relative, enough: false };
+    return {
+      name: joint.name,
+      now: u / c,
+      promised: joint.standard_uncertainty / c,
+      enough: u <= TOLERANCE * joint.standard_uncertainty,
+    };
+  });
+}

@@ -1,0 +1,162 @@
+/** One plan: its promise beside other plans', its certificate, and its check-list. */
+import { api } from "../api/client";
+import type { MeasurementSet, Plan, PlanResult, Robot } from "../api/types";
+import { Name, ProblemNote, Show, State, Title, When } from "../components/basics";
+import { save } from "../components/download";
+import { JobActions } from "../components/job_actions";
+import { DataTable } from "../components/table";
+import { toFillIn } from "../lib/checklist";
+import { csv, fileName } from "../lib/csv";
+import { percent, significant } from "../lib/format";
+import { degrees } from "../lib/units";
+import { useLoad } from "../state/load";
+import { link } from "../state/router";
+import { storedRobot, storedSet } from "../state/stored";
+import { text } from "../i18n";
+import { Checklist } from "./plan_checklist";
+
+const words = text.plan;
+
+interface Loaded {
+  plan: Plan;
+  robot: Robot;
+  base: MeasurementSet | null;
+}
+
+export function PlanView({ id }: { id: string }) {
+  const loaded = useLoad<Loaded>(
+    async (signal) => {
+      const plan = await api.plan(id, signal);
+      const setId = plan.request.measurement_set_id;
+      const base = setId ? await storedSet(setId) : null;
+      return { plan, base, robot: await storedRobot(base?.robot_id ?? plan.request.robot_id ?? "") };
+    },
+    [id],
+  );
+  return (
+    <Show of={loaded} title={words.kind}>
+      {(found) => <PlanPage {...found} />}
+    </Show>
+  );
+}
+
+function PlanPage({ plan, robot, base }: Loaded) {
+  const subject = base?.name ?? robot.name;
+  const { result } = plan;
+  return (
+    <>
+      <div class="head">
+        <Title kind={words.kind} plain={words.title(subject)}>
+          <Name>{subject}</Name>
+        </Title>
+        <p class="meta">
+          <State state={plan.state} />
+          <a href={base ? link(["sets", base.id]) : link(["robots", robot.id])}>
+            <Name>{subject}</Name>
+          </a>
+          <When time={plan.provenance.created_at} />
+        </p>
+        <JobActions
+          kind="plan"
+          job={plan}
+          name={words.title(subject)}
+          remove={() => api.deletePlan(plan.id)}
+          restore={() => api.restorePlan(plan.id)}
+          list="#/plans"
+        >
+          {result && (
+            <>
+              <button
+                type="button"
+                class="button primary"
+                onClick={() =>
+                  save(
+                    JSON.stringify(toFillIn(plan.request, result.readings, robot.id, base), null, 1),
+                    "application/json",
+                    fileName(`${subject} planned`, "json"),
+                  )
+                }
+              >
+                {words.fillIn}
+              </button>
+              <button
+                type="button"
+                class="button"
+                onClick={() => save(listOf(result, robot), "text/csv", fileName(`${subject} plan`, "csv"))}
+              >
+                {words.csv}
+              </button>
+            </>
+          )}
+        </JobActions>
+      </div>
+      {plan.error && <ProblemNote problem={plan.error} />}
+      {result && (
+        <>
+          <Checklist plan={plan} result={result} robot={robot} />
+          <Promise result={result} />
+        </>
+      )}
+    </>
+  );
+}
+
+function Promise({ result }: { result: PlanResult }) {
+  const nano = (value: number | null) => (value === null ? null : value * 1e9);
+  const show = (value: number) => significant(value, 3);
+  const struck = Object.entries(result.struck_out).map(
+    ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
+  );
+  const { columns, compliance: unit } = words;
+  return (
+    <section class="card">
+      <h2>{words.promised}</h2>
+      <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
+      <DataTable
+        caption={words.promised}
+        table={{
+          columns: [
+            { title: text.run.joint },
+            { title: columns.plan, unit, show },
+            { title: columns.relative },
+            { title: columns.now, unit, show },
+            { title: columns.random, unit, show },
+            { title: columns.greedy, unit, show },
+          ],
+          rows: result.joints.map((joint) => [
+            joint.name,
+            nano(joint.standard_uncertainty),
+            joint.relative === null ? null : percent(joint.relative),
+            nano(joint.before),
+            nano(joint.random),
+            nano(joint.one_at_a_time),
+          ]),
+        }}
+      />
+      <p class="soft">
+        {words.promisedNote}.{" "}
+        {words.others(percent(result.random_efficiency), percent(result.one_at_a_time_efficiency))}{" "}
+        {words.feasible(result.feasible, result.considered)}
+        {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}
+      </p>
+    </section>
+  );
+}
+
+function listOf(result: PlanResult, robot: Robot): string {
+  const head = [
+    "label",
+    ...robot.joints.map(({ name }) => `${name} [deg]`),
+    ...["Fx", "Fy", "Fz"].map((axis) => `${axis} [N]`),
+    "anchor",
+    "validation",
+  ];
+  const rows = result.readings.map((each) => [
+    each.label,
+    ...each.joints.map((angle) => Number(degrees(angle).toFixed(3))),
+    ...each.force.map((part) => Number(part.toFixed(1))),
+    each.anchor,
+    each.validation ? 1 : 0,
+  ]);
+  return csv(head, rows);
+}

@@ -1,0 +1,246 @@
+/** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
+import { useState } from "preact/hooks";
+import { api } from "../api/client";
+import { Empty, Name, ProblemNote, Select, Show, State, Title, Toggle, When } from "../components/basics";
+import { type Asked, optionsOf } from "../lib/checklist";
+import { freshKey } from "../lib/hash";
+import { useAction } from "../state/action";
+import { useLoad, valueOf } from "../state/load";
+import { type Names, useNames } from "../state/names";
+import { go, link } from "../state/router";
+import { storedRobot } from "../state/stored";
+import { text } from "../i18n";
+
+const words = text.plan;
+
+const START: Asked = {
+  targets: "",
+  loadPoint: "",
+  station: "",
+  sigma: "20",
+  kind: "dead_weight",
+  force: "",
+  anchors: "",
+  floor: "",
+  readings: "20",
+  joints: [],
+};
+
+export function PlansView({ query }: { query: URLSearchParams }) {
+  const names = useNames();
+  const given = query.get("set") ? `set:${query.get("set")}` : query.get("robot") ? `robot:${query.get("robot")}` : "";
+  return (
+    <>
+      <Title plain={words.begin}>{words.begin}</Title>
+      <Show of={names}>
+        {(known) =>
+          known.robots.length === 0 ? (
+            <Empty title={text.robots.none} hint={text.robots.noneHint}>
+              <a class="button primary" href="#/robots/new">
+                {text.robots.add}
+              </a>
+            </Empty>
+          ) : (
+            <>
+              <Form names={known} given={given} />
+              <Earlier names={known} />
+            </>
+          )
+        }
+      </Show>
+    </>
+  );
+}
+
+function Form({ names, given }: { names: Names; given: string }) {
+  const [subject, setSubject] = useState(given);
+  const [asked, setAsked] = useState<Asked>(given.startsWith("set:") ? { ...START, sigma: "" } : START);
+  const [kind, id = ""] = subject.split(":", 2);
+  const change = (part: Partial<Asked>) => setAsked((before) => ({ ...before, ...part }));
+  const options = optionsOf(asked);
+  const start = useAction(async () => {
+    const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
+    const plan = await api.addPlan({ ...whose, ...(options as object) }, freshKey("plan"));
+    go(link(["plans", plan.id]));
+  });
+  const pick = (value: string) => {
+    setSubject(value);
+    change({ joints: [], sigma: value.startsWith("set:") ? "" : START.sigma });
+  };
+  const equipment = <Equipment asked={asked} change={change} />;
+  return (
+    <section class="card form">
+      <p>{words.intro}</p>
+      <Select
+        label={words.subject}
+        value={subject}
+        change={pick}
+        options={[
+          { value: "", label: words.pick },
+          ...names.robots.map((robot) => ({
+            value: `robot:${robot.id}`,
+            label: `${robot.name} (${words.robotGroup})`,
+          })),
+          ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${set.name} (${words.setGroup})` })),
+        ]}
+      />
+      <Line label={words.readings} value={asked.readings} change={(readings) => change({ readings })} numeric />
+      {kind === "set" ? (
+        <>
+          <p class="soft">{words.fromCampaign}</p>
+          <details>
+            <summary>{words.more}</summary>
+            <div class="card form">{equipment}</div>
+          </details>
+        </>
+      ) : (
+        equipment
+      )}
+      <Joints
+        key={subject}
+        robot={kind === "set" ? (names.sets.find((set) => set.id === id)?.robot_id ?? "") : id}
+        chosen={asked.joints}
+        change={(joints) => change({ joints })}
+      />
+      {typeof options === "string" && <p class="note warn">{words.unread(options)}</p>}
+      {start.problem && <ProblemNote problem={start.problem} />}
+      <button
+        type="button"
+        class="button primary big"
+        disabled={start.busy || !id || typeof options === "string"}
+        onClick={start.run}
+      >
+        {start.busy ? words.going : words.go}
+      </button>
+    </section>
+  );
+}
+
+function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
+  return (
+    <>
+      <Lines
+        label={words.targets}
+        value={asked.targets}
+        change={(targets) => change({ targets })}
+        example={"P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120"}
+      />
+      <Select
+        label={words.load}
+        value={asked.kind}
+        change={(kind) => change({ kind: kind as Asked["kind"] })}
+        options={Object.entries(words.kinds).map(([value, label]) => ({ value, label }))}
+      />
+      <Line label={words.force} value={asked.force} change={(force) => change({ force })} numeric example="900" />
+      {asked.kind === "cable" && (
+        <Lines
+          label={words.anchors}
+          value={asked.anchors}
+          change={(anchors) => change({ anchors })}
+          example="3000 0 0"
+        />
+      )}
+      <Line
+        label={words.loadPoint}
+        value={asked.loadPoint}
+        change={(loadPoint) => change({ loadPoint })}
+        example="-60 20 180"
+      />
+      <Line label={words.sigma} value={asked.sigma} change={(sigma) => change({ sigma })} numeric />
+      <Line
+        label={words.station}
+        value={asked.station}
+        change={(station) => change({ station })}
+        example="4000 0 1500"
+      />
+      <Line label={words.floor} value={asked.floor} change={(floor) => change({ floor })} numeric />
+    </>
+  );
+}
+
+interface Field {
+  label: string;
+  value: string;
+  change: (value: string) => void;
+  example?: string;
+}
+
+function Line({ label, value, change, example = "", numeric = false }: Field & { numeric?: boolean }) {
+  return (
+    <label class="field">
+      <span>{label}</span>
+      <input
+        type="text"
+        inputMode={numeric ? "decimal" : "text"}
+        value={value}
+        placeholder={example}
+        onInput={(event) => change(event.currentTarget.value)}
+      />
+    </label>
+  );
+}
+
+function Lines({ label, value, change, example = "" }: Field) {
+  return (
+    <label class="field">
+      <span>{label}</span>
+      <textarea rows={4} value={value} placeholder={example} onInput={(event) => change(event.currentTarget.value)} />
+    </label>
+  );
+}
+
+/** None chosen means all, as the service has it. */
+function Joints({ robot, chosen, change }: { robot: string; chosen: string[]; change: (joints: string[]) => void }) {
+  const loaded = valueOf(useLoad(async () => (robot ? await storedRobot(robot) : null), [robot]));
+  if (!loaded) return null;
+  const all = loaded.joints.map((joint) => joint.name);
+  const wanted = chosen.length > 0 ? chosen : all;
+  return (
+    <fieldset class="choice">
+      <legend>{words.joints}</legend>
+      <div class="toggles">
+        {all.map((name) => (
+          <Toggle
+            label={name}
+            checked={wanted.includes(name)}
+            change={(on) => {
+              const next = all.filter((each) => (each === name ? on : wanted.includes(each)));
+              change(next.length === all.length ? [] : next);
+            }}
+          />
+        ))}
+      </div>
+      <small class="soft">{words.jointsHint}</small>
+    </fieldset>
+  );
+}
+
+function Earlier({ names }: { names: Names }) {
+  const found = valueOf(useLoad((signal) => api.plans({ limit: 20 }, signal), []));
+  if (!found || found.items.length === 0) return null;
+  return (
+    <section>
+      <h2>{words.earlier}</h2>
+      <ul class="rows">
+        {found.items.map((plan) => (
+          <li class="item">
+            <a class="main" href={link(["plans", plan.id])}>
+              <span class="what">
+                <Name>{plan.measurement_set_id ? names.set(plan.measurement_set_id) : names.robot(plan.robot_id)}</Name>
+                <small>
+                  <Name>{names.robot(plan.robot_id)}</Name>
+                </small>
+              </span>
+              <span class="when">
+                <When time={plan.created_at} />
+              </span>
+              <span class="standing">
+                <State state={plan.state} />
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
