@@ -66,12 +66,8 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
                 />
                 <b>{each.label}</b>
               </label>
-              <button
-                type="button"
-                class="button quiet"
-                aria-label={words.show(each.label)}
-                onClick={() => choose(each.label)}
-              >
+              <button type="button" class="button quiet" onClick={() => choose(each.label)}>
+                <span class="hidden">{words.show(each.label)}: </span>
                 {angles(each)}
               </button>
             </li>
