@@ -25,6 +25,7 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.schemas.run import StiffnessPrior
 
 MAX_CANDIDATES = 50_000
 MAX_READINGS = 200
@@ -100,11 +101,10 @@ class PlanOptions(Message):
     )
     criterion: PlanCriterion | None = Field(
         default=None,
-        description="`work_area`: least mean variance of predicted deflections there, the default where a "
-        "work "
-        "area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, `e`: "
-        "volume and "
-        "longest axis of their uncertainty ellipsoid; `worst_place`: greatest variance in the work area.",
+        description="`work_area`: least mean variance of predicted deflections there, the default where "
+        "a work area is given; `relative_a`: of the relative compliances, otherwise the default; `d`, "
+        "`e`: volume and longest axis of their uncertainty ellipsoid; "
+        "`worst_place`: greatest variance in the work area.",
     )
     work_area: Metres[Box | None] = Field(
         default=None, description="Box, in R0, in which predictions matter."
@@ -120,9 +120,8 @@ class PlanOptions(Message):
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one reading; that of the campaign, or 20 "
-        "µm, if "
-        "absent.",
+        description="Standard uncertainty of one coordinate of one reading; that of the campaign, or "
+        "20 µm, if absent.",
     )
     tracker: PlannedTracker | None = Field(default=None, description="In place of `sigma`.")
     torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
@@ -130,9 +129,11 @@ class PlanOptions(Message):
     )
     stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
         default_factory=dict,
-        description="Guess of joints' stiffness, to which relative uncertainties refer; those of the "
-        "campaign, or "
-        "such that joints move the targets alike, if absent.",
+        description="Guess of joints' stiffness, to which relative uncertainties refer; those of "
+        "the campaign, or such that joints move the targets alike, if absent.",
+    )
+    priors: Annotated[dict[Name, StiffnessPrior], Field(max_length=MAX_JOINTS)] = Field(
+        default_factory=dict, description="What is known of joints beforehand; it counts like readings."
     )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to be determined; all if empty."
@@ -206,8 +207,7 @@ class PlanResult(Message):
     elastic_links: bool = Field(description="Whether elastic links were a nuisance.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this share of the information of the best list of "
-        "as many "
-        "readings from these candidates, in all directions of force where they are free."
+        "as many readings from these candidates, in all directions of force where they are free."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="The same by other criteria.")
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
@@ -217,8 +217,7 @@ class PlanResult(Message):
     )
     deflection_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of a predicted deflection in the work area under this load, "
-        "over all "
-        "directions: root mean square."
+        "over all directions: root mean square."
     )
     worst_deflection_uncertainty: Metres[float | None] = Field(description="The same at the worst place.")
     considered: int = Field(description="Readings that were considered.")

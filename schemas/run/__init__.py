@@ -5,7 +5,7 @@ from __future__ import annotations
 from jointstiff.schemas.run.identifiability import Advice, Identifiability
 from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinkCompliance, LinksResult, ModelSelection
-from jointstiff.schemas.run.options import Method, RunOptions, Weighting
+from jointstiff.schemas.run.options import Method, RunOptions, StiffnessPrior, Weighting
 from jointstiff.schemas.run.resampling import (
     MAX_REPETITIONS,
     ResampledCompensation,
@@ -37,6 +37,7 @@ __all__ = [
     "RunRequest",
     "RunResult",
     "RunSummary",
+    "StiffnessPrior",
     "Weighting",
     "identified_in",
 ]

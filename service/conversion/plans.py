@@ -54,6 +54,11 @@ def to_design_request(
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
         nominal[joint_index(robot, name, f"stiffness.{name}")] = 1.0 / stiffness
+    prior = np.full(robot.n, np.inf)
+    for name, known in request.priors.items():
+        j = joint_index(robot, name, f"priors.{name}")
+        prior[j] = known.standard_uncertainty / known.stiffness**2
+        nominal[j] = 1.0 / known.stiffness
     names, targets = _targets(request, robot, so_far)
     wanted = [joint_index(robot, name, "joints") for name in request.joints]
     area = request.work_area
@@ -67,7 +72,7 @@ def to_design_request(
         ),
         readings=request.readings,
         nominal=nominal,
-        prior=np.full(robot.n, np.inf),
+        prior=prior,
         cell=_cell(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
         postures=_postures(request, robot),

@@ -5763,6 +5763,13 @@ export interface components {
                 [key: string]: number;
             };
             /**
+             * Priors
+             * @description What is known of joints beforehand; it counts like readings.
+             */
+            priors?: {
+                [key: string]: components["schemas"]["StiffnessPrior"];
+            };
+            /**
              * Joints
              * @description Joints to be determined; all if empty.
              */
@@ -5889,6 +5896,13 @@ export interface components {
              */
             stiffness: {
                 [key: string]: number;
+            };
+            /**
+             * Priors
+             * @description What is known of joints beforehand; it counts like readings.
+             */
+            priors: {
+                [key: string]: components["schemas"]["StiffnessPrior"];
             };
             /**
              * Joints

@@ -451,7 +451,7 @@ export const en = {
     unknown: "undetermined",
     enough: "Enough: all joints are as sure as the plan promised.",
     keepOn: (joint: string, now: string, promised: string) =>
-      `Go on: ${joint} is known to ± ${now}; the plan promises ± ${promised}.`,
+      `Go on: ${joint} is known to ±\u00a0${now}; the plan promises ±\u00a0${promised}.`,
     keepOnUnknown: (joint: string) => `Go on: ${joint} is not determined yet.`,
     run: "Result of these readings",
   },

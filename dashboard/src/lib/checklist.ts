@@ -20,12 +20,10 @@ export interface Asked {
   joints: string[];
 }
 
-const MILLI = 1e-3;
-
 /** Numbers of a line, in m; null if they are not three. */
 export function point(line: string): [number, number, number] | null {
   const found = line.trim().split(/[\s;,]+/);
-  const numbers = found.map((part) => Number(part) * MILLI);
+  const numbers = found.map((part) => Number(part) / 1e3);
   return found.length === 3 && found.every(Boolean) && numbers.every(Number.isFinite)
     ? (numbers as [number, number, number])
     : null;
@@ -60,7 +58,7 @@ export function optionsOf(asked: Asked): Fields | string {
   const places = anchors.map(point);
   const missing = places.indexOf(null);
   if (asked.kind === "cable" && missing >= 0) return anchors[missing] ?? "";
-  const sigma = asked.sigma.trim() ? Number(asked.sigma) * 1e-6 : null;
+  const sigma = asked.sigma.trim() ? Number(asked.sigma) / 1e6 : null;
   const { station, ...others } = points;
   const uncertainty = { constant: sigma ?? 2e-5, per_distance: 0 };
   return {
@@ -78,7 +76,7 @@ export function optionsOf(asked: Asked): Fields | string {
           },
         }
       : {}),
-    ...(asked.floor.trim() ? { surroundings: { floor: Number(asked.floor) * MILLI } } : {}),
+    ...(asked.floor.trim() ? { surroundings: { floor: Number(asked.floor) / 1e3 } } : {}),
   };
 }
 

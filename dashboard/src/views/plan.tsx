@@ -17,6 +17,8 @@ import { Checklist } from "./plan_checklist";
 
 const words = text.plan;
 
+type Promised = PlanResult["joints"][number];
+
 interface Loaded {
   plan: Plan;
   robot: Robot;
@@ -108,6 +110,17 @@ function Promise({ result }: { result: PlanResult }) {
     ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
   );
   const { columns, compliance: unit } = words;
+  const all = [
+    { column: { title: text.run.joint }, cell: (joint: Promised) => joint.name },
+    { column: { title: columns.plan, unit, show }, cell: (joint: Promised) => nano(joint.standard_uncertainty) },
+    {
+      column: { title: columns.relative },
+      cell: (joint: Promised) => (joint.relative === null ? null : percent(joint.relative)),
+    },
+    { column: { title: columns.now, unit, show }, cell: (joint: Promised) => nano(joint.before) },
+    { column: { title: columns.random, unit, show }, cell: (joint: Promised) => nano(joint.random) },
+    { column: { title: columns.greedy, unit, show }, cell: (joint: Promised) => nano(joint.one_at_a_time) },
+  ].filter(({ cell }) => result.joints.some((joint) => cell(joint) !== null)); // nothing is known to begin with
   return (
     <section class="card">
       <h2>{words.promised}</h2>
@@ -115,22 +128,8 @@ function Promise({ result }: { result: PlanResult }) {
       <DataTable
         caption={words.promised}
         table={{
-          columns: [
-            { title: text.run.joint },
-            { title: columns.plan, unit, show },
-            { title: columns.relative },
-            { title: columns.now, unit, show },
-            { title: columns.random, unit, show },
-            { title: columns.greedy, unit, show },
-          ],
-          rows: result.joints.map((joint) => [
-            joint.name,
-            nano(joint.standard_uncertainty),
-            joint.relative === null ? null : percent(joint.relative),
-            nano(joint.before),
-            nano(joint.random),
-            nano(joint.one_at_a_time),
-          ]),
+          columns: all.map(({ column }) => column),
+          rows: result.joints.map((joint) => all.map(({ cell }) => cell(joint))),
         }}
       />
       <p class="soft">

@@ -70,6 +70,19 @@ class TestPlans:
         sizes = [np.linalg.norm(each.force) for each in result.readings]
         np.testing.assert_allclose(sizes, 1500.0, rtol=1e-6)
 
+    def test_what_is_known_beforehand_counts(self, parts, robot):
+        """Independent information adds: 1/u² of the plan is at least that of the prior and of the list."""
+        prior = {"joint_4": {"stiffness": 5e5, "standard_uncertainty": 5e3}}
+        with_prior, without = (
+            plan_of(parts, robot_id=robot, **BEGIN, priors=each).result for each in (prior, {})
+        )
+        known = 5e3 / 5e5**2
+        joint = with_prior.joints[3]
+        assert joint.before == pytest.approx(known)  # though no reading is there
+        assert joint.standard_uncertainty <= known
+        assert joint.standard_uncertainty < without.joints[3].standard_uncertainty
+        assert joint.relative == pytest.approx(joint.standard_uncertainty * 5e5)
+
     def test_the_same_every_time(self, parts, robot):
         first, second = (plan_of(parts, robot_id=robot, **BEGIN) for _ in range(2))
         assert first.result == second.result
@@ -82,6 +95,12 @@ class TestPlans:
             ({"targets": {}}, "targets", "where the targets are"),
             ({"joints": ["joint_9"]}, "joints", "no joint 'joint_9'"),
             ({"stiffness": {"joint_9": 1e6}}, "stiffness.joint_9", "no joint"),
+            (
+                {"priors": {"joint_9": {"stiffness": 1e6, "standard_uncertainty": 1e4}}},
+                "priors.joint_9",
+                "no joint",
+            ),
+            ({"readings": 1, "targets": {"P1": [0.1, 0.0, 0.0]}}, "readings", "do not determine 6 joints"),
             ({"load": {"kind": "dead_weight", "force": 900.0}}, "joints", "twists joint_1"),
             ({"surroundings": {"floor": 20.0}}, "candidates", "none of 300 readings is feasible"),
             ({"readings": 200, "distinct_angle": 3.0}, "distinct_angle", "were found"),
