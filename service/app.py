@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from jointstiff.service.access import Keyring
 from jointstiff.service.api import (
     LARGE_BODIES,
+    PARSERS,
     AnswerHeaders,
     BodyLimits,
     Followers,
@@ -113,6 +114,7 @@ def create_app(
     app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
+    app.state.parsers = CapacityLimiter(PARSERS)
     app.add_middleware(BodyLimits)
     for module in (
         robots,

@@ -32,6 +32,12 @@ from jointstiff.service.workers import JobQueue, Supervisor
 
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""
+_COLLECT_AFTER: Final = (10_000, 20, 50)
+"""New objects until a collection, and until one of older ones: nobody is answered while a large set is looked
+through, and what is in a cycle dies young."""
+_TURN_SECONDS: Final = 0.0005
+"""Time that a thread computes before another one that waits gets its turn: the one that answers waits for
+each of those that work, several times a request."""
 _UNCONTROLLED: Final = (
     "warning: no access control; whoever reaches this address reads, posts and deletes, "
     "unless a proxy refuses them"
@@ -129,6 +135,8 @@ def run_server(
             backlog=ACCEPTED_AT_ONCE,
             timeout_graceful_shutdown=_GOODBYE_SECONDS,
         )
+        sys.setswitchinterval(_TURN_SECONDS)
+        gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
         server = _Server(config)
         app.state.is_closing = lambda: server.should_exit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.headers import AnswerHeaders
-from jointstiff.service.api.limits import LARGE_BODIES, BodyLimits
+from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.api.metrics import Metrics
 from jointstiff.service.api.observed import Observed
 from jointstiff.service.api.page import install_page
@@ -14,6 +14,7 @@ from jointstiff.service.api.watch import Watch
 
 __all__ = [
     "LARGE_BODIES",
+    "PARSERS",
     "AnswerHeaders",
     "BodyLimits",
     "Followers",

@@ -12,7 +12,7 @@ from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Name
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.service.api.access import OPERATOR
-from jointstiff.service.api.bodies import BodyRoute, large_bodies
+from jointstiff.service.api.bodies import BodyRoute, large_bodies, without_collections
 from jointstiff.service.api.examples import IMPORTS
 from jointstiff.service.api.forms import MAX_FILES
 from jointstiff.service.api.parts import json_response, problems
@@ -64,7 +64,8 @@ async def create_import(request: Request, files: _Files, options: _Options = _DE
 
 
 def _understood(files: list[UploadFile], options: ImportRequest) -> str:
-    return import_files([_source(file) for file in files], options).model_dump_json()
+    with without_collections():
+        return import_files([_source(file) for file in files], options).model_dump_json()
 
 
 def _source(file: UploadFile) -> SourceFile:

@@ -30,11 +30,15 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
 )
 """Largest body of each address that takes more than `SMALL_BYTES`."""
 LARGE_BODIES: Final = 2
-"""Maximum number of bodies above `SMALL_BYTES`, and imports, parsed at the same time."""
+"""Maximum number of imports, predictions and maps worked on at the same time."""
+PARSERS: Final = 1
+"""Maximum number of bodies above `SMALL_BYTES` parsed at the same time: a parser lets no other thread run."""
 
-MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType({b"{": 60_000, b":": 300_000, b",": 1_000_000})
-"""Objects, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes: 8 MiB of
-them would take gigabytes before the first fault is found."""
+MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType(
+    {b"{": 60_000, b"[": 400_000, b":": 300_000, b",": 1_000_000}
+)
+"""Objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes:
+8 MiB of them would take gigabytes before the first fault is found."""
 MAX_KEYS: Final = 4_000
 """Different keys in a body. Each unknown key is a fault, and validation spends 1 kB on a fault."""
 _STRING: Final = re.compile(rb'"((?:[^"\\]++|\\.)*+)(?:"\s*+(:?))?', re.DOTALL)
@@ -73,7 +77,7 @@ def refuse_structure(content: bytes) -> None:
     """Refuse a JSON text that a parser would need too much memory for.
 
     Raises:
-        HTTPException: it has too many objects, members, values or different keys (413).
+        HTTPException: it has too many objects, lists, members, values or different keys (413).
     """
     for mark, most in MAX_STRUCTURE.items():
         if content.count(mark) > most:

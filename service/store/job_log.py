@@ -108,10 +108,14 @@ class JobLog:
         return ended
 
     def report(self, job_id: str, start: int, stop: int) -> None:
-        """Write that the units from start to stop of a job are done; to do so again changes nothing."""
+        """Write that the units from start to stop of a job are done; to do so again changes nothing.
+
+        Deaths that were counted before are forgotten: the job goes on.
+        """
         row = {"job_id": job_id, "start": start, "done": stop - start}
         with suppress(IntegrityError), self._database.writing() as connection:
             connection.execute(insert(job_steps).values(**row))
+            connection.execute(update(jobs).where(self._is(job_id), jobs.c.deaths > 0).values(deaths=0))
 
     def done(self, job_id: str) -> int:
         """Return the number of units of a job that are done."""

@@ -41,8 +41,8 @@ _FIRST: Final = 8
 """Parts of each job that go before what is left of longer ones: a small job does not wait for a large one."""
 _AT_ONCE: Final = {"job": 16, "part": 1}
 """A worker waits for some jobs, and computes one part: work for one processor."""
-ATTEMPTS: Final = 50
-"""Deaths of workers over one job, after which it is given up."""
+_ATTEMPTS: Final = 10_000
+"""Times that the engine begins a workflow: it counts every restart, the recovery those without progress."""
 _POLL_SECONDS: Final = {"job": 0.25, "part": 0.1}
 """Between two looks into a queue, each a few milliseconds that the computing has less."""
 _WAIT_SECONDS: Final = 0.2
@@ -70,6 +70,7 @@ class Engine:
     Attributes:
         queue: of the jobs.
         active: ids of the workflows that this process is carrying out, one for each time.
+        inherited: workflows that an earlier process of the same name was carrying out when it ended.
     """
 
     def __init__(self, store: Store, jobs: Mapping[str, Jobs], database: str, executor: str) -> None:
@@ -86,6 +87,8 @@ class Engine:
         """
         self.queue = JobQueue(store, database)
         self.active: list[str] = []
+        pending = self.queue.pending()
+        self.inherited = {name: each for name, each in pending.items() if each[1] == executor}
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": engine_url(database),
@@ -210,12 +213,12 @@ def _register(steps: _Steps, active: list[str]) -> None:
     """Make workflows of the steps."""
     noted = _noting(active)
 
-    @DBOS.workflow(name="part", max_recovery_attempts=ATTEMPTS)
+    @DBOS.workflow(name="part", max_recovery_attempts=_ATTEMPTS)
     @noted
     def carry_out_part(kind: str, job_id: str, spans: list[Span]) -> list[str]:
         return _until_ended(lambda span: steps.compute(kind, job_id, span), spans)
 
-    @DBOS.workflow(name="job", max_recovery_attempts=ATTEMPTS)
+    @DBOS.workflow(name="job", max_recovery_attempts=_ATTEMPTS)
     @noted
     def carry_out_job(kind: str, job_id: str) -> None:
         try:

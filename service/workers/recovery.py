@@ -8,13 +8,15 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Deletions, Heartbeats
-from jointstiff.service.workers.engine import ATTEMPTS, Engine
+from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.queue import Outcome, job_of
 
 BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
 KEEP_SECONDS: Final = 3600.0
 """What the steps of a job computed is kept for so long after its end."""
+ATTEMPTS: Final = 6
+"""Deaths of workers over one job, with no step done between them, after which it is given up."""
 _REMOVED: Final = 20
 """Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
 
@@ -58,6 +60,7 @@ class Recovery:
         self._keep = keep
         self._now = now
         self._inputs = inputs
+        self._inherited = dict(engine.inherited)
         self._idle: set[str] = set()
         self._lost: set[str] = set()
         self._unknown: set[str] = set()
@@ -70,7 +73,8 @@ class Recovery:
         """
         living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
         pending = self._engine.queue.pending()
-        duties = [lambda: self._take_up_idle(pending)]
+        inherited, self._inherited = self._inherited, {}
+        duties = [lambda: self._count_deaths(set(inherited), inherited), lambda: self._take_up_idle(pending)]
         if living and living[0] == self._executor:  # one of the living is enough
             abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
             duties += [
@@ -110,7 +114,7 @@ class Recovery:
                     continue
                 if jobs.log.died(job_id) >= ATTEMPTS:
                     jobs.fail(
-                        job_id, WorkerLostError(f"{ATTEMPTS} workers died while computing job {job_id}")
+                        job_id, WorkerLostError(f"{ATTEMPTS} workers died over one step of job {job_id}")
                     )
 
     def _resume(self, names: set[str], pending: dict[str, tuple[str, str]]) -> None:

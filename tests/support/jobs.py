@@ -35,6 +35,7 @@ class QueueEngine:
     def __init__(self):
         self.queue = self
         self.active = []
+        self.inherited = {}
         self.taken = {}
         self.ended = {}
         self.resumed = []

@@ -113,6 +113,23 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
     assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
 
 
+def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, engine, monkeypatch):
+    """The only worker takes its own name again: nobody else would count."""
+    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    poison = runs.create(request(stored_set(store)), None)
+    engine.ended = {poison.id: Outcome("PENDING", VERSION)}
+    engine.inherited = {poison.id: ("job", "alive"), f"{poison.id}-1": ("part", "alive")}
+    for _ in range(2):
+        recovery = recovery_of(store, runs, engine)
+        for _look in range(3):  # it is counted once
+            recovery.look()
+        assert runs.current(poison.id).state == "queued"
+    runs.log.report(poison.id, 0, 120)
+    for state in ("queued", "queued", "failed"):
+        recovery_of(store, runs, engine).look()
+        assert runs.current(poison.id).state == state
+
+
 def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, engine, monkeypatch):
     def refuse(_workflows):
         raise KeyError("odd")
