@@ -10,6 +10,7 @@ import { type Settings, SettingsContext, type Theme, useStoredSettings } from ".
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
+import { MapView } from "./views/map";
 import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
 import { PlanView } from "./views/plan";
@@ -76,7 +77,7 @@ export function App() {
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string =>
-  first === "sets" || first === "plans" ? "robots" : first;
+  first === "sets" || first === "plans" ? "robots" : first === "maps" ? "runs" : first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -92,6 +93,8 @@ function View({ route }: { route: Route }) {
       ) : (
         <RunsView query={route.query} />
       );
+    case "maps":
+      return second ? <MapView id={second} beside={route.query.get("beside")} /> : <RunsView query={route.query} />;
     case "sets":
       return second ? <SetView id={second} /> : <RobotsView list="sets" />;
     case "plans":

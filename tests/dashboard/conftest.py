@@ -141,4 +141,7 @@ def stored(api: httpx.Client) -> Stored:
     )["id"]
     joints = [f"joint_{j}" for j in range(2, 7)]  # a weight never twists the first
     plan = post(api, "/v1/plans", {"measurement_set_id": first, "readings": 6, "joints": joints})["id"]
-    return Stored(robot, first, second, run, comparison, pair, plan)
+    work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
+    tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
+    made = post(api, "/v1/maps", work | tool)["id"]
+    return Stored(robot, first, second, run, comparison, pair, plan, made)

@@ -75,7 +75,7 @@ class Visit:
 
 @dataclass(frozen=True)
 class Stored:
-    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair, a plan."""
+    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair, a plan, a map."""
 
     robot: str
     set: str
@@ -84,6 +84,7 @@ class Stored:
     comparison: str
     pair: str
     plan: str
+    map: str
 
 
 def campaign(**options: Any) -> dict[str, Any]:
@@ -109,6 +110,8 @@ VIEWS = (
     "#/runs/{run}/deflection",
     "#/runs/{run}/robot",
     "#/runs/{run}/evidence",
+    "#/runs/{run}/map",
+    "#/maps/{map}",
     "#/robots",
     "#/robots/new",
     "#/robots/{robot}",

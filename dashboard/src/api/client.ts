@@ -6,6 +6,8 @@ import type {
   Health,
   ImportAnswer,
   Kinematics,
+  Map as WorkMap,
+  MapSummary,
   MeasurementSet,
   MeasurementSetSummary,
   Page,
@@ -59,7 +61,7 @@ export function problemOf(error: unknown): Problem {
   };
 }
 
-async function call<Answer>(method: string, path: string, { body, key, signal }: Call = {}): Promise<Answer> {
+async function answerOf(method: string, path: string, { body, key, signal }: Call = {}): Promise<Response> {
   const headers: Record<string, string> = { Accept: "application/json" };
   const form = body instanceof FormData;
   if (body !== undefined && !form) headers["Content-Type"] = "application/json";
@@ -76,12 +78,23 @@ async function call<Answer>(method: string, path: string, { body, key, signal }:
     if (signal?.aborted) throw error;
     throw new ApiError(unreachable());
   }
-  if (response.status === 204) return undefined as Answer;
+  if (response.ok) return response;
   const answer: unknown = await response.json().catch(() => null);
   if (response.status === 401 && path !== SESSION) refusals.forEach((hear) => hear());
-  if (!response.ok) throw new ApiError(isProblem(answer) ? answer : unreadable(response.status));
-  return answer as Answer;
+  throw new ApiError(isProblem(answer) ? answer : unreadable(response.status));
 }
+
+async function call<Answer>(method: string, path: string, asked: Call = {}): Promise<Answer> {
+  const response = await answerOf(method, path, asked);
+  if (response.status === 204) return undefined as Answer;
+  try {
+    return (await response.json()) as Answer;
+  } catch {
+    throw new ApiError(unreadable(response.status));
+  }
+}
+
+const textOf = async (path: string): Promise<string> => (await answerOf("GET", path)).text();
 
 function isProblem(answer: unknown): answer is Problem {
   return typeof answer === "object" && answer !== null && "detail" in answer && "title" in answer;
@@ -186,6 +199,15 @@ export const api = {
   addPlan: (request: unknown, key: string) => call<Plan>("POST", "/v1/plans", { body: request, key }),
   deletePlan: (plan: string) => call<undefined>("DELETE", `/v1/plans/${id(plan)}`),
   restorePlan: (plan: string) => call<Plan>("POST", `/v1/plans/${id(plan)}/restore`),
+  maps: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<MapSummary>>("GET", `/v1/maps${query(filters)}`, options(signal)),
+  map: (map: string, signal?: AbortSignal) => call<WorkMap>("GET", `/v1/maps/${id(map)}`, options(signal)),
+  mapFile: (map: string, extension: "csv" | "npz") => `/v1/maps/${id(map)}/map.${extension}`,
+  mapTable: (map: string) => textOf(api.mapFile(map, "csv")),
+  addMap: (request: unknown, key: string) => call<WorkMap>("POST", "/v1/maps?wait=1", { body: request, key }),
+  cancelMap: (map: string) => call<WorkMap>("POST", `/v1/maps/${id(map)}/cancel`),
+  deleteMap: (map: string) => call<undefined>("DELETE", `/v1/maps/${id(map)}`),
+  restoreMap: (map: string) => call<WorkMap>("POST", `/v1/maps/${id(map)}/restore`),
 };
 
 function options(signal: AbortSignal | undefined): Call {

@@ -7,7 +7,7 @@ export interface Standing {
   progress: Progress | null;
 }
 
-export type Collection = "runs" | "comparisons";
+export type Collection = "runs" | "comparisons" | "maps";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

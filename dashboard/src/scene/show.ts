@@ -1,5 +1,6 @@
 /** What the 3D view shows; without its drawing code, which is loaded later. */
 import type { Posture } from "../api/types";
+import type { Vector } from "../lib/vector";
 import type { Arrow } from "./arrows";
 
 /** What is shown. Lengths in m, R0. */
@@ -21,6 +22,8 @@ export interface Show {
   byResidual: number | null;
   /** Angles by which the joints give way [rad]. */
   bend: number[];
+  /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
+  cloud?: { places: Vector[]; shares: number[]; size: number };
 }
 
 /** What a view without a result shows: the arm alone. */

@@ -18,6 +18,7 @@ import { bent } from "../lib/bend";
 import { norm, type Vector } from "../lib/vector";
 import { Arm } from "./arm";
 import { type Arrow, Arrows } from "./arrows";
+import { Cloud } from "./cloud";
 import { type Label, Labels } from "./labels";
 import { Orbit } from "./orbit";
 import { ScaleBar } from "./scale_bar";
@@ -38,10 +39,12 @@ export class Stage {
   readonly #measured = new Arrows();
   readonly #predicted = new Arrows();
   readonly #load = new Arrows();
+  readonly #cloud = new Cloud();
   readonly #triad = [new Arrows(), new Arrows(), new Arrows()] as const;
   readonly #labels: Labels;
   readonly #bar: ScaleBar;
-  #ramp: [Color, Color, Color] = [new Color(), new Color(), new Color()];
+  #ramp: Ramp = [new Color(), new Color(), new Color()];
+  #mapRamp: Ramp = [new Color(), new Color(), new Color()];
   #bendStart: number | null = null;
   readonly #observer: ResizeObserver;
   #grid: GridHelper | null = null;
@@ -60,7 +63,7 @@ export class Stage {
     const sun = new DirectionalLight(0xffffff, 1.6);
     sun.position.copy(new Vector3(2, -3, 5));
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, this.#arm.group);
-    this.#scene.add(this.#measured.group, this.#predicted.group, this.#load.group);
+    this.#scene.add(this.#measured.group, this.#predicted.group, this.#load.group, this.#cloud.points);
     this.#scene.add(...this.#triad.map((axis) => axis.group));
     this.#labels = new Labels(canvas);
     this.#bar = new ScaleBar(canvas);
@@ -110,7 +113,8 @@ export class Stage {
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
     matchMedia("(prefers-color-scheme: dark)").removeEventListener("change", this.#paint);
-    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, ...this.#triad]) part.dispose();
+    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, ...this.#triad])
+      part.dispose();
     this.#labels.dispose();
     this.#bar.dispose();
     this.#renderer.dispose();
@@ -157,7 +161,7 @@ export class Stage {
     this.#arm.axes.visible = show.axes;
     const thin = this.#reach * (show.measured.length > 40 ? 0.003 : 0.006);
     const worst = show.byResidual;
-    const ramp = worst === null ? null : show.residuals.map((value) => this.#rampAt(value / worst));
+    const ramp = worst === null ? null : show.residuals.map((value) => rampAt(this.#ramp, value / worst));
     this.#measured.material.transparent = ramp === null;
     this.#measured.material.opacity = ramp === null ? 0.45 : 1;
     this.#measured.material.depthWrite = ramp !== null;
@@ -168,13 +172,13 @@ export class Stage {
     this.#triad.forEach((axis, i) =>
       axis.set([{ from: [0, 0, 0], along: axisOf(i, this.#reach * 0.26) }], 1, this.#reach * 0.006),
     );
+    const { places = [], shares = [], size = 0 } = show.cloud ?? {};
+    this.#cloud.set(
+      places,
+      shares.map((share) => rampAt(this.#mapRamp, share)),
+      size,
+    );
     this.#labels.set(labelsOf(show, this.#reach));
-  }
-
-  /** From good over doubtful to bad. */
-  #rampAt(share: number): Color {
-    const [good, warn, bad] = this.#ramp;
-    return share < 0.5 ? good.clone().lerp(warn, share * 2) : warn.clone().lerp(bad, Math.min(1, share * 2 - 1));
   }
 
   #color(name: string): Color {
@@ -190,6 +194,7 @@ export class Stage {
     this.#arm.baseMaterial.color = color("--arm-joint");
     this.#triad.forEach((axis, i) => axis.paint(color(["--x", "--y", "--z"][i] ?? "--x")));
     this.#ramp = [color("--good"), color("--warn"), color("--bad")];
+    this.#mapRamp = [color("--ramp-0"), color("--ramp-1"), color("--ramp-2")];
     this.#shown = null;
     this.#predicted.paint(color("--predicted"));
     this.#load.paint(color("--load"));
@@ -217,6 +222,13 @@ export class Stage {
     this.#camera.aspect = width / height;
     this.#orbit.resized();
   }
+}
+
+type Ramp = [Color, Color, Color];
+
+/** The colour at a share of a ramp, from its first over its second to its third. */
+function rampAt([low, middle, high]: Ramp, share: number): Color {
+  return share < 0.5 ? low.clone().lerp(middle, share * 2) : middle.clone().lerp(high, Math.min(1, share * 2 - 1));
 }
 
 /** Share of the whole bend after some seconds, eased at both ends. */

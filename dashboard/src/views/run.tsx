@@ -15,6 +15,7 @@ import { text } from "../i18n";
 import { isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
+import { MapForm } from "./map_form";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -137,6 +138,8 @@ function Body({
         <DeflectionPart context={context} result={run.result} at={query.get("at")} />
       ) : part === "robot" ? (
         <RobotPart context={context} result={run.result} query={query} />
+      ) : part === "map" ? (
+        <MapForm context={context} />
       ) : part === "evidence" ? (
         <EvidencePart context={context} result={run.result} />
       ) : (

@@ -1,0 +1,121 @@
+/** The places of a map as its table has them, and what of them is drawn. */
+import type { MapRequest } from "../api/types";
+import type { Vector } from "./vector";
+
+/** Why a place has no numbers, or that it has. */
+export type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded";
+
+export interface MapPlace {
+  status: PlaceStatus;
+  /** In R0 [m]. */
+  position: Vector;
+  /** Controller's angles [rad]; empty where no posture is within limits. */
+  joints: number[];
+  /** [m]; NaN where there is no number, as in all that follows. */
+  displacement: Vector;
+  deflection: number;
+  readingsOnly: readonly [number, number];
+  withModelError: readonly [number, number];
+  along: number;
+  across: number;
+  extrapolation: number;
+}
+
+export type Quantity = "deflection" | "upper" | "along" | "across";
+
+/** Columns beside the joints: status, x, y, z, direction, turn before them; twelve after. */
+const BEFORE = 6;
+const AFTER = 11;
+
+/** Read `map.csv`: one row a place. */
+export function parseMap(csv: string): MapPlace[] {
+  const [, ...rows] = csv.split("\r\n"); // names of joints stand in the first line only
+  return rows.filter(Boolean).map((row) => {
+    const cells = row.split(",");
+    const n = cells.length - BEFORE - AFTER;
+    const at = (i: number): number => {
+      const cell = cells[i];
+      return cell === undefined || cell === "" ? Number.NaN : Number(cell);
+    };
+    const joints = Array.from({ length: n }, (_, j) => at(BEFORE + j));
+    const rest = BEFORE + n;
+    return {
+      status: cells[0] as PlaceStatus,
+      position: [at(1), at(2), at(3)],
+      joints: joints.some(Number.isNaN) ? [] : joints,
+      displacement: [at(rest), at(rest + 1), at(rest + 2)],
+      deflection: at(rest + 3),
+      readingsOnly: [at(rest + 4), at(rest + 5)],
+      withModelError: [at(rest + 6), at(rest + 7)],
+      along: at(rest + 8),
+      across: at(rest + 9),
+      extrapolation: at(rest + 10),
+    };
+  });
+}
+
+/** A quantity in µm or µm/N. */
+export function valueOfPlace(place: MapPlace, quantity: Quantity): number {
+  const values: Record<Quantity, number> = {
+    deflection: place.deflection,
+    upper: place.withModelError[1],
+    along: place.along,
+    across: place.across,
+  };
+  return values[quantity] * 1e6;
+}
+
+export type Axis = 0 | 1 | 2;
+
+/** Places of a slice across an axis, in rows from the top: v falls down the rows, u grows along them. */
+export interface Slice {
+  u: Axis;
+  v: Axis;
+  /** Index of each cell's place, row by row. */
+  cells: number[][];
+}
+
+/** Most cells of a slice along an axis; of finer grids every second or third place is drawn. */
+const MOST = 60;
+
+export function sliceOf(grid: MapRequest["grid"], across: Axis, layer: number): Slice {
+  const [u, v] = ([0, 1, 2] as const).filter((axis) => axis !== across) as [Axis, Axis];
+  const index = (i: number, j: number): number => {
+    const at = [0, 0, 0];
+    [at[across], at[u], at[v]] = [layer, i, j];
+    return ((at[0] ?? 0) * grid[1] + (at[1] ?? 0)) * grid[2] + (at[2] ?? 0);
+  };
+  const steps = (count: number): number[] => {
+    const every = Math.ceil(count / MOST);
+    return Array.from({ length: Math.ceil(count / every) }, (_, i) => i * every);
+  };
+  const cells = steps(grid[v])
+    .reverse()
+    .map((j) => steps(grid[u]).map((i) => index(i, j)));
+  return { u, v, cells };
+}
+
+/** The axis with fewest places: slices across it show most. */
+export function thinnest(grid: MapRequest["grid"]): Axis {
+  const least = Math.min(...grid);
+  return (grid[2] === least ? 2 : grid[1] === least ? 1 : 0) as Axis;
+}
+
+/** The place with the greatest value, or null. */
+export function greatest(values: number[]): number | null {
+  let best: number | null = null;
+  values.forEach((value, i) => {
+    if (Number.isFinite(value) && (best === null || value > (values[best] ?? 0))) best = i;
+  });
+  return best;
+}
+
+/** A box around points, widened, in whole centimetres. */
+export function boxAround(points: Vector[], margin = 0.05): [Vector, Vector] {
+  const end = (axis: Axis, of: (...values: number[]) => number, by: number): number =>
+    Math.round((of(...points.map((p) => p[axis])) + by) * 100) / 100;
+  return [
+    [end(0, Math.min, -margin), end(1, Math.min, -margin), end(2, Math.min, -margin)],
+    [end(0, Math.max, margin), end(1, Math.max, margin), end(2, Math.max, margin)],
+  ];
+}

@@ -1,0 +1,411 @@
+/** A map: slices with their numbers, the robot at the chosen place, and the same by another run beside it. */
+import { useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import { goesOn } from "../api/events";
+import type { Map as WorkMap, MeasurementSet, Posture, Run } from "../api/types";
+import { Choice, Facts, Name, ProblemNote, Select, Show, State, Title, When } from "../components/basics";
+import { Cancelled, Going } from "../components/going";
+import { JobActions } from "../components/job_actions";
+import { RampLegend, share, SliceChart } from "../components/slice";
+import { fixed, percent, significant } from "../lib/format";
+import { freshKey } from "../lib/hash";
+import {
+  type Axis,
+  greatest,
+  type MapPlace,
+  parseMap,
+  type Quantity,
+  sliceOf,
+  thinnest,
+  valueOfPlace,
+} from "../lib/map";
+import { extent } from "../lib/scale";
+import { degrees } from "../lib/units";
+import { norm } from "../lib/vector";
+import { ARM_ALONE, type Show as Shown } from "../scene/show";
+import { ArmView, roomOf } from "../scene/view";
+import { useAction } from "../state/action";
+import { cached, useCached } from "../state/cache";
+import { useLoad, valueOf } from "../state/load";
+import { go, link } from "../state/router";
+import { useWidth } from "../state/size";
+import { storedSet } from "../state/stored";
+import { text } from "../i18n";
+
+const words = text.map;
+const AXES = ["x", "y", "z"] as const;
+
+/** A map with what it is about; without places while it goes on. */
+interface Loaded {
+  map: WorkMap;
+  run: Run;
+  set: MeasurementSet;
+  places: MapPlace[];
+}
+
+async function load(id: string, signal?: AbortSignal): Promise<Loaded> {
+  const map = await api.map(id, signal);
+  const run = await cached(`run/${map.request.run_id}`, () => api.run(map.request.run_id));
+  const set = await storedSet(run.request.measurement_set_id);
+  const places = map.result ? parseMap(await cached(`map/${id}`, () => api.mapTable(id))) : [];
+  return { map, run, set, places };
+}
+
+export function MapView({ id, beside }: { id: string; beside: string | null }) {
+  const loaded = useLoad(
+    async (signal) => ({ own: await load(id, signal), other: beside ? await load(beside, signal) : null }),
+    [id, beside],
+  );
+  return (
+    <Show of={loaded} title={words.kind}>
+      {({ own, other }) => (
+        <>
+          <Head loaded={own} />
+          <Body own={own} other={other} ended={loaded.reload} />
+        </>
+      )}
+    </Show>
+  );
+}
+
+function Head({ loaded: { map, run, set } }: { loaded: Loaded }) {
+  const name = map.request.name ?? words.title(set.name);
+  return (
+    <div class="head">
+      <Title kind={words.kind} plain={name}>
+        <Name>{name}</Name>
+      </Title>
+      <p class="meta">
+        {!map.result && !goesOn(map.state) && <State state={map.state} />}
+        <a href={link(["runs", run.id])}>
+          {words.by} <Name>{set.name}</Name>
+        </a>
+        <When time={map.provenance.created_at} />
+      </p>
+      <JobActions
+        kind="map"
+        job={map}
+        name={name}
+        remove={goesOn(map.state) ? null : () => api.deleteMap(map.id)}
+        restore={() => api.restoreMap(map.id)}
+        list={link(["runs", run.id])}
+      >
+        {map.result &&
+          (["csv", "npz"] as const).map((extension) => (
+            <a class="button" href={api.mapFile(map.id, extension)} download>
+              {words[extension]}
+            </a>
+          ))}
+      </JobActions>
+    </div>
+  );
+}
+
+function Body({ own, other, ended }: { own: Loaded; other: Loaded | null; ended: () => void }) {
+  const going = [own, other].find((one) => one && goesOn(one.map.state));
+  if (going)
+    return <Going collection="maps" job={going.map} cancel={() => api.cancelMap(going.map.id)} ended={ended} />;
+  const { map } = own;
+  if (map.state === "cancelled") return <Cancelled progress={map.progress} />;
+  if (map.error)
+    return (
+      <>
+        <h2>{words.failed}</h2>
+        <ProblemNote problem={map.error} />
+      </>
+    );
+  return map.result ? <Explorer own={own} other={other} /> : null;
+}
+
+function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
+  const { grid } = own.map.request;
+  const sides = useMemo(
+    () => [own, other].filter((one): one is Loaded => one !== null && one.places.length > 0),
+    [own, other],
+  );
+  const [quantity, setQuantity] = useState<Quantity>("deflection");
+  const values = useMemo(
+    () => sides.map(({ places }) => places.map((place) => valueOfPlace(place, quantity))),
+    [sides, quantity],
+  );
+  const scale = extent(values.flat()) ?? [0, 1];
+  const [chosen, setChosen] = useState(() => greatest(values[0] ?? []) ?? 0);
+  const [across, setAcross] = useState<Axis>(() => thinnest(grid));
+  const layer = layerOf(grid, across, chosen);
+  const unit =
+    quantity === "deflection" || quantity === "upper" ? text.units.micrometre : text.units.micrometrePerNewton;
+  const height = fixed(own.places[chosen]?.position[across] ?? 0, 2);
+  return (
+    <>
+      <Counts loaded={own} />
+      <section class="scene">
+        <div class="view">
+          <Robot loaded={own} chosen={chosen} values={values[0] ?? []} scale={scale} />
+        </div>
+        <div class="controls">
+          <Choice
+            label={words.quantity}
+            value={quantity}
+            change={setQuantity}
+            options={(Object.keys(words.quantities) as Quantity[]).map((value) => ({
+              value,
+              label: words.quantities[value],
+            }))}
+          />
+          <RampLegend scale={scale} unit={unit} label={words.quantities[quantity]} />
+          <Choice
+            label={words.across}
+            value={String(across)}
+            change={(axis) => setAcross(Number(axis) as Axis)}
+            options={AXES.map((label, i) => ({ value: String(i), label }))}
+          />
+          <label class="field">
+            <span>{words.layer(AXES[across], height)}</span>
+            <input
+              type="range"
+              min={0}
+              max={grid[across] - 1}
+              step={1}
+              value={layer}
+              aria-label={words.across}
+              onInput={(event) => setChosen(moved(grid, across, chosen, Number(event.currentTarget.value)))}
+            />
+          </label>
+          <Beside own={own} other={other} />
+        </div>
+      </section>
+      <div class="slices">
+        {sides.map((side, i) => (
+          <Sliced
+            key={side.map.id}
+            loaded={side}
+            values={values[i] ?? []}
+            across={across}
+            layer={layer}
+            scale={scale}
+            chosen={chosen}
+            choose={setChosen}
+            label={words.slice(AXES[across], height)}
+          />
+        ))}
+      </div>
+    </>
+  );
+}
+
+function Counts({ loaded: { map } }: { loaded: Loaded }) {
+  const result = map.result;
+  if (!result) return null;
+  const reasons = Object.entries(result.counts).filter(([name, count]) => name !== "reached" && count > 0);
+  const median = result.quantiles.find((one) => one.share === 0.5)?.deflection;
+  const um = (value: number) => `${significant(value * 1e6, 3)} ${text.units.micrometre}`;
+  return (
+    <>
+      <Facts
+        facts={[
+          { label: words.status.reached, value: words.counts(result.counts.reached, result.places) },
+          ...(median === undefined ? [] : [{ label: words.median, value: um(median) }]),
+          ...(result.worst ? [{ label: words.worst, value: um(result.worst.deflection) }] : []),
+          ...reasons.map(([name, count]) => ({
+            label: words.status[name as keyof typeof words.status],
+            value: String(count),
+          })),
+        ]}
+      />
+      {result.extrapolated > 0 && <p class="note warn">{words.extrapolated(result.extrapolated)}</p>}
+    </>
+  );
+}
+
+function Robot({
+  loaded: { places, set, map },
+  chosen,
+  values,
+  scale,
+}: {
+  loaded: Loaded;
+  chosen: number;
+  values: number[];
+  scale: readonly [number, number];
+}) {
+  const joints = places[chosen]?.joints ?? [];
+  const posture = usePosture(set.robot_id, joints);
+  const drawn = useMemo(() => {
+    const kept = places.flatMap((place, i) => (Number.isFinite(values[i]) ? [{ place, i }] : []));
+    return {
+      places: kept.map(({ place }) => place.position),
+      shares: kept.map(({ i }) => share(values[i], scale)),
+      size: spacing(map) * 0.45,
+    };
+  }, [places, values, scale[0], scale[1]]);
+  const shown = useMemo<Shown | null>(
+    () =>
+      posture && {
+        ...ARM_ALONE,
+        axes: false,
+        posture,
+        cloud: drawn,
+        // A force that turns with the flange is not drawn: its direction differs from place to place.
+        load:
+          norm(map.request.force) > 0 && map.request.axes !== "flange"
+            ? { from: places[chosen]?.position ?? [0, 0, 0], along: map.request.force }
+            : null,
+      },
+    [posture, drawn, chosen],
+  );
+  const room = useMemo(() => [...(posture ? roomOf([posture]) : []), ...map.request.area], [posture, map]);
+  if (!shown) return <div class="stage blank">{words.tap}</div>;
+  return <ArmView show={shown} room={room} label={words.view} />;
+}
+
+function usePosture(robot: string, joints: number[]): Posture | null {
+  const [last, setLast] = useState<Posture | null>(null);
+  useLoad(async () => {
+    if (joints.length === 0) return;
+    const found = await api.kinematics({ robot_id: robot }, [joints]);
+    setLast(found.postures[0] ?? null);
+  }, [robot, joints.join()]);
+  return last;
+}
+
+function Sliced({
+  loaded: { map, places, run, set },
+  values,
+  across,
+  layer,
+  scale,
+  chosen,
+  choose,
+  label,
+}: {
+  loaded: Loaded;
+  values: number[];
+  across: Axis;
+  layer: number;
+  scale: readonly [number, number];
+  chosen: number;
+  choose: (place: number) => void;
+  label: string;
+}) {
+  const [box, width] = useWidth<HTMLDivElement>();
+  const slice = useMemo(() => sliceOf(map.request.grid, across, layer), [map, across, layer]);
+  const place = places[chosen];
+  return (
+    <section class="card">
+      <h3>
+        <a href={link(["runs", run.id])}>
+          <Name>{set.name}</Name>
+        </a>{" "}
+        <small class="soft">{text.methods[run.request.method]}</small>
+      </h3>
+      <div ref={box}>
+        {width > 0 && <SliceChart {...{ slice, places, values, scale, chosen, choose, width, label }} />}
+      </div>
+      {place && <Numbers place={place} map={map} />}
+    </section>
+  );
+}
+
+function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
+  const level = percent(map.request.confidence);
+  const { metre, micrometre: um, micrometrePerNewton: perNewton, deg } = text.units;
+  const position = { label: words.position, value: `${place.position.map((v) => fixed(v, 3)).join(", ")} ${metre}` };
+  const angles = {
+    label: words.angles,
+    value: `${place.joints.map((angle) => fixed(degrees(angle), 1)).join(", ")} ${deg}`,
+  };
+  const posed = place.joints.length > 0 ? [angles] : [];
+  if (place.status !== "reached")
+    return (
+      <div aria-live="polite">
+        <p class="note">{words.status[place.status]}</p>
+        <Facts facts={[position, ...posed]} />
+      </div>
+    );
+  const interval = ([low, high]: readonly [number, number]) =>
+    Number.isFinite(high) ? `${significant(low * 1e6, 3)} … ${significant(high * 1e6, 3)} ${um}` : words.noBound;
+  const or = (value: number) => (Number.isFinite(value) ? significant(value * 1e6, 3) : words.noNumber);
+  return (
+    <div aria-live="polite">
+      <Facts
+        facts={[
+          { label: words.deflection, value: `${significant(place.deflection * 1e6, 4)} ${um}` },
+          { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
+          { label: words.withModelError(level), value: interval(place.withModelError) },
+          {
+            label: words.displacement,
+            value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${um}`,
+          },
+          { label: words.compliance, value: `${or(place.along)}, ${or(place.across)} ${perNewton}` },
+          position,
+          ...posed,
+        ]}
+      />
+      {place.extrapolation > 1 + 1e-6 && (
+        <p class="note warn">{words.extrapolates(significant(place.extrapolation, 2))}</p>
+      )}
+    </div>
+  );
+}
+
+/** Another run of the same robot, whose map of the same is made when it is chosen. */
+function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
+  const runs = valueOf(
+    useCached(`runs/robot/${own.set.robot_id}`, () =>
+      api.runs({ robot_id: own.set.robot_id, elasticity: "joints", state: "succeeded", limit: 100 }),
+    ),
+  );
+  const sets = useLoad(async () => {
+    const ids = new Set((runs?.items ?? []).map((run) => run.measurement_set_id));
+    return new Map(await Promise.all([...ids].map(async (id) => [id, (await storedSet(id)).name] as const)));
+  }, [runs]);
+  const names = valueOf(sets);
+  const make = useAction(async (run: string) => {
+    if (run === "") return go(link(["maps", own.map.id]));
+    const made = await api.addMap({ ...own.map.request, run_id: run }, freshKey("map"));
+    go(link(["maps", own.map.id], { beside: made.id }));
+  });
+  const options = (runs?.items ?? [])
+    .filter((run) => run.id !== own.run.id)
+    .map((run) => ({
+      value: run.id,
+      label: `${names?.get(run.measurement_set_id) ?? ""} · ${text.methods[run.method]}`,
+    }));
+  if (options.length === 0) return null;
+  return (
+    <>
+      <Select
+        label={words.beside}
+        hint={words.besideHint}
+        value={other?.run.id ?? ""}
+        change={make.run}
+        options={[{ value: "", label: words.besideNone }, ...options]}
+      />
+      {make.problem && <ProblemNote problem={make.problem} />}
+    </>
+  );
+}
+
+type Grid = WorkMap["request"]["grid"];
+
+/** Index of a place along an axis of the grid. */
+function layerOf(grid: Grid, axis: Axis, place: number): number {
+  const z = place % grid[2];
+  const y = Math.floor(place / grid[2]) % grid[1];
+  const x = Math.floor(place / (grid[2] * grid[1]));
+  return [x, y, z][axis] ?? 0;
+}
+
+/** The place in another layer across an axis. */
+function moved(grid: Grid, axis: Axis, place: number, layer: number): number {
+  const step = [grid[1] * grid[2], grid[2], 1][axis] ?? 1;
+  return place + (layer - layerOf(grid, axis, place)) * step;
+}
+
+/** Least distance of two neighbouring places [m]. */
+function spacing({ request: { area, grid } }: WorkMap): number {
+  const steps = ([0, 1, 2] as const)
+    .filter((i) => grid[i] > 1 && area[1][i] > area[0][i])
+    .map((i) => (area[1][i] - area[0][i]) / (grid[i] - 1));
+  return steps.length > 0 ? Math.min(...steps) : 0.05;
+}
