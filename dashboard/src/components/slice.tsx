@@ -6,7 +6,7 @@ import { text } from "../i18n";
 
 const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 46, bottom: 40, top: 8, right: 8 };
-const HEIGHT = 360;
+const HEIGHT = 440;
 
 export function SliceChart({
   slice,
@@ -33,9 +33,10 @@ export function SliceChart({
   const position = (index: number | undefined, axis: 0 | 1 | 2) => places[index ?? 0]?.position[axis] ?? 0;
   const spanU = position(cells[0]?.at(-1), u) - position(cells[0]?.[0], u);
   const spanV = position(cells[0]?.[0], v) - position(cells.at(-1)?.[0], v);
-  const wide = Math.max(60, width - MARGIN.left - MARGIN.right);
-  const shape = spanU > 0 && spanV > 0 ? spanV / spanU : cells.length / columns;
-  const high = Math.min(HEIGHT, Math.max(24, wide * Math.min(3, Math.max(0.05, shape))));
+  const room = Math.max(60, width - MARGIN.left - MARGIN.right);
+  const shape = Math.max(0.05, spanU > 0 && spanV > 0 ? spanV / spanU : cells.length / columns);
+  const high = Math.min(HEIGHT, Math.max(24, room * shape));
+  const wide = Math.min(room, high / shape);
   const [w, h] = [wide / columns, high / cells.length];
   const at = useMemo(() => {
     for (const [row, line] of cells.entries()) {
@@ -50,7 +51,7 @@ export function SliceChart({
   };
   const tap = (event: MouseEvent & { currentTarget: SVGSVGElement }) => {
     const box = event.currentTarget.getBoundingClientRect();
-    const x = ((event.clientX - box.left) / box.width) * width - MARGIN.left;
+    const x = event.clientX - box.left - MARGIN.left;
     const y = event.clientY - box.top - MARGIN.top;
     if (x >= 0 && y >= 0 && x < wide && y < high) pick(Math.floor(y / h), Math.floor(x / w));
   };
@@ -98,7 +99,7 @@ export function SliceChart({
       <text class="tick" x={MARGIN.left} y={height - 22}>
         {fixed(position(cells[0]?.[0], u), 2)}
       </text>
-      <text class="tick" x={width - MARGIN.right} y={height - 22} text-anchor="end">
+      <text class="tick" x={MARGIN.left + wide} y={height - 22} text-anchor="end">
         {fixed(position(cells[0]?.at(-1), u), 2)}
       </text>
       <text class="tick" x={MARGIN.left + wide / 2} y={height - 6} text-anchor="middle">

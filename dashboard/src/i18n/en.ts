@@ -617,7 +617,8 @@ export const en = {
     withModelError: (level: string) => `${level} interval, with model error`,
     noBound: "no bound",
     noNumber: "no number",
-    compliance: "Compliance along, across",
+    along: "Compliance along the direction",
+    acrossIt: "Greatest compliance across it",
     angles: "Controller's angles",
     extrapolates: (factor: string) => `extrapolated: ${factor} times the campaign's greatest load or uncertainty`,
     beside: "Beside it",
@@ -626,7 +627,6 @@ export const en = {
     csv: "CSV",
     npz: "npz",
     failed: "This map failed",
-    by: "Run",
   },
   evidence: {
     identifiability: "Observability",

@@ -5,8 +5,8 @@ import type { Vector } from "../lib/vector";
 export class Cloud {
   readonly points = new Points(new BufferGeometry(), new PointsMaterial({ vertexColors: true, sizeAttenuation: true }));
 
-  /** Draw these, as wide as `size` [m]. */
-  set(places: Vector[], colors: Color[], size: number): void {
+  /** Draw these, as wide as `size` [m] for a camera of this field of view [degrees], which three.js leaves out. */
+  set(places: Vector[], colors: Color[], size: number, view: number): void {
     this.points.geometry.dispose();
     this.points.geometry = new BufferGeometry();
     this.points.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
@@ -17,7 +17,7 @@ export class Cloud {
         3,
       ),
     );
-    this.points.material.size = size;
+    this.points.material.size = size / Math.tan((view * Math.PI) / 360);
     this.points.visible = places.length > 0;
   }
 

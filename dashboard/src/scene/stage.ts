@@ -177,6 +177,7 @@ export class Stage {
       places,
       shares.map((share) => rampAt(this.#mapRamp, share)),
       size,
+      this.#camera.fov,
     );
     this.#labels.set(labelsOf(show, this.#reach));
   }

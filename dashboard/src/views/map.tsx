@@ -7,7 +7,7 @@ import { Choice, Facts, Name, ProblemNote, Select, Show, State, Title, When } fr
 import { Cancelled, Going } from "../components/going";
 import { JobActions } from "../components/job_actions";
 import { RampLegend, share, SliceChart } from "../components/slice";
-import { fixed, percent, significant } from "../lib/format";
+import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { freshKey } from "../lib/hash";
 import {
   type Axis,
@@ -78,7 +78,7 @@ function Head({ loaded: { map, run, set } }: { loaded: Loaded }) {
       <p class="meta">
         {!map.result && !goesOn(map.state) && <State state={map.state} />}
         <a href={link(["runs", run.id])}>
-          {words.by} <Name>{set.name}</Name>
+          <Name>{set.name}</Name>
         </a>
         <When time={map.provenance.created_at} />
       </p>
@@ -235,7 +235,7 @@ function Robot({
     return {
       places: kept.map(({ place }) => place.position),
       shares: kept.map(({ i }) => share(values[i], scale)),
-      size: spacing(map) * 0.45,
+      size: spacing(map) * 0.6,
     };
   }, [places, values, scale[0], scale[1]]);
   const shown = useMemo<Shown | null>(
@@ -308,7 +308,8 @@ function Sliced({
 
 function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
-  const { metre, micrometre: um, micrometrePerNewton: perNewton, deg } = text.units;
+  const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
+  const { metre, micrometre, micrometrePerNewton: perNewton, deg } = text.units;
   const position = { label: words.position, value: `${place.position.map((v) => fixed(v, 3)).join(", ")} ${metre}` };
   const angles = {
     label: words.angles,
@@ -323,20 +324,22 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
       </div>
     );
   const interval = ([low, high]: readonly [number, number]) =>
-    Number.isFinite(high) ? `${significant(low * 1e6, 3)} … ${significant(high * 1e6, 3)} ${um}` : words.noBound;
-  const or = (value: number) => (Number.isFinite(value) ? significant(value * 1e6, 3) : words.noNumber);
+    Number.isFinite(high) ? `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}` : words.noBound;
+  const compliance = (value: number) =>
+    Number.isFinite(value) ? `${significant(value * 1e6, 3)} ${perNewton}` : words.noNumber;
   return (
     <div aria-live="polite">
       <Facts
         facts={[
-          { label: words.deflection, value: `${significant(place.deflection * 1e6, 4)} ${um}` },
+          { label: words.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
           { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
           { label: words.withModelError(level), value: interval(place.withModelError) },
           {
             label: words.displacement,
-            value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${um}`,
+            value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,
           },
-          { label: words.compliance, value: `${or(place.along)}, ${or(place.across)} ${perNewton}` },
+          { label: words.along, value: compliance(place.along) },
+          { label: words.acrossIt, value: compliance(place.across) },
           position,
           ...posed,
         ]}
