@@ -15,7 +15,8 @@ times 10 of 19), `post` (a run over HTTP), `start` (commands beside bare imports
 idle memory), `exactness` (against exact rational arithmetic). By name only:
 `access` (the cost of a key; half a minute),
 `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability` (kill -9 of workers
-and services; twenty minutes), which start PostgreSQL servers of their own; `plan` (optimal designs beside
+and services; twenty minutes), which start PostgreSQL servers of their own; `maps` (beside a loop of
+Pinocchio calls); `plan` (optimal designs beside
 cvxpy), `plan_figaroh` and `plan_sizes` (1e5 and 1e6 candidates).
 
 Studies, which prove numbers instead of comparing times, by name only as well: `coverage` (how often intervals

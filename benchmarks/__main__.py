@@ -35,6 +35,7 @@ from benchmarks import (
     invariance,
     large,
     links,
+    maps,
     memory,
     paths,
     plan,
@@ -74,6 +75,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "coverage": coverage.run,
     "deflection": deflection.run,
     "paths": paths.run,
+    "maps": maps.run,
     "efficiency": efficiency.run,
     "robustness": robustness.run,
     "fanuc": fanuc.run,
@@ -113,7 +115,8 @@ STUDIES = frozenset(
 )
 """They prove numbers and compare no times."""
 BY_NAME = (
-    frozenset({"access", "attacks", "faults", "workers", "durability", "plan", "plan_figaroh", "plan_sizes"})
+    frozenset({"access", "attacks", "faults", "maps", "workers", "durability"})
+    | frozenset({"plan", "plan_figaroh", "plan_sizes"})
     | STUDIES
 )
 """They run only when they are asked for; most take long."""

@@ -14,7 +14,7 @@ from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
-from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, PlaceStatus, map_places
+from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, PlaceStatus, map_places, map_postures
 from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound, leave_postures_out
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.deflection.paths import PathNodes, ToolAnglePath, best_constant_angle, best_path
@@ -43,6 +43,7 @@ __all__ = [
     "compensate",
     "leave_postures_out",
     "map_places",
+    "map_postures",
     "predict_deflections",
     "ramp_shares",
     "residuals",

@@ -57,7 +57,7 @@ class CartesianCompliance:
     def of(cls, model: JointModel, posture: LoadedPosture) -> CartesianCompliance:
         """Compute the compliance at the places of the load cases."""
         jacobian = posture.jacobian(posture.cases.place)
-        softened = posture.softened(model.compliance)
+        softened = posture.softened
         # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
         stiffened = np.eye(model.robot.n) + posture.stiffness @ (softened * model.compliance)
         left, right = jacobian @ softened, jacobian @ stiffened.transpose(0, 2, 1)

@@ -30,6 +30,7 @@ class LoadedPosture:
         deflection: (B, n) δθ of the joints [rad].
         torque: (B, n) by which the load, with the change of the own weight's, twists the joints [N·m].
         stiffness: (B, n, n) K_c + ∂g/∂q of load and own weight, in the loaded posture [N·m/rad].
+        softened: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ.
         unloaded: kinematics without the load.
         loaded: kinematics with it.
     """
@@ -38,6 +39,7 @@ class LoadedPosture:
     deflection: FloatArray
     torque: FloatArray
     stiffness: FloatArray
+    softened: FloatArray
     unloaded: Configurations
     loaded: Configurations
 
@@ -69,9 +71,9 @@ class LoadedPosture:
             away = ~(np.abs(residual) <= _BALANCED * _scale(compliance, cases, loaded, own))
             if not away.any():
                 _require_stable(deflection, slope)
-                return cls(cases, deflection, torque, stiffness, unloaded, loaded)
-            _refuse(np.linalg.slogdet(slope).sign == 0.0)
-            deflection = deflection - np.linalg.solve(slope, residual[..., None])[..., 0]
+                softened = np.linalg.inv(slope)
+                return cls(cases, deflection, torque, stiffness, softened, unloaded, loaded)
+            deflection = deflection - _solved(slope, residual)
             _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
             loaded = Configurations(robot, q + deflection)
         raise _no_balance(int(np.argmax(away.any(axis=1))))
@@ -92,12 +94,6 @@ class LoadedPosture:
         """(B, 6, n) of flange-fixed points (B, 3) [m], in the loaded posture: translation, then rotation."""
         linear = self.loaded.jacobian_at(self.loaded.to_base(point[:, None]))[:, 0]
         return np.concatenate([linear, self.loaded.angular_jacobian], axis=1)
-
-    def softened(self, compliance: FloatArray) -> FloatArray:
-        """(B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ."""
-        n = len(compliance)
-        slope = np.eye(n) - compliance[:, None] * self.stiffness
-        return np.asarray(np.linalg.inv(slope), dtype=np.float64)
 
 
 def rotation_vector(rotation: FloatArray) -> FloatArray:
@@ -148,6 +144,15 @@ def _require_stable(deflection: FloatArray, slope: FloatArray) -> None:
         singular = np.linalg.slogdet(doubtful).sign == 0.0  # whose eigenvalue may be rounded to either side
         unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
     _refuse(unstable)
+
+
+def _solved(slope: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return ``slope⁻¹ residual`` (B, n)."""
+    try:
+        return np.linalg.solve(slope, residual[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        _refuse(np.linalg.slogdet(slope).sign == 0.0)
+        raise
 
 
 def _refuse(failed: BoolArray) -> None:

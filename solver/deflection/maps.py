@@ -112,16 +112,31 @@ def map_places(
     place, orientation, joints, solved = postures_within_limits(robot, task, inverse, places)
     found.status[solved] = _JOINT_LIMITS
     best = chosen_postures(model, task, place, orientation, joints)
-    where, posture = place[best], joints[best]
-    found.status[where], found.orientation[where], found.joints[where] = _REACHED, orientation[best], posture
-    if not len(where):
-        return found
-    cases = task.cases(orientation[best], posture)
-    strained = _overloaded(model, cases)
-    found.status[where[strained]] = _OVERLOADED
-    calm = np.flatnonzero(~strained)
+    if len(best):
+        loaded = map_postures(model, error, task, orientation[best], joints[best])
+        for name, column in vars(loaded).items():
+            getattr(found, name)[place[best]] = column
+    return found
+
+
+def map_postures(
+    model: JointModel, error: ModelError | None, task: MapTask, orientation: IndexArray, joints: FloatArray
+) -> DeflectionMap:
+    """Return what a map says of postures, by the exact balance of springs and load.
+
+    Args:
+        model: elastic joints.
+        error: of the model; None where it has none.
+        task: tool and wrench.
+        orientation: (P,) index of the fan.
+        joints: (P, n) controller's angles [rad].
+    """
+    found = DeflectionMap.empty(len(joints), model.robot.n)
+    found.orientation[:], found.joints[:] = orientation, joints
+    found.status[:] = np.where(_overloaded(model, task.cases(orientation, joints)), _OVERLOADED, _REACHED)
+    calm = np.flatnonzero(found.reached)
     if len(calm):
-        _fill(found, where[calm], model, error, task, task.cases(orientation[best][calm], posture[calm]))
+        _fill(found, calm, model, error, task)
     return found
 
 
@@ -141,9 +156,9 @@ def _fill(
     model: JointModel,
     error: ModelError | None,
     task: MapTask,
-    cases: LoadCases,
 ) -> None:
-    """Write the numbers of loaded postures into the places (R,) of a map."""
+    """Write the numbers of the loaded postures (R,) into a map."""
+    cases = task.cases(found.orientation[where], found.joints[where])
     posture = LoadedPosture.of(model.robot, model.compliance, cases)
     rows = compliance_rows(model, posture)
     compliance, moved = CartesianCompliance.of(model, posture), posture.displacement
@@ -212,6 +227,10 @@ def _along_and_across(
 
 def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the greatest eigenvalue (R,) of C_tt (R, 3, 3) in the plane across unit vectors (R, 3) [m/N]."""
-    across = np.eye(3) - direction[:, :, None] * direction[:, None]
-    symmetric = 0.5 * (translation + translation.transpose(0, 2, 1))
-    return np.asarray(np.linalg.eigvalsh(across @ symmetric @ across)[:, -1])
+    helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    first = np.cross(direction, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    plane = np.stack([first, np.cross(direction, first)], axis=1)  # (R, 2, 3)
+    form = plane @ translation @ plane.transpose(0, 2, 1)
+    mean, half = 0.5 * (form[:, 0, 0] + form[:, 1, 1]), 0.5 * (form[:, 0, 0] - form[:, 1, 1])
+    return np.asarray(mean + np.hypot(half, 0.5 * (form[:, 0, 1] + form[:, 1, 0])))

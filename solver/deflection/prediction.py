@@ -79,5 +79,5 @@ def predict_deflections(
 def compliance_rows(model: JointModel, posture: LoadedPosture) -> FloatArray:
     """Return ``∂(displacement, rotation)/∂c`` (B, 6, n) at the places [m, then rad, / (rad/(N·m))]."""
     jacobian = posture.jacobian(posture.cases.place)
-    rows: FloatArray = jacobian @ (posture.softened(model.compliance) * posture.torque[:, None])
+    rows: FloatArray = jacobian @ (posture.softened * posture.torque[:, None])
     return rows
