@@ -24,7 +24,13 @@ _HEADLINES: Final[Mapping[Verdict, tuple[str, str]]] = MappingProxyType(
 """First line of a report, and its style."""
 _STYLES: Final = {"use_with_care": "yellow", "do_not_use": "red"}
 _UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
-"""Warnings that `deflection_unexplained` says better."""
+_SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
+    {
+        "deflection_unexplained": _UNEXPLAINED,
+        "alternative_explains_better": _UNEXPLAINED | {"joint_sign_suspect", "joints_swapped"},
+    }
+)
+"""Warnings that a reason says better."""
 
 
 def verdict_line(assessment: Assessment) -> Text:
@@ -89,8 +95,7 @@ def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> 
         for warning in warnings
         if any(reason.message.startswith(warning.message) for reason in reasons)
     }
-    if "deflection_unexplained" in said:
-        said |= _UNEXPLAINED
+    said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
     rest = [warning for warning in warnings if warning.code not in said]
     return sorted(rest, key=lambda warning: warning.where is not None)
 

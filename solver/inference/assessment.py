@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
-from jointstiff.solver.finding import Finding
+from jointstiff.solver.finding import Finding, FindingCode
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
@@ -21,6 +21,8 @@ from jointstiff.solver.inference.reason import Reason, Usability
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
 
+_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
+"""Findings that the alternatives examine, too, and can undo."""
 _ORDER: Final[dict[Usability, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 
 
@@ -72,11 +74,14 @@ def assess(
     Returns:
         The verdict with its reasons.
     """
+    alternatives = () if within_noise(estimate) else tuple(alternative_reasons(robot, measurements))
+    if alternatives:
+        findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     found = chain(
-        () if within_noise(estimate) else alternative_reasons(robot, measurements),
+        alternatives,
         load_reasons(robot, measurements),
         finding_reasons(measurements, settings, prediction, findings),
-        fit_reasons(measurements, estimate, prediction),
+        fit_reasons(measurements, estimate, prediction, explained=bool(alternatives)),
     )
     reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))
     return Assessment(

@@ -29,13 +29,23 @@ _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] that makes a posture another one."""
 
 
-def fit_reasons(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:
-    """Yield the reasons that an estimate and its prediction give."""
+def fit_reasons(
+    measurements: Measurements, estimate: Estimate, prediction: Prediction, *, explained: bool = False
+) -> Iterator[Reason]:
+    """Yield the reasons that an estimate and its prediction give.
+
+    Args:
+        measurements: N observations.
+        estimate: of the same.
+        prediction: by that estimate.
+        explained: whether another reason says already what leaves the deflections unexplained.
+    """
     yield from _identified(estimate)
     yield from _freedom(measurements, estimate)
     yield from _postures(measurements)
     yield from _residuals(estimate)
-    yield from _unexplained(estimate, prediction)
+    if not explained:
+        yield from _unexplained(estimate, prediction)
     yield from _from_judge(estimate, prediction)
     yield from _links(prediction)
 
@@ -51,12 +61,17 @@ def _identified(estimate: Estimate) -> Iterator[Reason]:
         return
     counts = Counter(joint.status.replace("_", " ") for joint in estimate.joints)
     found = ", ".join(f"{count} {status}" for status, count in counts.items())
+    seen = [joint.status for joint in estimate.joints if joint.status != "not_observable"]
+    opposed = bool(seen) and all(status == "at_bound" for status in seen)
     yield Reason(
         "no_joint_identified",
         "do_not_use",
         None,
         f"the readings identify no joint: {found}",
-        "add postures and loads that twist the joints, or constrain fewer of them",
+        "check signs, frame and units of forces and deflections, and the joint map: the targets do not move "
+        "as these loads would move them"
+        if opposed
+        else "add postures and loads that twist the joints",
     )
 
 

@@ -1,15 +1,20 @@
 /** What has been said of a result, so that nothing is said twice. */
 import type { QualityWarning, Reason } from "../api/types";
 
-/** Warnings that `deflection_unexplained` says better. */
 const UNEXPLAINED = ["low_compensation", "deflections_unexplained", "residual_outlier"];
+
+/** Warnings that a reason says better. */
+const SAID_BETTER: Record<string, string[]> = {
+  deflection_unexplained: UNEXPLAINED,
+  alternative_explains_better: [...UNEXPLAINED, "joint_sign_suspect", "joints_swapped"],
+};
 
 /** The warnings that no reason says or sums up. */
 export function unsaid(warnings: QualityWarning[], reasons: Reason[]): QualityWarning[] {
   const said = new Set<string>(reasons.map((reason) => reason.code));
   for (const { code, message } of warnings)
     if (reasons.some((reason) => reason.message.startsWith(message))) said.add(code);
-  if (said.has("deflection_unexplained")) for (const code of UNEXPLAINED) said.add(code);
+  for (const { code } of reasons) for (const same of SAID_BETTER[code] ?? []) said.add(same);
   return warnings.filter(({ code }) => !said.has(code));
 }
 
