@@ -145,7 +145,7 @@ def _compensate_block(
     goal = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
     bare = LoadedPosture.of(robot, model.compliance, wanted, weight)
     uncorrected = _off(wanted, goal, bare.loaded)
-    rows = compliance_rows(model, bare)
+    rows = compliance_rows(bare)
     if model.unseen(rows).any():
         raise RequestError(
             "the load twists a joint of which the readings say nothing",

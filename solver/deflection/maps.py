@@ -160,7 +160,7 @@ def _fill(
     """Write the numbers of the loaded postures (R,) into a map."""
     cases = task.cases(found.orientation[where], found.joints[where])
     posture = LoadedPosture.of(model.robot, model.compliance, cases)
-    rows = compliance_rows(model, posture)
+    rows = compliance_rows(posture)
     compliance, moved = CartesianCompliance.of(model, posture), posture.displacement
     deflection = Deflection(
         moved, posture.rotation, None, None, model.unseen(rows[:, :3]), compliance, posture

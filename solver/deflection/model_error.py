@@ -113,7 +113,7 @@ class ModelError:
         """
         cases = deflection.posture.cases
         load = self.load_size(cases.force, cases.moment)
-        rows = compliance_rows(model, deflection.posture)[:, :3]
+        rows = compliance_rows(deflection.posture)[:, :3]
         leverage = _leverage(rows, model.covariance)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(

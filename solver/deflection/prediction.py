@@ -57,7 +57,7 @@ def predict_deflections(
         RequestError: a load finds no stable balance.
     """
     posture = LoadedPosture.of(model.robot, model.compliance, cases, weight)
-    rows = compliance_rows(model, posture)
+    rows = compliance_rows(posture)
     value = np.concatenate([posture.displacement, posture.rotation], axis=1)
     ends = model.ends(rows.reshape(-1, model.robot.n), confidence)
     interval = None
@@ -76,7 +76,7 @@ def predict_deflections(
     )
 
 
-def compliance_rows(model: JointModel, posture: LoadedPosture) -> FloatArray:
+def compliance_rows(posture: LoadedPosture) -> FloatArray:
     """Return ``∂(displacement, rotation)/∂c`` (B, 6, n) at the places [m, then rad, / (rad/(N·m))]."""
     jacobian = posture.jacobian(posture.cases.place)
     rows: FloatArray = jacobian @ (posture.softened * posture.torque[:, None])
