@@ -190,7 +190,7 @@ def without_contents(document: str) -> str:
 
 def packed(name: str, content: bytes) -> ProgramFile:
     """Return a file as it is stored: compressed, as text."""
-    text = base64.b64encode(zlib.compress(content, 6)).decode("ascii")
+    text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
     return ProgramFile(name=name, bytes=len(content), content=text)
 
 

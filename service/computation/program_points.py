@@ -124,7 +124,7 @@ class WrittenPoints:
         numbers, reasons = self._numbers(), self._reasons()
         rows = np.full(len(self.path.targets), -1)
         rows[self.corrections.points] = np.arange(len(numbers))
-        program = self.path.program
+        program, angles = self.path.program, np.degrees(self.path.cases.joints)
         for point, (index, row) in enumerate(zip(self.path.targets.tolist(), rows.tolist(), strict=True)):
             target = program.targets[index]
             head = [
@@ -134,6 +134,7 @@ class WrittenPoints:
                 target.line,
             ]
             place = [f"{value:.6f}" for value in self.place[point]]
+            place += [f"{value:.4f}" for value in angles[point]]
             writer.writerow([*head, *place, *(numbers[row] if row >= 0 else _NOTHING), reasons[point]])
         return text.getvalue()
 
@@ -152,6 +153,7 @@ class WrittenPoints:
                 _MM * found.uncertainty,
                 _MM * np.maximum(deflection - half, 0.0),
                 _MM * (deflection + half),
+                _MM * self.residual[:, :3],
                 _MM * _size(self.residual[:, :3]),
                 _MRAD * _size(self.residual[:, 3:]),
                 _MM * self.rounding,
@@ -176,6 +178,7 @@ _HEADER: Final = (
     "file",
     "line",
     *(f"place {axis} [m]" for axis in "xyz"),
+    *(f"J{j} [deg]" for j in range(1, 7)),
     *(f"deflection {axis} [mm]" for axis in "xyz"),
     "deflection [mm]",
     "deflection rotation [mrad]",
@@ -185,13 +188,14 @@ _HEADER: Final = (
     "deflection standard uncertainty [mm]",
     "deflection low [mm]",
     "deflection high [mm]",
+    *(f"residual {axis} [mm]" for axis in "xyz"),
     "residual [mm]",
     "residual rotation [mrad]",
     "rounding [mm]",
     "share [1]",
     "remark",
 )
-_NOTHING: Final = ("",) * (len(_HEADER) - 8)
+_NOTHING: Final = ("",) * (len(_HEADER) - 14)
 
 
 def _size(vectors: FloatArray) -> FloatArray:

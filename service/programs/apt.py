@@ -25,6 +25,8 @@ _STILL: Final = words(
     TLDATA PLABEL GOHOME SAFETY CLRSRF SAFPOS PIVOTZ SPINDLE ARCSLP LINTOL
     """
 ) | {"TOOL PATH"}
+_MAX_STATEMENT: Final = 16_384
+"""Characters of a statement; a longer one is cut, and refused as what it is then."""
 _OFF: Final = {"CUTCOM", "CYCLE", "ARCSLP"}
 
 
@@ -62,7 +64,7 @@ def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
             reader.refuse(
                 line,
                 f"the word {shown(body)} is not known",
-                f"let the CAM system write linear moves only, or name it in `leave_alone`: [{name!r}]",
+                f"let the CAM system write linear moves only, or name it in `leave_alone`: [{shown(name)}]",
             )
     return reader.program()
 
@@ -103,7 +105,7 @@ def _statements(source: Source) -> Iterator[tuple[int, int, str]]:
         else:
             first, begin = line, start
         held = None
-        if body.rstrip().endswith("$"):
+        if body.rstrip().endswith("$") and len(body) < _MAX_STATEMENT:
             held = (first, begin, body.rstrip()[:-1] + " ")
         elif body.strip():
             yield first, begin, body

@@ -20,6 +20,7 @@ from jointstiff.service.programs.ur import read_ur
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 """All files of a program together."""
+MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
 
@@ -85,6 +86,8 @@ def _source(name: str, content: bytes) -> Source:
             "the file is not text in one byte a character",
             "save it as plain text, not as UTF-16 or binary",
         )
+    if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
+        _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
     source = Source.of(name, content)
     for line, _, text in source.lines():
         if len(text) > MAX_LINE:

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -82,7 +83,7 @@ class _Aggregate:
     spans: Mapping[str, tuple[int, int]]
     values: Mapping[str, str]
 
-    @property
+    @cached_property
     def fields(self) -> tuple[str, ...] | None:
         """Fields of a pose or of joints, whichever are all there."""
         for fields in (_POSE_FIELDS, _JOINT_FIELDS):
@@ -363,7 +364,9 @@ def read_krl(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
         name.upper()
         for source in ordered
         for name in re.findall(
-            r"^\s*(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)", source.text, re.MULTILINE | re.IGNORECASE
+            r"^[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT[ \t]+\w+)?[ \t]+(\w+)",
+            source.text,
+            re.MULTILINE | re.IGNORECASE,
         )
     )
     state = _Program(reader, routines=routines, changed=_changed(ordered, routines))

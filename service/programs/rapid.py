@@ -218,7 +218,7 @@ class _Module:
 
     def _frames(self, line: int, text: str) -> tuple[FrameName, FrameName] | None:
         work = re.search(r"\\\s*WObj\s*:=\s*(\w+)", text, re.IGNORECASE)
-        arguments = [a.strip() for a in re.sub(r"\[[^\]]*\]", "", text).split(",")]
+        arguments = [a.strip() for a in re.sub(r"\[[^\[\]]*\]", "", text).split(",")]
         last = re.match(r"([A-Za-z]\w*)", arguments[-1])
         if not last or len(arguments) < 3:
             self.reader.refuse(
@@ -263,7 +263,7 @@ def read_rapid(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
     text = sources[0].text
     routines = frozenset(name.upper() for name in re.findall(r"\bPROC\s+(\w+)", text, re.IGNORECASE))
     module = _Module(reader, routines=routines)
-    for parameters in re.findall(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^)]*)\)", text, re.IGNORECASE):
+    for parameters in re.findall(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", text, re.IGNORECASE):
         module.changed |= {name.upper() for name in _NAME.findall(parameters)}
     statements = list(_statements(text))
     for start, statement in statements:
@@ -274,6 +274,7 @@ def read_rapid(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
 
 
 _PIECE: Final = re.compile(r'"[^"\n]*"|![^\n\r]*|;|\r\n|\n|\r')
+_BLANKS: Final = re.compile(r"\s*")
 _HEADER: Final = re.compile(
     r"\s*(?:%%%|%|VERSION|LANGUAGE|MODULE\b|ENDMODULE|(?:LOCAL\s+)?PROC\b|ENDPROC|ENDFUNC|ENDTRAP|ENDIF|ELSE\s*$|ENDFOR|ENDWHILE|ENDTEST|ERROR\s*$|UNDO\s*$|"
     r"DEFAULT\s*:|CASE\b.*:|IF\b.*\bTHEN\s*$|ELSEIF\b.*\bTHEN\s*$|FOR\b.*\bDO\s*$|WHILE\b.*\bDO\s*$|TEST\b|FUNC\b|TRAP\b|\w+:\s*$)",
@@ -286,6 +287,10 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
     plain = _PIECE.sub(lambda m: " " * len(m[0]) if m[0].startswith("!") else m[0], text)
     start = 0
     for piece in _PIECE.finditer(plain):
+        start = _BLANKS.match(plain, start).end()  # type: ignore[union-attr]  # it always matches
+        if start >= piece.start() and not piece[0].startswith('"'):  # an empty line, or an empty statement
+            start = max(start, piece.end())
+            continue
         ends = piece[0] == ";"
         if not ends and (piece[0].startswith('"') or not _HEADER.match(plain, start, piece.start())):
             continue

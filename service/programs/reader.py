@@ -26,6 +26,8 @@ def words(text: str) -> frozenset[str]:
 
 def without_comment(text: str, mark: str) -> str:
     """Cut a line off at its comment mark, outside of quotes."""
+    if '"' not in text:
+        return text.partition(mark)[0]
     quoted = False
     for i, character in enumerate(text):
         quoted ^= character == '"'
@@ -78,7 +80,7 @@ class Reader:
         self.refuse(
             line,
             f"{shown(name)} is not known: it may move the robot or change its frames",
-            f"if it does neither, name it in `leave_alone`: [{name!r}]",
+            f"if it does neither, name it in `leave_alone`: [{shown(name)}]",
         )
 
     def target(

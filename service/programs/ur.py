@@ -224,10 +224,12 @@ def read_ur(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
         ProgramError: part of it is not understood.
     """
     reader = Reader("ur", sources, allowed)
-    routines = frozenset(re.findall(r"^\s*(?:def|sec|thread)\s+(\w+)", sources[0].text, re.MULTILINE))
-    names = re.findall(r"^\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", sources[0].text, re.MULTILINE)
+    routines = frozenset(re.findall(r"^[ \t]*(?:def|sec|thread)[ \t]+(\w+)", sources[0].text, re.MULTILINE))
+    names = re.findall(
+        r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(\w+)[ \t]*=(?!=)", sources[0].text, re.MULTILINE
+    )
     repeated = {name for name, times in Counter(names).items() if times > 1}
-    for parameters in re.findall(r"^\s*def\s+\w+\s*\(([^)\n]*)\)", sources[0].text, re.MULTILINE):
+    for parameters in re.findall(r"^[ \t]*def[ \t]+\w+[ \t]*\(([^)\n]*)\)", sources[0].text, re.MULTILINE):
         repeated |= set(_NAME.findall(parameters))
     script = _Script(reader, FrameName("active TCP"), {}, repeated, routines)
     for line, start, text in sources[0].lines():

@@ -301,3 +301,13 @@ def test_what_the_program_changes_is_no_target(name, content, line):
 )  # fmt: skip
 def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, content, line):
     assert refusal(name, content).faults[0].line == line
+
+
+@pytest.mark.parametrize("name", ["a.src", "a.LS", "a.mod", "a.script", "a.cls", "a.csv"])
+@pytest.mark.parametrize(
+    "content", ["\n" * 1_000_000, (" " * 4000 + "\n") * 300, "$\n" * 200_000, "PROC a(" * 500 + "\n"]
+)
+def test_large_files_of_nothing_are_refused_soon(name, content):
+    """Each of these took minutes once: a pattern that began anew on each line."""
+    error = refusal(name, content)
+    assert len(str(error)) < 8000
