@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import logging
+import threading
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -39,6 +40,7 @@ class Keyring:
         self._stored = _NONE
         self._filed = _NONE
         self._is_broken = False
+        self._looking = threading.Lock()
 
     def look(self) -> None:
         """Look at the keys again. A file that is gone or became unreadable has no keys.
@@ -46,6 +48,10 @@ class Keyring:
         Raises:
             StoreError: the database does not answer.
         """
+        with self._looking:  # a look that began before a change must not end after one that saw it
+            self._look()
+
+    def _look(self) -> None:
         if self._file is not None:
             try:
                 self._filed = {key.id: key for key in self._file.all()}

@@ -37,6 +37,8 @@ ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")
 ANONYMOUS_ENTRIES: Final = 60
 """Entries of the audit a minute about requests without a valid key: such requests cannot fill the disk."""
 _LONGEST_PATH: Final = 200
+_LONGEST_ADDRESS: Final = 64
+_LONGEST_METHOD: Final = 16
 _ASKED: Final = "jointstiff.asked"
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; `jointstiff keys create` makes keys"
@@ -270,8 +272,8 @@ class _Auditor:
             at=datetime.now(UTC),
             key_id=None if asked.key is None else asked.key.id,
             key_name=None if asked.key is None else asked.key.name,
-            address=asked.address,
-            method=scope["method"],
+            address=asked.address[:_LONGEST_ADDRESS],
+            method=scope["method"][:_LONGEST_METHOD],
             operation=asked.operation,
             path=_shown(scope["path"]),
             status=status,

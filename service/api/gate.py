@@ -129,12 +129,8 @@ class Gate:
         raise WrongKeysError
 
     async def _redeemed(self, link: str | None, address: str) -> AccessKey:
-        key_id = None
-        if not self._throttle.refuses(address):
-            hashed = digest(link or "")
-            key_id = await run_sync(
-                self._store.sessions.redeem, hashed, datetime.now(UTC), limiter=self._turns
-            )
+        hashed, now = digest(link or ""), datetime.now(UTC)
+        key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._turns)
         found = None if key_id is None else self.keyring.find(key_id)
         if found is not None:
             return found

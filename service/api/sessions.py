@@ -42,6 +42,7 @@ async def create_session(request: Request, response: Response, body: SessionRequ
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, asked.address)
     asked.key = signed.key
+    await gate.sign_out(request)  # of the session that the new cookie replaces
     response.set_cookie(
         cookie_name(request),
         signed.token,

@@ -136,6 +136,9 @@ class Sessions:
         Of two who use it at the same time one gets the key.
         """
         links = access_links.c
+        with self._database.reading() as connection:  # guesses do not take the writer's turn
+            if connection.execute(select(links.key_id).where(links.token_hash == token_hash)).first() is None:
+                return None
         taken = delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
             row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()

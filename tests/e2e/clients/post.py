@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
 
-from jointstiff_client import Client
+from jointstiff_client import AuthenticatedClient
 from jointstiff_client.api.comparisons import cancel_comparison, create_comparison
 from jointstiff_client.api.geometries import create_geometry
 from jointstiff_client.api.measurement_sets import create_import, create_measurement_set
@@ -39,7 +39,7 @@ from jointstiff_client.models.run_request import RunRequest
 from jointstiff_client.types import File, Response
 
 Message = TypeVar("Message")
-CLIENT = Client(base_url=sys.argv[1])
+CLIENT = AuthenticatedClient(base_url=sys.argv[1], token="none is demanded")
 BODIES: dict[str, list[dict[str, Any]]] = json.loads(Path(sys.argv[2]).read_text(encoding="utf-8"))
 
 

@@ -185,6 +185,9 @@ def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
     assert slept == [gate.SLOW_SECONDS] * 9
     assert client.get("/v1/robots", headers=bearer("viewer")).status_code == 200
     assert client.request("POST", "/v1/session", json={"link": "x"}).status_code == 429
+    token = mint_token("jsl")
+    store.sessions.offer(digest(token), KEYS["viewer"].record.id, NOW, NOW + timedelta(minutes=10))
+    assert client.request("POST", "/v1/session", json={"link": token}).status_code == 201
 
 
 def test_revoked_keys_and_their_sessions_end_at_once(client, store):
@@ -221,6 +224,13 @@ def test_admins_issue_keys_that_are_shown_once(client, store):
 def test_odd_keys_are_not_made(body, client, store):
     assert client.request("POST", "/v1/keys", json=body, headers=bearer("admin")).status_code == 422
     assert len(store.keys.all()) == len(KEYS)
+
+
+def test_who_signs_in_again_leaves_no_session_behind(client):
+    before = signed_in(client)
+    after = signed_in(client, "admin", Cookie=before)
+    assert client.get("/v1/robots", headers={"Cookie": before}).status_code == 401
+    assert client.get("/v1/robots", headers={"Cookie": after}).status_code == 200
 
 
 def signed_in(client, role="viewer", **headers):
