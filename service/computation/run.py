@@ -19,10 +19,11 @@ from jointstiff.service.conversion import (
     to_warnings,
 )
 from jointstiff.solver.deflection import JointModel, ModelError, leave_postures_out
+from jointstiff.solver.design import advise
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
-from jointstiff.solver.inference import Estimate, advise, judge, predict, predict_encoders
+from jointstiff.solver.inference import Estimate, judge, predict, predict_encoders
 from jointstiff.solver.resampling import Resamples, summarise
 
 

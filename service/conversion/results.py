@@ -15,7 +15,8 @@ from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference import Advice, Assessment, Contributions, Estimate, Prediction
+from jointstiff.solver.design import Advice
+from jointstiff.solver.inference import Assessment, Contributions, Estimate, Prediction
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
+    from jointstiff.solver.design.advice import advise
+    from jointstiff.solver.design.advised_reading import Advice
     from jointstiff.solver.design.campaign_plan import CampaignPlan, plan_campaign
     from jointstiff.solver.design.candidates import PackedCandidates
     from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 else:
     __getattr__ = names_of(
         __name__,
+        advice="advise",
+        advised_reading="Advice",
         campaign_plan="CampaignPlan plan_campaign",
         candidates="PackedCandidates",
         criteria="AOptimality DOptimality EOptimality GOptimality",
@@ -34,6 +38,7 @@ else:
 
 __all__ = [
     "AOptimality",
+    "Advice",
     "CampaignPlan",
     "Cell",
     "DOptimality",
@@ -47,6 +52,7 @@ __all__ = [
     "Loads",
     "PackedCandidates",
     "PlanRequest",
+    "advise",
     "exact_design",
     "optimise",
     "plan_campaign",

@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links import elastic_rows_of
 from jointstiff.solver.readings import DifferenceNoise, Instrument, Measurements
@@ -49,10 +49,12 @@ class Equipment:
 
     Attributes:
         targets: (T, 3) flange frame [m].
-        load_point: (3,) where the force acts, flange frame [m].
+        load_point: (3,) where the force acts, flange frame [m]; or (N, 3), of as many postures.
         loads: that can be applied.
         sigma: standard uncertainty of one coordinate of one reading [m].
         instrument: the tracker at its station; isotropic noise of sigma if None.
+        covariance: (3, 3) or (T, 3, 3) of the targets' deflections, in units of sigma², where there is no
+            instrument; isotropic if None.
     """
 
     targets: FloatArray
@@ -60,6 +62,7 @@ class Equipment:
     loads: Loads
     sigma: float
     instrument: Instrument | None = None
+    covariance: FloatArray | None = None
 
     def measurements(self, robot: Robot, joints: FloatArray, force: FloatArray) -> Measurements:
         """Return readings still to be taken, with deflections of zero and the covariance that they will have.
@@ -82,7 +85,9 @@ class Equipment:
             sigma=self.sigma,
         )
         if self.instrument is None:
-            return plain
+            if self.covariance is None:
+                return plain
+            return replace(plain, covariance=np.broadcast_to(self.covariance, (*shape[:2], 3, 3)).copy())
         noise = DifferenceNoise.by(self.instrument, robot, plain)
         # The unit of the covariance is the sigma stated here, whatever that of these places is.
         return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
@@ -99,7 +104,7 @@ class Equipment:
     def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return where the load acts (N, 3) in R0 [m]."""
         now = Configurations(robot, robot.joint_map.model_angles(joints))
-        points = np.broadcast_to(self.load_point, (len(joints), 1, 3))
+        points = np.broadcast_to(self.load_point, (len(joints), 3))[:, None]
         place: FloatArray = now.to_base(points)[:, 0]
         return place
 
@@ -130,6 +135,57 @@ def whitened_rows(robot: Robot, measurements: Measurements, *, links: bool) -> F
     parts = [whitener(covariance) @ A for A, covariance in blocks]
     rows = np.concatenate(parts)
     return rows.reshape(len(rows), -1, rows.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Jacobians of N postures, which turn a load into deflections.
+
+    Attributes:
+        load_jacobian: (N, 3, n) J_v at the load point [m/rad].
+        target_jacobian: (N, 3 T, n) J_v at the targets, whitened in units of sigma.
+    """
+
+    load_jacobian: FloatArray
+    target_jacobian: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, equipment: Equipment, joints: FloatArray) -> Motion:
+        """Compute the Jacobians of postures (N, n) [rad]."""
+        count = len(joints)
+        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        load_point = np.broadcast_to(equipment.load_point, (count, 3))[:, None]
+        targets = np.broadcast_to(equipment.targets, (count, *equipment.targets.shape))
+        covariance = equipment.covariance
+        if covariance is None:
+            covariance = equipment.measurements(robot, joints, np.zeros((count, 3))).covariance
+        jacobian = whitener(covariance) @ now.jacobian_at(now.to_base(targets))
+        return cls(
+            now.jacobian_at(now.to_base(load_point))[:, 0],
+            jacobian.reshape(count, 3 * len(equipment.targets), robot.n),
+        )
+
+    def rows(self, force: FloatArray) -> FloatArray:
+        """Return the rows (N, 3 T, n) of one reading under forces (N, 3) [N]."""
+        torque = np.einsum("ni,nij->nj", force, self.load_jacobian)
+        rows: FloatArray = self.target_jacobian * torque[:, None]
+        return rows
+
+    def information(self, force: FloatArray) -> FloatArray:
+        """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (N, D, 3) [N].
+
+        Returns:
+            (n, n, N, D) in units of sigma⁻².
+        """
+        J = self.target_jacobian
+        motion = (J.transpose(0, 2, 1) @ J).transpose(1, 2, 0)[..., None]
+        torque = np.ascontiguousarray((force @ self.load_jacobian).transpose(2, 0, 1))
+        information: FloatArray = motion * torque[:, None] * torque[None]
+        return information
+
+    def __getitem__(self, rows: IndexArray) -> Motion:
+        """Some of the postures."""
+        return Motion(self.load_jacobian[rows], self.target_jacobian[rows])
 
 
 def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import Candidates, PackedCandidates
-from jointstiff.solver.design.experiment import Equipment, drawn_postures, whitened_rows
+from jointstiff.solver.design.experiment import Equipment, Motion, drawn_postures, whitened_rows
 from jointstiff.solver.design.feasibility import Strikes, feasible
 from jointstiff.solver.design.parameters import Parameters, parameters_of
 from jointstiff.solver.design.plan_request import PlanRequest
@@ -18,6 +18,8 @@ from jointstiff.solver.robot import Robot
 
 _WITH_LINKS: Final = 800
 """Candidates where elastic links are a nuisance: each costs fifteen times as much."""
+_BLOCK: Final = 2_048
+"""Candidates whose rows are computed at a time."""
 _SAMPLED: Final = 500
 """Candidates from whose rows the parameters are chosen."""
 
@@ -64,12 +66,7 @@ class Pool:
         directions = np.eye(3)[:, None] if free else direction[kept][None]  # type: ignore[index]
         forces = [np.broadcast_to(strength[:, None] * each, (len(joints), 3)) for each in directions]
         sample = slice(None, None, max(1, len(joints) // _SAMPLED))
-        some = [
-            whitened_rows(
-                robot, equipment.measurements(robot, joints[sample], F[sample]), links=request.links
-            )
-            for F in forces
-        ]
+        some = _rows(robot, request, joints[sample], [F[sample] for F in forces])
         if request.so_far is not None:
             some.append(whitened_rows(robot, request.so_far, links=request.links))
         parameters = parameters_of(
@@ -97,21 +94,24 @@ def _candidates(
     robot: Robot, request: PlanRequest, joints: FloatArray, forces: list[FloatArray], parameters: Parameters
 ) -> Candidates:
     """Return the information of all readings, block by block, in units of 1/variance."""
-    equipment, parts = request.equipment, []
-    for start in range(0, len(joints), 2048):
-        part = slice(start, start + 2048)
-        rows = [
-            parameters.rows(
-                whitened_rows(
-                    robot, equipment.measurements(robot, joints[part], F[part]), links=request.links
-                )
-            )
-            / equipment.sigma
-            for F in forces
-        ]
-        parts.append(np.stack(rows, axis=1))
+    parts = []
+    for start in range(0, len(joints), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        rows = _rows(robot, request, joints[part], [F[part] for F in forces])
+        parts.append(np.stack([parameters.rows(each) for each in rows], axis=1) / request.equipment.sigma)
     stack = np.concatenate(parts)
     return PackedCandidates.from_rows(stack if len(forces) > 1 else stack[:, 0])
+
+
+def _rows(
+    robot: Robot, request: PlanRequest, joints: FloatArray, forces: list[FloatArray]
+) -> list[FloatArray]:
+    """Return the rows (N, 3 T, P) of readings under each of some loads (N, 3), in units of sigma."""
+    equipment = request.equipment
+    if not request.links:
+        motion = Motion.of(robot, equipment, joints)
+        return [motion.rows(F) for F in forces]
+    return [whitened_rows(robot, equipment.measurements(robot, joints, F), links=True) for F in forces]
 
 
 def _known(robot: Robot, request: PlanRequest, parameters: Parameters) -> FloatArray:

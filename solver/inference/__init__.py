@@ -1,9 +1,7 @@
-"""Inference from a fit: intervals, verdicts, predictions and advice."""
+"""Inference from a fit: intervals, verdicts and predictions."""
 
 from __future__ import annotations
 
-from jointstiff.solver.inference.advice import advise
-from jointstiff.solver.inference.advised_reading import Advice
 from jointstiff.solver.inference.assessment import Assessment, assess
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.inference.estimate import Estimate, assemble
@@ -21,7 +19,6 @@ from jointstiff.solver.inference.stages import StagesCertificate
 
 __all__ = [
     "Action",
-    "Advice",
     "Assessment",
     "Contributions",
     "Estimate",
@@ -32,7 +29,6 @@ __all__ = [
     "StagesCertificate",
     "UncertaintyBudget",
     "Usability",
-    "advise",
     "assemble",
     "assess",
     "inspect_encoders",

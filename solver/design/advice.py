@@ -8,20 +8,21 @@ covariance. Candidates are compared by it, and nothing else.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.inference.advised_reading import Advice
-from jointstiff.solver.inference.candidates import (
-    AXIS_DIRECTIONS,
+from jointstiff.solver.design.advised_reading import Advice
+from jointstiff.solver.design.experiment import (
     Equipment,
-    Postures,
-    measured_postures,
-    new_postures,
+    Loads,
+    Motion,
+    targets_in_flange,
+    within_limits,
 )
-from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference import Estimate
 from jointstiff.solver.observability import Spectrum
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Robot
@@ -42,6 +43,35 @@ EASIER: Final = 1.05
 """A force along an axis of R0, or the set's own, is easier to apply: others must be better by this factor."""
 _NO_PIVOT: Final = 1e-12
 _SHOWS: Final = 1e-6
+_LEAST_SPAN: Final = 1.0
+"""Range of a joint's angle [rad] for new postures, where the set itself spans less."""
+_DRAWS: Final = 4
+"""New postures drawn for each one needed, as limits of coupled joints exclude some."""
+_SEED: Final = 20170924
+_CUBE: Final = np.array(
+    [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)],
+    dtype=np.float64,
+)
+"""(13, 3) towards faces, edges and corners of a cube, one of each opposite pair: both tell the same."""
+_DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """M postures with all targets on the flange.
+
+    Attributes:
+        joints: (M, n) angles as the controller shows them [rad].
+        observation: (M,) the observation that has this posture; -1 for a new one.
+        motion: their Jacobians.
+    """
+
+    joints: FloatArray
+    observation: IndexArray
+    motion: Motion
+
+    def __len__(self) -> int:
+        return len(self.joints)
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -63,22 +93,81 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     joints = _in_need(estimate)
     if not len(joints) or not measurements.force.any():
         return ()
-    tools = Equipment.of(robot, measurements)
+    tools = equipment_of(robot, measurements)
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
     postures = (
-        measured_postures(robot, measurements, tools, count),
-        new_postures(robot, measurements, tools, count),
+        _measured_postures(robot, measurements, tools, count),
+        _in_motion(robot, tools, new_postures(robot, measurements, count)),
     )
-    search = _Search(estimate, tools)
+    own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
+    weights = _one_direction(measurements.force, own)
+    search = _Search(estimate, own, one_direction=weights)
     measured, new = (
         search.best(part, joints, all_directions=all_directions)
-        for part, all_directions in zip(postures, (True, not tools.one_direction), strict=True)
+        for part, all_directions in zip(postures, (True, not weights), strict=True)
     )
     return tuple(
-        advice
-        for pair in zip(measured, new, strict=True)
-        for advice in _worth_saying(*pair, weights=tools.one_direction)
+        advice for pair in zip(measured, new, strict=True) for advice in _worth_saying(*pair, weights=weights)
     )
+
+
+def equipment_of(robot: Robot, measurements: Measurements) -> Equipment:
+    """Return the strongest force, and the targets of the observation that read most of them.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+    """
+    sizes = np.linalg.norm(measurements.force, axis=1)
+    strongest = int(np.argmax(sizes))
+    richest = int(np.argmax(measurements.present.sum(axis=1)))
+    present, covariance = measurements.present[richest], measurements.covariance
+    return Equipment(
+        targets=targets_in_flange(robot, measurements[richest : richest + 1])[present],
+        load_point=measurements.load_point[strongest],
+        loads=Loads("any_direction", float(sizes[strongest]), np.full(robot.n, np.inf)),
+        sigma=1.0,
+        covariance=covariance if covariance.ndim == 2 else covariance[richest, present],
+    )
+
+
+def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
+    """Draw postures in whole degrees, within what the set spans and the joints' limits.
+
+    The draw is the same at each call. A joint that the set hardly moves is moved by a radian, as a
+    posture that none of the set resembles may be what is missing.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        count: at most so many.
+
+    Returns:
+        (M, n) [rad].
+    """
+    least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
+    half = np.maximum(greatest - least, _LEAST_SPAN) / 2.0
+    draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
+    joints: FloatArray = np.radians(np.round(np.degrees((least + greatest) / 2.0 + half * draws)))
+    return joints[within_limits(robot, joints)][:count]
+
+
+def _measured_postures(robot: Robot, measurements: Measurements, tools: Equipment, count: int) -> Postures:
+    """Return postures of the set, evenly spread, each with its own load point."""
+    chosen = np.unique(np.linspace(0, len(measurements) - 1, min(count, len(measurements))).astype(np.intp))
+    own = replace(tools, load_point=measurements.load_point[chosen])
+    return replace(_in_motion(robot, own, measurements.joints[chosen]), observation=chosen)
+
+
+def _in_motion(robot: Robot, tools: Equipment, joints: FloatArray) -> Postures:
+    new = np.full(len(joints), -1, dtype=np.intp)
+    return Postures(joints, new, Motion.of(robot, tools, joints))
+
+
+def _one_direction(force: FloatArray, own: FloatArray) -> bool:
+    """Return whether all forces (N, 3) pull along one line, as weights do."""
+    sizes = np.linalg.norm(force, axis=1) * np.linalg.norm(own)
+    return bool((np.abs(force @ own) >= (1.0 - 1e-6) * sizes).all())
 
 
 def precision(information: FloatArray, joint: int) -> FloatArray:
@@ -123,12 +212,13 @@ def _in_need(estimate: Estimate) -> IndexArray:
 class _Search:
     """Compares candidates for one set of readings."""
 
-    def __init__(self, estimate: Estimate, tools: Equipment) -> None:
+    def __init__(self, estimate: Estimate, own: FloatArray, *, one_direction: bool) -> None:
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._information = self._regressor.T @ self._regressor
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
-        self._tools = tools
+        self._own, self._strength = own, float(np.linalg.norm(own))
+        self._one_direction = one_direction
         self._same_method = _has_least_uncertainty(estimate, self._regressor)
 
     def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Advice | None]:
@@ -136,43 +226,43 @@ class _Search:
         if not len(postures):
             return [None] * len(joints)
         forces = self._forces(postures, joints, all_directions=all_directions)
-        torque = postures.torque(forces)
-        added = postures.information(torque)
+        added = postures.motion.information(forces)
         diagonal = np.diagonal(self._information) + np.einsum("iimd->imd", added).max(axis=(1, 2))
         scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         total = self._information[..., None, None] + added
         total /= np.multiply.outer(scale, scale)[..., None, None]
-        easy = np.isclose(np.abs(forces).max(axis=2), self._tools.strength, rtol=_SHOWS)
+        easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
         easy[:, 0] = True
         found = list[Advice | None]()
         for joint in joints.tolist():
             scores = precision(total, joint) * np.where(easy, EASIER**2, 1.0)
             m, d = np.unravel_index(int(np.argmax(scores)), scores.shape)
-            found.append(self._advice(joint, postures, int(m), forces[m, d], torque[m, d]))
+            found.append(self._advice(joint, postures, int(m), forces[m, d]))
         return found
 
     def _forces(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> FloatArray:
         """(M, D, 3) candidate forces [N]: the set's own, those of a cube, and those across each axis."""
-        own = self._tools.force / self._tools.strength
+        own = self._own / self._strength
         count = len(postures)
         directions = np.broadcast_to(own, (count, 1, 3))
         if all_directions:
             # a × r is the velocity of the load point: no force of this strength twists the joint more.
-            across = postures.load_jacobian[:, :, joints].transpose(0, 2, 1)
+            across = postures.motion.load_jacobian[:, :, joints].transpose(0, 2, 1)
             lever = np.linalg.norm(across, axis=2, keepdims=True)
             across = np.where(lever > 0, across / np.where(lever > 0, lever, 1.0), own)
-            cube = np.broadcast_to(AXIS_DIRECTIONS, (count, len(AXIS_DIRECTIONS), 3))
+            cube = np.broadcast_to(_DIRECTIONS, (count, len(_DIRECTIONS), 3))
             directions = np.concatenate([directions, cube, across], axis=1)
         # A force tells the same as its opposite: of both, the one that is more like the set's own.
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
-        forces: FloatArray = self._tools.strength * sign[..., None] * directions
+        forces: FloatArray = self._strength * sign[..., None] * directions
         return forces
 
-    def _advice(
-        self, joint: int, postures: Postures, m: int, force: FloatArray, torque: FloatArray
-    ) -> Advice | None:
+    def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
         """Put a candidate into numbers, by a decomposition of all readings with it."""
-        after = _deviation(Spectrum(np.vstack([self._regressor, postures.rows(m, torque)])), joint)
+        after = _deviation(
+            Spectrum(np.vstack([self._regressor, postures.motion[np.array([m])].rows(force[None])[0]])),
+            joint,
+        )
         if after is None:
             return None
         before = _deviation(self._spectrum, joint)
@@ -182,8 +272,8 @@ class _Search:
             joints=postures.joints[m],
             observation=None if observation < 0 else observation,
             force=force,
-            own_direction=self._tools.one_direction and np.allclose(force, self._tools.force, rtol=1e-9),
-            torque=float(abs(torque[joint])),
+            own_direction=self._one_direction and np.allclose(force, self._own, rtol=1e-9),
+            torque=float(abs(force @ postures.motion.load_jacobian[m, :, joint])),
             deviation=after,
             sigma=self._sigma,
             uncertainty_ratio=None if before is None else after / before,

@@ -18,9 +18,8 @@ from jointstiff.service.conversion.results import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, SpringArm
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
-from jointstiff.solver.inference import Advice, advise
-from jointstiff.solver.inference.advice import precision
-from jointstiff.solver.inference.candidates import Equipment, new_postures
+from jointstiff.solver.design import Advice, advise
+from jointstiff.solver.design.advice import new_postures, precision
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.robot import Configurations, KinematicChain, Robot
 
@@ -182,14 +181,14 @@ class TestNewPostures:
             for joint in robot.chain.joints
         )
         robot = Robot(replace(robot.chain, joints=tight))
-        found = new_postures(robot, measurements, Equipment.of(robot, measurements), 30)
+        found = new_postures(robot, measurements, 30)
         assert len(found) == 30
-        np.testing.assert_allclose(np.degrees(found.joints), np.round(np.degrees(found.joints)), atol=1e-9)
-        assert (found.joints >= robot.limits[:, 0]).all()
-        assert (found.joints <= robot.limits[:, 1]).all()
+        np.testing.assert_allclose(np.degrees(found), np.round(np.degrees(found)), atol=1e-9)
+        assert (found >= robot.limits[:, 0]).all()
+        assert (found <= robot.limits[:, 1]).all()
         least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
         allowed = np.maximum(greatest - least, 1.0) / 2 + np.radians(0.5)  # one radian at the least
-        assert (np.abs(found.joints - (least + greatest) / 2) <= allowed).all()
+        assert (np.abs(found - (least + greatest) / 2) <= allowed).all()
 
     def test_none_where_the_limits_leave_no_room(self):
         robot, measurements = prepare(simulate_campaign(default_arm(), configurations=3, seed=3))
