@@ -35,6 +35,21 @@ class ModelError(Message):
     )
 
 
+class ElasticPart(Message):
+    """Compliances of joints, coupling and links, with their covariance."""
+
+    links: list[Name] = Field(description="Joints whose links may bend.")
+    columns: list[int] = Field(
+        description="Place of each entry among the n joints, the upper triangle of their coupling by "
+        "columns, and 21 entries a link likewise; entries off a diagonal are times the root of 2."
+    )
+    entries: list[float] = Field(description="In SI units: rad/(N.m), m/N, rad/N.")
+    covariance_root: list[float] = Field(
+        description="Upper triangular T row by row, T T' the covariance of the entries; empty where sigma is "
+        "unknown. Units of the entries."
+    )
+
+
 class IdentifiedModel(Message):
     """Compliances with what is known of their errors, before any constraint, and the constraints."""
 
@@ -55,6 +70,11 @@ class IdentifiedModel(Message):
     upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
     order: list[tuple[int, int]] = Field(
         description="Pairs of joints: the first is no softer than the second."
+    )
+    elastic: ElasticPart | None = Field(
+        default=None,
+        description="All compliances where links or coupling are elastic: the rows and columns above are "
+        "then empty, and `seen` names the joints that the readings saw.",
     )
     degrees_of_freedom: float | None = Field(description="Of sigma; null where it was given.")
     error: ModelError | None = Field(description="Null where no posture could be left out: see `no_error`.")

@@ -208,7 +208,7 @@ class RunResult(Result):
     )
     model: IdentifiedModel | None = Field(
         default=None,
-        description="Model for predictions; null if links or coupling are elastic.",
+        description="Model for predictions.",
     )
     warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
 from jointstiff.schemas.run import Run
-from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel
 from jointstiff.service.conversion import (
     to_case_results,
     to_directions,
+    to_elastic_predictor,
     to_joint_model,
     to_load_cases,
     to_own_weight,
@@ -17,6 +20,11 @@ from jointstiff.service.conversion import (
 from jointstiff.solver.deflection import ModelError, predict_deflections
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import Robot
+
+_LINEAR: Final = (
+    "to first order in the load: links and joints bend linearly, own weight and complementary stiffness are "
+    "left out"
+)
 
 
 def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
@@ -31,6 +39,8 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
     stored = model_of(run)
+    if stored.elastic is not None:
+        return _by_elastic(robot, run, stored, stored.elastic, request)
     model, error = to_joint_model(robot, stored)
     cases = to_load_cases(request, robot)
     weight = to_own_weight(request, robot)
@@ -49,6 +59,34 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     )
 
 
+def _by_elastic(
+    robot: Robot, run: Run, stored: IdentifiedModel, part: ElasticPart, request: DeflectionOptions
+) -> DeflectionResult:
+    """Predict by a model in which links or coupling bend.
+
+    Raises:
+        RequestError: masses are given, or the request does not fit the robot.
+    """
+    if request.masses:
+        raise RequestError(
+            f"run '{run.id}' lets links or coupling bend, where own weight is not supported",
+            where="masses",
+            remedy="omit masses, or predict by a run with elasticity joints",
+        )
+    model, error = to_elastic_predictor(robot, stored, part)
+    cases = to_load_cases(request, robot)
+    found = model.predict(cases, request.confidence)
+    bound = None if error is None else error.bound_of(cases, model.leverage(found), request.confidence)
+    labels = [case.label or str(i + 1) for i, case in enumerate(request.cases)]
+    return DeflectionResult(
+        confidence=request.confidence,
+        model_error_postures=0 if error is None else error.postures,
+        postures_needed=ModelError.needed(request.confidence),
+        remarks=[_LINEAR, *no_bound(error, stored.no_error, request.confidence)],
+        cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
+    )
+
+
 def model_of(run: Run) -> IdentifiedModel:
     """Return the model of a run that predicts.
 
@@ -62,11 +100,7 @@ def model_of(run: Run) -> IdentifiedModel:
             remedy="name one that succeeded",
         )
     if run.result.model is None:
-        elastic = run.request.elasticity != "joints"
-        reason = "lets links bend, and predictions are by joints" if elastic else "holds no model"
-        raise RequestError(
-            f"run '{run.id}' {reason}", where="run_id", remedy="identify the set again with elasticity joints"
-        )
+        raise RequestError(f"run '{run.id}' holds no model", where="run_id", remedy="identify the set again")
     return run.result.model
 
 

@@ -9,10 +9,12 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.run import RunOptions, RunResult
+from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.conversion import (
     to_elastic_columns,
+    to_elastic_model,
     to_links_result,
     to_losses,
     to_plan,
@@ -21,12 +23,14 @@ from jointstiff.service.conversion import (
     to_settings,
     to_warnings,
 )
-from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.deflection import ElasticPredictor, ModelError, folds_left_out
+from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.fitting import DEFAULT_THRESHOLD
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import Estimate, judge
 from jointstiff.solver.links import (
     MODELS,
+    ElasticEstimate,
     ElasticModel,
     FoldFit,
     Folds,
@@ -148,7 +152,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
         selection = select_model(robot, measurements, self._folds, fits, self._plan, asked)
         chosen = selection.of(asked or selection.simplest)
         if chosen.model != "joints":
-            return self._result(selection, chosen)
+            return self._result(selection, chosen, fits[chosen.model, chosen.loss])
         chosen = selection.of("joints", ("squared", "huber"))
         options = self._options.model_copy(
             update={"elasticity": "joints", "loss": chosen.loss, "links": [], "link_penalty": None}
@@ -187,7 +191,7 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             for steps in of_fold
         ]
 
-    def _result(self, selection: Selection, chosen: HeldOut) -> RunResult:
+    def _result(self, selection: Selection, chosen: HeldOut, fits: Sequence[FoldFit]) -> RunResult:
         prepared, options, grid = self._prepared, self._options, self._plan.weights
         robot, weight = prepared.robot, chosen.penalty or grid[0]
         model = next(model for model in self._models if model.key == (chosen.model, chosen.loss))
@@ -211,4 +215,22 @@ class ElasticWork(SteppedWork[list[FoldFit]]):
             estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
         )
         links = to_links_result(elastic, robot.joint_names, options, self._losses)
-        return result.model_copy(update={"links": links, "selection": to_selection(selection, chosen)})
+        place = grid.index(weight)
+        held_out = [FoldFit(fit.compliances[[place]], fit.error[[place]]) for fit in fits]
+        return result.model_copy(
+            update={
+                "links": links,
+                "selection": to_selection(selection, chosen),
+                "model": self._model(elastic, held_out),
+            }
+        )
+
+    def _model(self, elastic: ElasticEstimate, held_out: list[FoldFit]) -> IdentifiedModel:
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        predictor = ElasticPredictor.of(robot, elastic)
+        error: ModelError | JointstiffError
+        try:
+            error = folds_left_out(robot, measurements, self._folds, held_out, predictor)
+        except JointstiffError as none:  # the run stands without it, and predictions say why
+            error = none
+        return to_elastic_model(predictor, error)

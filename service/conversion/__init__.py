@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from jointstiff.service.conversion.deflections import (
         moment_factor,
         to_directions,
+        to_elastic_model,
+        to_elastic_predictor,
         to_identified_model,
         to_joint_model,
         to_load_cases,
@@ -62,8 +64,8 @@ else:
         __name__,
         assessments="combined to_assessment to_joints",
         csv_table="comparison_csv guarded",
-        deflections="moment_factor to_directions to_identified_model to_joint_model to_load_cases "
-        "to_own_weight",
+        deflections="moment_factor to_directions to_elastic_model to_elastic_predictor to_identified_model "
+        "to_joint_model to_load_cases to_own_weight",
         frames="in_base stated_transform to_resolved",
         geometry="to_geometry_result",
         links="to_elastic_columns to_links_result to_losses to_plan to_selection",
@@ -116,6 +118,8 @@ __all__ = [
     "to_design_request",
     "to_directions",
     "to_elastic_columns",
+    "to_elastic_model",
+    "to_elastic_predictor",
     "to_encoder_residuals",
     "to_findings",
     "to_geometry_result",

@@ -11,15 +11,16 @@ from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.program import ProgramOptions
-from jointstiff.schemas.run.model import IdentifiedModel, ScoreStep
+from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
 from jointstiff.service.conversion.requests import joint_index
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import JointModel, LoadCases, ModelError, OwnWeight
+from jointstiff.solver.deflection import ElasticPredictor, JointModel, LoadCases, ModelError, OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.fitting import Likelihood
+from jointstiff.solver.links import ElasticColumns
 from jointstiff.solver.robot import Robot
 
 MAX_CASE_WORK: Final = 150_000
@@ -67,12 +68,13 @@ def to_joint_model(robot: Robot, stored: IdentifiedModel) -> tuple[JointModel, M
     Raises:
         RequestError: it is of another robot.
     """
-    if list(robot.joint_names) != stored.joints:
+    if stored.elastic is not None:
         raise RequestError(
-            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            "the run lets links or coupling bend, and this computation is by joints alone",
             where="run_id",
-            remedy="give the robot that was measured",
+            remedy="identify the set again with elasticity joints; deflections are predicted by either run",
         )
+    _require_same_joints(robot, stored)
     likelihood = None
     if stored.covariance:
         joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
@@ -87,6 +89,69 @@ def to_joint_model(robot: Robot, stored: IdentifiedModel) -> tuple[JointModel, M
         stored.degrees_of_freedom,
     )
     return model, None if stored.error is None else _model_error(stored.error)
+
+
+def to_elastic_model(model: ElasticPredictor, error: ModelError | JointstiffError) -> IdentifiedModel:
+    """Return an elastic model as it is stored with its run."""
+    names, n = model.robot.joint_names, model.robot.n
+    own = np.zeros(model.columns.width)
+    own[model.kept] = model.entries
+    root = [] if model.root is None else model.root[np.triu_indices(len(model.kept))]
+    return IdentifiedModel(
+        joints=list(names),
+        compliance=own[model.columns.joints].tolist(),
+        seen=[names[j] for j in np.flatnonzero(model.seen)],
+        estimate=[],
+        covariance=[],
+        information_root=None,
+        lower=[0.0] * n,
+        upper=[None] * n,
+        order=[],
+        elastic=ElasticPart(
+            links=[names[j] for j in model.columns.links],
+            columns=model.kept.tolist(),
+            entries=model.entries.tolist(),
+            covariance_root=[float(f"{value:.8g}") for value in root],
+        ),
+        degrees_of_freedom=model.degrees_of_freedom,
+        error=_stored_error(error) if isinstance(error, ModelError) else None,
+        no_error=error.reason if isinstance(error, JointstiffError) else None,
+    )
+
+
+def to_elastic_predictor(
+    robot: Robot, stored: IdentifiedModel, part: ElasticPart
+) -> tuple[ElasticPredictor, ModelError | None]:
+    """Return the elastic model of a run, ready to predict.
+
+    Raises:
+        RequestError: it is of another robot.
+    """
+    _require_same_joints(robot, stored)
+    count = len(part.columns)
+    root: FloatArray | None = None
+    if part.covariance_root:
+        root = np.zeros((count, count))
+        root[np.triu_indices(count)] = part.covariance_root
+    model = ElasticPredictor(
+        robot,
+        ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in part.links)),
+        np.array(part.columns, dtype=np.intp),
+        np.array(part.entries),
+        root,
+        np.isin(np.array(robot.joint_names), stored.seen),
+        stored.degrees_of_freedom,
+    )
+    return model, None if stored.error is None else _model_error(stored.error)
+
+
+def _require_same_joints(robot: Robot, stored: IdentifiedModel) -> None:
+    if list(robot.joint_names) != stored.joints:
+        raise RequestError(
+            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            where="run_id",
+            remedy="give the robot that was measured",
+        )
 
 
 def _model_error(stored: StoredModelError) -> ModelError:

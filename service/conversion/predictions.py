@@ -8,11 +8,11 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import Deflection, JointModel, ModelErrorBound
+from jointstiff.solver.deflection import Deflection, ElasticPredictor, JointModel, ModelErrorBound
 
 
 def to_case_results(
-    model: JointModel,
+    model: JointModel | ElasticPredictor,
     deflection: Deflection,
     bound: ModelErrorBound | None,
     directions: FloatArray,
@@ -27,7 +27,7 @@ def to_case_results(
 
 
 def _case(
-    model: JointModel,
+    model: JointModel | ElasticPredictor,
     deflection: Deflection,
     bound: ModelErrorBound | None,
     bounds: FloatArray | None,

@@ -10,6 +10,7 @@ from jointstiff.solver.deflection.compensation import (
     ramp_shares,
     residuals,
 )
+from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
@@ -27,6 +28,7 @@ __all__ = [
     "CorrectionLimits",
     "Deflection",
     "DeflectionMap",
+    "ElasticPredictor",
     "JointModel",
     "LoadCases",
     "LoadedPosture",
@@ -41,6 +43,7 @@ __all__ = [
     "best_constant_angle",
     "best_path",
     "compensate",
+    "folds_left_out",
     "leave_postures_out",
     "map_places",
     "map_postures",

@@ -18,6 +18,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting import Settings
@@ -111,10 +112,12 @@ class ModelError:
         Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
         part friction. An extrapolated load or posture widens it in proportion.
         """
-        cases = deflection.posture.cases
-        load = self.load_size(cases.force, cases.moment)
         rows = compliance_rows(deflection.posture)[:, :3]
-        leverage = _leverage(rows, model.covariance)
+        return self.bound_of(deflection.posture.cases, _leverage(rows, model.covariance), confidence)
+
+    def bound_of(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
+        """Return the bound in load cases whose displacements have a leverage (B,) [m]: see `bound`."""
+        load = self.load_size(cases.force, cases.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(
                 leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.solver.links.cross_validation import WEIGHTS, FoldFit, Folds, Plan, fit_fold
-from jointstiff.solver.links.estimate import ElasticEstimate, LinkCompliance
+from jointstiff.solver.links.estimate import Companion, ElasticEstimate, LinkCompliance
 from jointstiff.solver.links.estimation import (
     effective_compliances,
     effective_intervals,
@@ -15,6 +15,7 @@ from jointstiff.solver.links.joints import with_links
 from jointstiff.solver.links.losses import MOST_TARGETS, compared_losses
 from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, Loss, ModelName
 from jointstiff.solver.links.penalty import judge_losses, judge_penalty
+from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns, elastic_rows_of
 from jointstiff.solver.links.selection import HeldOut, Selection, select_model
 
@@ -23,9 +24,11 @@ __all__ = [
     "MODELS",
     "MOST_TARGETS",
     "WEIGHTS",
+    "Companion",
     "ElasticColumns",
     "ElasticEstimate",
     "ElasticModel",
+    "ElasticPlaces",
     "FoldFit",
     "Folds",
     "HeldOut",
@@ -37,6 +40,7 @@ __all__ = [
     "compared_losses",
     "effective_compliances",
     "effective_intervals",
+    "elastic_residuals",
     "elastic_rows_of",
     "estimate_elastic",
     "first_certified",

@@ -229,19 +229,19 @@ def _block(robot: Robot, base: RegressorBlock, columns: ElasticColumns) -> Elast
     moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
     rows = np.empty((*base.A.shape[:3], columns.width))
     rows[..., columns.joints] = base.A
-    rows[..., columns.coupling] = _products(base.jacobian, base.torque[:, None, None])
+    rows[..., columns.coupling] = products(base.jacobian, base.torque[:, None, None])
     for joint in columns.links:
         R, at = rotation[:, joint], origin[:, joint]
         wrench = np.concatenate([part.force[:, None] @ R, moment[:, joint, None] @ R], axis=-1)
         R = R[:, None]
         turn = -skew(base.points - at[:, None]) @ R
         moves = np.concatenate([np.broadcast_to(R, turn.shape), turn], axis=-1)
-        rows[..., columns.link(joint)] = _products(moves, wrench[:, None])
+        rows[..., columns.link(joint)] = products(moves, wrench[:, None])
     rows[~part.present] = 0.0
     return ElasticBlock(rows, np.linalg.norm(lever, axis=-1), base)
 
 
-def _products(moves: FloatArray, load: FloatArray) -> FloatArray:
+def products(moves: FloatArray, load: FloatArray) -> FloatArray:
     """Columns of ``moves C load`` for the entries of a symmetric C: (..., k (k + 1) / 2) of (..., k) each."""
     size = moves.shape[-1]
     i, j = entries(size)

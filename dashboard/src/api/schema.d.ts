@@ -2488,6 +2488,32 @@ export interface components {
             moved_targets: string[];
         };
         /**
+         * ElasticPart
+         * @description Compliances of joints, coupling and links, with their covariance.
+         */
+        ElasticPart: {
+            /**
+             * Links
+             * @description Joints whose links may bend.
+             */
+            links: string[];
+            /**
+             * Columns
+             * @description Place of each entry among the n joints, the upper triangle of their coupling by columns, and 21 entries a link likewise; entries off a diagonal are times the root of 2.
+             */
+            columns: number[];
+            /**
+             * Entries
+             * @description In SI units: rad/(N.m), m/N, rad/N.
+             */
+            entries: number[];
+            /**
+             * Covariance Root
+             * @description Upper triangular T row by row, T T' the covariance of the entries; empty where sigma is unknown. Units of the entries.
+             */
+            covariance_root: number[];
+        };
+        /**
          * ElementShare
          * @description Share of the measured deflection that an element explains.
          */
@@ -3427,6 +3453,8 @@ export interface components {
                 number,
                 number
             ][];
+            /** @description All compliances where links or coupling are elastic: the rows and columns above are then empty, and `seen` names the joints that the readings saw. */
+            elastic: components["schemas"]["ElasticPart"] | null;
             /**
              * Degrees Of Freedom
              * @description Of sigma; null where it was given.
@@ -8200,7 +8228,7 @@ export interface components {
              * @description Fit of the secondary encoders, if they were read.
              */
             encoder_residuals: components["schemas"]["EncoderResidual"][];
-            /** @description Model for predictions; null if links or coupling are elastic. */
+            /** @description Model for predictions. */
             model: components["schemas"]["IdentifiedModel"] | null;
             /**
              * Warnings

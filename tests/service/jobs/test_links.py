@@ -9,12 +9,14 @@ import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import carry_out, new_job, run_work
+from jointstiff.service.computation import carry_out, new_job, predict_by_run, run_work
+from jointstiff.service.conversion import to_joint_model
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -89,6 +91,34 @@ def test_joints_have_their_number_and_its_spread(given):
         assert joint.compliance == 0.0 or "link's rotation" in joint.reason
         assert joint.standard_uncertainty >= 0.0
         assert joint.compliance_interval is None
+
+
+def test_deflections_are_predicted_by_the_stored_model(store, given, document):
+    """As the message travels, at a target that was read: what the run itself predicts there."""
+    parts = Parts.of(store)
+    run = Run.model_validate_json(given.model_dump_json())
+    readings = document["measurement_set"]
+    observation = readings["observations"][3]
+    robot = parts.sets.prepared(run.request.measurement_set_id).robot
+    options = {
+        "units": readings["units"],
+        "load_point": readings["load_point"],
+        "cases": [{"joints": observation["joints"], "force": observation["force"]}],
+    }
+    found = predict_by_run(robot, run, DeflectionOptions.model_validate(options))
+    (case,) = found.cases
+    for (low, high), value in zip(case.readings_only.displacement, case.displacement, strict=True):
+        assert low < value < high
+    assert found.model_error_postures == 24
+    assert case.with_model_error is not None
+    np.testing.assert_allclose(
+        np.array(case.compliance.translation_by_force) @ observation["force"], case.displacement, atol=1e-9
+    )
+    masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
+    with pytest.raises(RequestError, match="own weight"):
+        predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
+    with pytest.raises(RequestError, match="by joints alone"):
+        to_joint_model(robot, run.result.model)
 
 
 def test_the_selection_compares_all_models(given):

@@ -15,6 +15,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, beam_compliance, elastic_campaign
 from jointstiff.solver.convex import Bounds, entries, solve_cone
 from jointstiff.solver.convex.semidefinite.symmetric import to_vector
+from jointstiff.solver.deflection import ElasticPredictor, LoadCases, folds_left_out
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.links import (
@@ -40,6 +41,7 @@ from jointstiff.solver.links.cross_validation import chosen_weight
 from jointstiff.solver.links.effective import effective_rows
 from jointstiff.solver.links.model import formulate
 from jointstiff.solver.links.regressor import ElasticRows, elastic_blocks, elastic_rows
+from jointstiff.solver.robot import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)
@@ -502,3 +504,38 @@ def test_a_beam_bends_as_the_tables_say():
     assert C[0, 0] == pytest.approx(length / 1e9)
     assert C[3, 3] == pytest.approx(length / 2e6)
     assert np.linalg.eigvalsh(C).min() >= 0.0
+
+
+def test_predictions_hold_on_beams_at_any_place(elastic):
+    """Exact beams that share no code with us, read in other postures than those fitted."""
+    robot, measurements = elastic
+    fitted, held_out = measurements[:25], measurements[25:]
+    plan = Plan(folds=3, weights=(1e-4,))
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
+    model = ElasticModel("joints_and_links", COLUMNS)
+    found = estimate_elastic(robot, fitted, folds, model, 1e-4)
+    predictor = ElasticPredictor.of(robot, found)
+    error = folds_left_out(
+        robot, fitted, folds, [fit_fold(folds, model, k, plan.weights) for k in range(3)], predictor
+    )
+    assert error.postures == 25
+    configurations = Configurations(robot, robot.joint_map.model_angles(held_out.joints))
+    origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
+    held, inside = [], []
+    for t in range(3):
+        lever = (held_out.position[:, t] - origin)[:, None]
+        place = (lever @ configurations.flange_rotation)[:, 0]
+        cases = LoadCases(held_out.joints, held_out.force, held_out.moment, held_out.load_point, place)
+        deflection = predictor.predict(cases, 0.95)
+        # The readings' own noise widens the intervals that are to hold them.
+        noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.sqrt(np.diagonal(deflection.covariance, 0, 1, 2)))
+        apart = np.abs(deflection.displacement - held_out.deflection[:, t])
+        held.append(apart <= 1.96 * noise[:, :3])
+        bound = error.bound_of(cases, predictor.leverage(deflection), 0.9)
+        inside.append(np.linalg.norm(apart, axis=1) <= bound.radius)
+    assert np.mean(held) > 0.9
+    assert np.mean(inside) > 0.8
+    at_load = LoadCases(held_out.joints, held_out.force, 0.0 * held_out.moment, place, place)
+    same = predictor.predict(at_load, 0.95)
+    moved = np.einsum("bij,bj->bi", same.compliance.matrix[:, :3, :3], held_out.force)
+    np.testing.assert_allclose(moved, same.displacement, atol=1e-12)
