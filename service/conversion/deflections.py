@@ -96,7 +96,7 @@ def to_elastic_model(model: ElasticPredictor, error: ModelError | JointstiffErro
     names, n = model.robot.joint_names, model.robot.n
     own = np.zeros(model.columns.width)
     own[model.kept] = model.entries
-    root = [] if model.root is None else model.root[np.triu_indices(len(model.kept))]
+    root = np.zeros(0) if model.root is None else model.root[np.triu_indices(len(model.kept))]
     return IdentifiedModel(
         joints=list(names),
         compliance=own[model.columns.joints].tolist(),
