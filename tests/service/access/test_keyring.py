@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
+from support.processes import until
 
 from jointstiff.service.access import Keyring, KeysFile, KeysFileError, Throttle, digest, mint, without_keys
 from jointstiff.service.access import throttle as throttle_module
 from jointstiff.service.access.key_text import id_in
+from jointstiff.service.api import Watch
 from jointstiff.service.problems import KeyRefusedError
 from jointstiff.service.store import NotFoundError, Store
 
@@ -130,6 +132,16 @@ def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_p
         path.unlink()
         keyring.look()
         assert not keyring.has_keys()
+
+
+def test_a_service_that_runs_refuses_a_revoked_key_soon(tmp_path):
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    with Store.open(url) as store, Store.open(url) as terminal:
+        keyring = ring(store, KEYS[0].record)
+        with Watch(store, keyring):
+            assert keyring.find(KEYS[0].record.id)
+            terminal.keys.revoke(KEYS[0].record.id, NOW)
+            until(lambda: keyring.find(KEYS[0].record.id) is None, seconds=10)
 
 
 @pytest.mark.parametrize(
