@@ -123,7 +123,7 @@ def asked_of(connection: HTTPConnection) -> Asked:
     return asked
 
 
-def _requester(connection: HTTPConnection) -> Requester | None:
+async def _requester(connection: HTTPConnection) -> Requester | None:
     key = asked_of(connection).key
     return None if key is None else Requester(key_id=key.id, key_name=key.name)
 
