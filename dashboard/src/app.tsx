@@ -15,6 +15,7 @@ import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
 import { PlanView } from "./views/plan";
 import { PlansView } from "./views/plans";
+import { ProgramView } from "./views/program";
 import { RobotsView } from "./views/robots";
 import { RobotNewView } from "./views/robot_new";
 import { RobotView } from "./views/robot";
@@ -77,7 +78,7 @@ export function App() {
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string =>
-  first === "sets" || first === "plans" ? "robots" : first === "maps" ? "runs" : first;
+  first === "sets" || first === "plans" ? "robots" : first === "maps" || first === "programs" ? "runs" : first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -93,6 +94,8 @@ function View({ route }: { route: Route }) {
       ) : (
         <RunsView query={route.query} />
       );
+    case "programs":
+      return second ? <ProgramView id={second} /> : <RunsView query={route.query} />;
     case "maps":
       return second ? <MapView id={second} beside={route.query.get("beside")} /> : <RunsView query={route.query} />;
     case "sets":

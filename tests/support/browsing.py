@@ -111,6 +111,7 @@ VIEWS = (
     "#/runs/{run}/robot",
     "#/runs/{run}/evidence",
     "#/runs/{run}/map",
+    "#/runs/{run}/program",
     "#/maps/{map}",
     "#/robots",
     "#/robots/new",

@@ -16,6 +16,7 @@ import type {
   Plan,
   PlanSummary,
   Problem,
+  Program,
   Robot,
   RobotDocument,
   RobotSource,
@@ -199,6 +200,21 @@ export const api = {
   addPlan: (request: unknown, key: string) => call<Plan>("POST", "/v1/plans", { body: request, key }),
   deletePlan: (plan: string) => call<undefined>("DELETE", `/v1/plans/${id(plan)}`),
   restorePlan: (plan: string) => call<Plan>("POST", `/v1/plans/${id(plan)}/restore`),
+  program: (program: string, signal?: AbortSignal) =>
+    call<Program>("GET", `/v1/programs/${id(program)}`, options(signal)),
+  programTable: (program: string) => `/v1/programs/${id(program)}/points.csv`,
+  programPoints: (program: string) => textOf(api.programTable(program)),
+  programFile: (program: string, file: string) => `/v1/programs/${id(program)}/program${query({ file })}`,
+  addProgram: (files: File[], stated: unknown, key: string) => {
+    const body = new FormData();
+    for (const file of files) body.append("files", file);
+    body.append("options", JSON.stringify(stated));
+    return call<Program>("POST", "/v1/programs?wait=1", { body, key });
+  },
+  cancelProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/cancel`),
+  deleteProgram: (program: string) => call<undefined>("DELETE", `/v1/programs/${id(program)}`),
+  restoreProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/restore`),
+
   maps: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<MapSummary>>("GET", `/v1/maps${query(filters)}`, options(signal)),
   map: (map: string, signal?: AbortSignal) => call<WorkMap>("GET", `/v1/maps/${id(map)}`, options(signal)),

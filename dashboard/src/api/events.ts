@@ -7,7 +7,7 @@ export interface Standing {
   progress: Progress | null;
 }
 
-export type Collection = "runs" | "comparisons" | "maps";
+export type Collection = "runs" | "comparisons" | "maps" | "programs";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

@@ -16,6 +16,7 @@ import { isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
+import { ProgramForm } from "./program_form";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -140,6 +141,8 @@ function Body({
         <RobotPart context={context} result={run.result} query={query} />
       ) : part === "map" ? (
         <MapForm context={context} />
+      ) : part === "program" ? (
+        <ProgramForm context={context} />
       ) : part === "evidence" ? (
         <EvidencePart context={context} result={run.result} />
       ) : (

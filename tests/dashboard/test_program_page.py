@@ -1,0 +1,46 @@
+"""A program on the page: dropped, corrected by a run, looked at, downloaded."""
+
+from __future__ import annotations
+
+import re
+
+from playwright.sync_api import expect
+from support.programs import START, path, tool_poses
+
+from jointstiff.service.programs import read_program
+from jointstiff.simulator.programs import program_text
+
+
+def test_from_a_run_to_the_corrected_file(visit, stored, api):
+    visited = visit("tablet")
+    page = visited.page
+    visited.go(f"#/runs/{stored.run}/program")
+    content = program_text("krl", tool_poses(path(6)), 4).encode()
+    file = {"name": "pocket.src", "mimeType": "text/plain", "buffer": content}
+    page.locator("input[type=file]").set_input_files(file)
+    expect(page.get_by_text("pocket.src")).to_be_visible()
+    make = page.get_by_role("button", name="Compensate")
+    expect(make).to_be_disabled()  # until the controller's option is stated
+    page.get_by_label("The controller's own accuracy option").select_option("off")
+    make.click()
+    expect(page.get_by_role("alert")).to_contain_text("TOOL_DATA[1]")
+    page.get_by_label("Tool, where the program only names it").fill("10, -20, 215.5, 0, 0, 0")
+    page.get_by_label("Base, where the program only names it").fill("0 0 0 0 0 0")
+    degrees = " ".join(f"{angle * 57.29577951:.3f}" for angle in START)
+    page.get_by_label("Controller's angles near the first target").fill(degrees)
+    make.click()
+    expect(page).to_have_url(re.compile("#/programs/"))
+    expect(page.get_by_text("6 of 6")).to_be_visible()
+    page.locator("canvas[data-ready=true]").wait_for()
+    page.get_by_role("radio", name="After").check(force=True)
+    page.get_by_label("Point of the path").fill("3")
+    expect(page.get_by_text("Point 4, line 10")).to_be_visible()
+    expect(page.get_by_role("table", name="Worst points").locator("tbody tr")).to_have_count(6)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download pocket.src").click()
+    assert download.value.suggested_filename == "pocket.src"
+    corrected = download.value.path().read_bytes()
+    assert corrected != content
+    assert len(read_program([("pocket.src", corrected)]).targets) == 6
+    made = page.url.rsplit("/", 1)[1]
+    assert api.get(f"/v1/programs/{made}/program").content == corrected
