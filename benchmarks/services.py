@@ -70,6 +70,10 @@ class Service:
         self.process.terminate()
         self.process.wait(30)
 
+    def descriptors(self) -> int:
+        """Return the number of files and connections that it has open."""
+        return len(list(Path(f"/proc/{self.process.pid}/fd").iterdir()))
+
     def workers(self) -> list[int]:
         """Process ids of its workers."""
         tasks = Path(f"/proc/{self.process.pid}/task").glob("*/children")
