@@ -51,17 +51,20 @@ class ProgramFrames:
         tools = _Given(notation, options.tools, "tools")
         bases = _Given(notation, options.bases, "bases")
         needs_base = options.axes == "base"
-        tool = [flange @ tools.pose(target.tool) for target in program.targets]
-        base = [
-            world @ bases.pose(target.base)
-            if needs_base or target.notation.orientation is not Orientation.JOINTS
-            else world
-            for target in program.targets
-        ]
+        states_joints = [t.notation.orientation is Orientation.JOINTS for t in program.targets]
+        tool = _placed(flange, tools, [target.tool for target in program.targets])
+        base = _placed(
+            world,
+            bases,
+            [
+                None if by_joints and not needs_base else target.base
+                for target, by_joints in zip(program.targets, states_joints, strict=True)
+            ],
+        )
         for given in (tools, bases):
             given.refuse_unused()
         x_axis = None if options.tool_x is None else np.array(options.tool_x)
-        return cls(np.array(tool), np.array(base), x_axis)
+        return cls(tool, base, x_axis)
 
     def flange_poses(self, program: Program, indices: Sequence[int]) -> FloatArray:
         """Return poses (m, 4, 4) of the flange in R0 [m] by the program's numbers; NaN for joint targets.
@@ -76,7 +79,7 @@ class ProgramFrames:
                 poses[rows] = notation.poses(numbers)
             elif notation.orientation is not Orientation.JOINTS:
                 poses[rows] = self._about_axis(notation, numbers, rows)
-        wanted: FloatArray = self.base[indices] @ poses[indices] @ np.linalg.inv(self.tool[indices])
+        wanted: FloatArray = self.base[indices] @ poses[indices] @ _inverse(self.tool[indices])
         return wanted
 
     def numbers(
@@ -84,7 +87,7 @@ class ProgramFrames:
     ) -> dict[int, Sequence[float]]:
         """Return the program's numbers of poses (m, 4, 4) of the flange in R0 [m], by index of the target."""
         place = {index: row for row, index in enumerate(indices)}
-        poses = np.linalg.inv(self.base[indices]) @ flange @ self.tool[indices]
+        poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
         found: dict[int, Sequence[float]] = {}
         for notation, members in program.by_notation().items():
             chosen = [i for i in members if i in place]
@@ -174,6 +177,24 @@ class _Given:
                 raise RequestError(
                     what, where=self._where, remedy="leave this frame out, or correct its name"
                 )
+
+
+def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName | None]) -> FloatArray:
+    """Return frames (t, 4, 4) in the outer one's; the outer one itself where there is none."""
+    known = {id(frame): outer if frame is None else outer @ given.pose(frame) for frame in _different(frames)}
+    return np.array([known[id(frame)] for frame in frames])
+
+
+def _different(frames: Sequence[FrameName | None]) -> list[FrameName | None]:
+    return list({id(frame): frame for frame in frames}.values())
+
+
+def _inverse(poses: FloatArray) -> FloatArray:
+    """Return the inverse of rigid transforms (m, 4, 4)."""
+    inverse = np.tile(np.eye(4), (len(poses), 1, 1))
+    inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+    inverse[:, :3, 3] = -(inverse[:, :3, :3] @ poses[:, :3, 3:])[..., 0]
+    return inverse
 
 
 def _key(name: str | None) -> str | None:

@@ -158,7 +158,9 @@ def _compensate_block(
     full = command(model, wanted, share, weight)
     size = _off(wanted, goal, Configurations(robot, full))
     cap = _cap(size, limits)
-    commanded = np.where(cap[:, None] < 1.0, command(model, wanted, share * cap, weight), full)
+    commanded = full
+    if (cap < 1.0).any():
+        commanded = np.where(cap[:, None] < 1.0, command(model, wanted, share * cap, weight), full)
     shown = robot.joint_map.controller_angles(commanded)
     under = LoadedPosture.of(robot, model.compliance, replace(wanted, joints=shown), weight)
     return Compensation(
