@@ -19,7 +19,10 @@ _CSV: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "One row a place (RFC 4180).", "content": {"text/csv": {}}}
 }
 _NPZ: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "Arrays `headers`, `table` and `status`.", "content": {"application/zip": {}}}
+    200: {
+        "description": "Arrays `headers`, `table` and `status`.",
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
 }
 
 router = APIRouter(prefix="/v1/maps", tags=["maps"], route_class=AccessRoute)
@@ -52,7 +55,7 @@ async def get_map_arrays(request: Request, parts: PartsOf, map_id: JobId) -> Res
     """Get the same as numpy's npz, to the last digit."""
     jobs = parts.jobs[Map.kind]
     content = await run_sync(lambda: _finished(jobs, map_id).npz(), limiter=large_bodies(request))
-    return Response(content, media_type="application/zip", headers=_attached(map_id, "npz"))
+    return Response(content, media_type="application/octet-stream", headers=_attached(map_id, "npz"))
 
 
 def _finished(jobs: Jobs, map_id: str) -> MapWork:

@@ -10354,7 +10354,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/zip": unknown;
+                    "application/octet-stream": string;
                 };
             };
             /** @description A key is needed, and none came that opens the service. */
