@@ -45,11 +45,7 @@ from jointstiff_client.models.run_request import RunRequest
 from jointstiff_client.types import File, Response
 
 Message = TypeVar("Message")
-<<<<<<< HEAD
 CLIENT = AuthenticatedClient(base_url=sys.argv[1], token="any")  # noqa: S106 - none is demanded
-=======
-CLIENT = AuthenticatedClient(base_url=sys.argv[1], token="none")  # noqa: S106 - on loopback none is asked for
->>>>>>> 03d2904 (Typed clients send a key, and post plans and maps; npz as octets)
 BODIES: dict[str, list[dict[str, Any]]] = json.loads(Path(sys.argv[2]).read_text(encoding="utf-8"))
 
 
