@@ -21,8 +21,9 @@ _TRIED: Final = 8
 """Best-priced candidates whose exchange is evaluated exactly."""
 _EXCHANGES: Final = 600
 """Exchanges tried in one search: 30 passes over a list of 20. A long list is near its optimum at once."""
-_RESTARTS: Final = 4
-"""Times that a third of the list is drawn anew, and the exchange repeated."""
+_RESTARTED: Final = 160
+"""Readings of all restarts, at each of which a third of the list is drawn anew: short lists need most."""
+_MOST_RESTARTS: Final = 16
 _LONG: Final = 60
 """Readings of a list for which that gains nothing."""
 _IMPROVES: Final = 1.0 + 1e-10
@@ -65,7 +66,8 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
     search = _Search(problem, design, distinct)
     best = search.improved(search.rounded([]))
     random = np.random.default_rng(seed)
-    for _ in range(_RESTARTS if problem.readings < _LONG else 0):
+    restarts = min(_MOST_RESTARTS, _RESTARTED // problem.readings) if problem.readings < _LONG else 0
+    for _ in range(restarts):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
         trial = search.improved(search.rounded([best[i] for i in kept]))
         best = max(best, trial, key=lambda atoms: search.value(search.matrix(atoms)))
