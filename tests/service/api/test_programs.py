@@ -118,3 +118,14 @@ def test_the_documented_example_is_carried_out(client, run_id):
     answer = client.request("POST", "/v1/programs", files=files, data=stated)
     assert answer.status_code == 201, answer.text
     assert answer.json()["result"]["corrected"] == 1
+
+
+def test_long_programs_are_jobs_with_progress(client, run_id, monkeypatch):
+    monkeypatch.setattr("jointstiff.service.computation.program.MAX_QUICK_POINTS", 5)
+    monkeypatch.setattr("jointstiff.service.computation.program._STEP", 3)
+    long = post(client, run_id).json()
+    assert long["progress"] == {"done": 8, "total": 8, "unit": "points", "activity": "compensating"}
+    monkeypatch.undo()
+    quick = post(client, run_id).json()
+    assert quick["progress"] is None
+    assert quick["result"] == long["result"]
