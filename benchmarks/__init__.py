@@ -25,7 +25,8 @@ hold the truth; some minutes), `efficiency` (beside the Cramér-Rao bound), `rob
 docs/replication.md), `links` (elastic links: held-out compensation, certificates, time; see
 docs/elastic-links.md; ten minutes), `plan_lists`, `plan_promise` and `plan_nuisance` (see docs/plan.md; some
 minutes each), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
-`programs` (compensated programs beside exact springs and a bare loop of EAIK, hostile files; see docs/compensate.md)
+`programs` (compensated programs beside exact springs and a bare loop of EAIK; hostile files; see
+docs/compensate.md)
 and `invariance` (why no characteristic length; see
 docs/no-characteristic-length.md).
 """
