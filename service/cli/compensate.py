@@ -121,8 +121,9 @@ def compensate(
     from jointstiff.service.library.campaigns import read_document
     from jointstiff.service.render import console, program_report, progress_bar
 
-    outputs = [output, *(output.with_suffix(each.suffix) for each in program[1:])]
-    for path in [*outputs, *([report] if report else [])]:
+    several = len(program) > 1
+    outputs = {each.name: output.with_suffix(each.suffix) if several else output for each in program}
+    for path in [*outputs.values(), *([report] if report else [])]:
         refuse_existing(path, overwrite=overwrite)
     given: dict[str, Any] = {
         "accuracy_option": accuracy_option.value,
@@ -146,8 +147,8 @@ def compensate(
     except CampaignError as error:
         raise refused(error.problem) from error
     if found.result is not None:
-        for path, each in zip(outputs, found.result.files, strict=True):
-            _write(path, unpacked(each))
+        for each in found.result.files:
+            _write(outputs[each.name], unpacked(each))
         if report is not None:
             _write(report, unpacked(found.result.table))
     if as_json:
