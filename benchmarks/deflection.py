@@ -143,7 +143,7 @@ def _split(robot: Robot, measurements: Measurements, seed: int) -> tuple[float, 
     place = held.position[:, 0]  # in the flange frame, as all readings of the set are deflections
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
     found = predict_deflections(model, cases, confidence=0.9)
-    bound, read = error.bound(model, found, 0.9), held.deflection[:, 0]
+    bound, read = error.bound(model, found.posture, 0.9), held.deflection[:, 0]
     with_error, of_readings = bound.interval(found), found.interval
     if of_readings is None:
         raise RuntimeError("sigma comes from the residuals, so there is an interval")

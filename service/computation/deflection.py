@@ -45,7 +45,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     cases = to_load_cases(request, robot)
     weight = to_own_weight(request, robot)
     found = predict_deflections(model, cases, confidence=request.confidence, weight=weight)
-    bound = None if error is None else error.bound(model, found, request.confidence)
+    bound = None if error is None else error.bound(model, found.posture, request.confidence)
     labels = [case.label or str(i + 1) for i, case in enumerate(request.cases)]
     return DeflectionResult(
         confidence=request.confidence,

@@ -82,6 +82,8 @@ class JointModel:
 
     def unseen(self, rows: FloatArray) -> BoolArray:
         """(B, n) joints whose unknown compliance has a part in linear functions (B, w, n) of all."""
+        if not len(self._unseen_directions):
+            return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
         size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
         parts = rows @ self._unseen_directions.T  # (B, w, u)
         counts = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)

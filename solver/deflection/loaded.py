@@ -71,7 +71,7 @@ class LoadedPosture:
             away = ~(np.abs(residual) <= _BALANCED * _scale(compliance, cases, loaded, own))
             if not away.any():
                 _require_stable(deflection, slope)
-                softened = np.linalg.inv(slope)
+                softened = np.asarray(np.linalg.inv(slope), dtype=np.float64)
                 return cls(cases, deflection, torque, stiffness, softened, unloaded, loaded)
             deflection = deflection - _solved(slope, residual)
             _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
@@ -138,6 +138,8 @@ def _require_stable(deflection: FloatArray, slope: FloatArray) -> None:
     """
     _refuse(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
     off = np.abs(slope - np.eye(slope.shape[1]))
+    if off.max() * slope.shape[1] < 1.0:
+        return
     unstable = off.sum(axis=2).max(axis=1) >= 1.0
     if unstable.any():
         doubtful = slope[unstable]
@@ -149,7 +151,7 @@ def _require_stable(deflection: FloatArray, slope: FloatArray) -> None:
 def _solved(slope: FloatArray, residual: FloatArray) -> FloatArray:
     """Return ``slope⁻¹ residual`` (B, n)."""
     try:
-        return np.linalg.solve(slope, residual[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(slope, residual[..., None])[..., 0], dtype=np.float64)
     except np.linalg.LinAlgError:
         _refuse(np.linalg.slogdet(slope).sign == 0.0)
         raise

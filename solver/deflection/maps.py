@@ -8,14 +8,12 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.map_postures import chosen_postures, postures_within_limits
 from jointstiff.solver.deflection.map_task import MapTask
 from jointstiff.solver.deflection.model_error import ModelError
-from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.regression import joint_torque, wrench_stiffness
 from jointstiff.solver.robot import Configurations, InverseKinematics
 
@@ -133,10 +131,11 @@ def map_postures(
     """
     found = DeflectionMap.empty(len(joints), model.robot.n)
     found.orientation[:], found.joints[:] = orientation, joints
-    found.status[:] = np.where(_overloaded(model, task.cases(orientation, joints)), _OVERLOADED, _REACHED)
-    calm = np.flatnonzero(found.reached)
-    if len(calm):
-        _fill(found, calm, model, error, task)
+    overloaded = _overloaded(model, task.cases(orientation, joints))
+    found.status[:] = np.where(overloaded, _OVERLOADED, _REACHED)
+    if not overloaded.all():
+        calm = task.cases(orientation[~overloaded], joints[~overloaded])
+        _fill(found, model, error, task, LoadedPosture.of(model.robot, model.compliance, calm))
     return found
 
 
@@ -145,34 +144,32 @@ def _overloaded(model: JointModel, cases: LoadCases) -> BoolArray:
     here = Configurations(model.robot, model.robot.joint_map.model_angles(cases.joints))
     jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
     torque = joint_torque(here, jacobian, cases.force, cases.moment)
-    softening = model.compliance[:, None] * wrench_stiffness(here, jacobian, cases.force, cases.moment)
-    soft = np.abs(softening).sum(axis=2).max(axis=1) > _SOFTEST
-    return np.asarray(soft | (np.abs(model.compliance * torque).max(axis=1) > _LARGEST_TURN))
+    stiffness = np.abs(wrench_stiffness(here, jacobian, cases.force, cases.moment))
+    softening = model.compliance * np.einsum("bij->bi", stiffness)  # each row's sum, faster than `sum`
+    soft, turned = softening > _SOFTEST, np.abs(model.compliance * torque) > _LARGEST_TURN
+    return np.asarray((soft | turned).any(axis=1))
 
 
 def _fill(
-    found: DeflectionMap,
-    where: IndexArray,
-    model: JointModel,
-    error: ModelError | None,
-    task: MapTask,
+    found: DeflectionMap, model: JointModel, error: ModelError | None, task: MapTask, posture: LoadedPosture
 ) -> None:
-    """Write the numbers of the loaded postures (R,) into a map."""
-    cases = task.cases(found.orientation[where], found.joints[where])
-    posture = LoadedPosture.of(model.robot, model.compliance, cases)
-    rows = compliance_rows(posture)
-    compliance, moved = CartesianCompliance.of(model, posture), posture.displacement
-    deflection = Deflection(
-        moved, posture.rotation, None, None, model.unseen(rows[:, :3]), compliance, posture
-    )
-    seen = ~deflection.unseen.any(axis=1)
+    """Write the numbers of loaded postures (R,) into the places of a map that are reached."""
+    where, moved = np.flatnonzero(found.reached), posture.displacement
+    jacobian = posture.jacobian(posture.cases.place)[:, :3]
+    answer = jacobian @ posture.softened
+    rows = answer * posture.torque[:, None]  # ∂(displacement)/∂c
+    translation = (answer * model.compliance) @ jacobian.transpose(0, 2, 1)  # C_tt
+    seen = ~model.unseen(rows).any(axis=1)
     found.status[where[~seen]] = _UNSEEN
-    direction = task.fan.direction[found.orientation[where]]
     length = np.linalg.norm(moved, axis=1)
-    ends, with_error, extrapolation = _intervals(model, error, task, deflection, rows[:, :3], length)
+    ends, with_error, extrapolation = _intervals(model, error, task, posture, rows, length)
+    along, across = _along_and_across(
+        model, translation, jacobian, task.fan.direction[found.orientation[where]]
+    )
     for column, value in (
         (found.displacement, moved),
-        *_along_and_across(found, model, compliance, posture, direction),
+        (found.along, along),
+        (found.across, across),
         (found.readings, ends),
         (found.with_model_error, with_error),
         (found.extrapolation, extrapolation),
@@ -184,20 +181,20 @@ def _intervals(
     model: JointModel,
     error: ModelError | None,
     task: MapTask,
-    deflection: Deflection,
+    posture: LoadedPosture,
     rows: FloatArray,
     length: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return intervals (R, 2) of the length from readings and with model error [m]; extrapolation (R,)."""
     unknown = np.full((len(length), 2), np.nan)
-    along = deflection.displacement / np.where(length > 0.0, length, 1.0)[:, None]
+    along = posture.displacement / np.where(length > 0.0, length, 1.0)[:, None]
     linear = np.einsum("bi,bij->bj", along, rows)
     free = model.free_ends(linear, task.confidence)
     ends = unknown if free is None else free + (length - linear @ model.compliance)[:, None]
     ends = np.maximum(ends, 0.0)
     if error is None:
         return ends, unknown, unknown[:, 0]
-    bound = error.bound(model, deflection, task.confidence)
+    bound = error.bound(model, posture, task.confidence)
     half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
     lower = np.fmin(np.maximum(length - half, 0.0), np.where(np.isnan(half), np.nan, ends[:, 0]))
     upper = np.fmax(length + half, np.where(np.isnan(half), np.nan, ends[:, 1]))
@@ -206,23 +203,21 @@ def _intervals(
 
 
 def _along_and_across(
-    found: DeflectionMap,
-    model: JointModel,
-    compliance: CartesianCompliance,
-    posture: LoadedPosture,
-    direction: FloatArray,
-) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return the columns of compliance with their numbers (R,) [m/N].
+    model: JointModel, translation: FloatArray, jacobian: FloatArray, direction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return compliance along and across directions (R, 3), both (R,) [m/N].
 
     A joint of which the readings say nothing answers to other forces than the load: then they are unknown.
     """
-    jacobian = posture.jacobian(posture.cases.place)[:, :3]
     along = np.square(np.einsum("bi,bij->bj", direction, jacobian))
-    across = np.maximum(np.square(jacobian).sum(axis=1) - along, 0.0)
-    numbers = compliance.along(direction), _greatest_across(compliance.translation, direction)
+    across = np.maximum(np.einsum("bij,bij->bj", jacobian, jacobian) - along, 0.0)
     known = (~model.unseen(rows[:, None]).any(axis=1) for rows in (along, across))
-    along, across = (np.where(k, number, np.nan) for k, number in zip(known, numbers, strict=True))
-    return (found.along, along), (found.across, across)
+    numbers = (
+        np.einsum("bi,bij,bj->b", direction, translation, direction),
+        _greatest_across(translation, direction),
+    )
+    first, second = (np.where(k, number, np.nan) for k, number in zip(known, numbers, strict=True))
+    return first, second
 
 
 def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting import Settings
@@ -106,14 +107,14 @@ class ModelError:
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
-    def bound(self, model: JointModel, deflection: Deflection, confidence: float) -> ModelErrorBound:
+    def bound(self, model: JointModel, posture: LoadedPosture, confidence: float) -> ModelErrorBound:
         """Return the bound at predicted places.
 
         Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
         part friction. An extrapolated load or posture widens it in proportion.
         """
-        rows = compliance_rows(deflection.posture)[:, :3]
-        return self.bound_of(deflection.posture.cases, _leverage(rows, model.covariance), confidence)
+        rows = compliance_rows(posture)[:, :3]
+        return self.bound_of(posture.cases, _leverage(rows, model.covariance), confidence)
 
     def bound_of(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound in load cases whose displacements have a leverage (B,) [m]: see `bound`."""

@@ -98,7 +98,7 @@ def test_a_force_where_only_moments_were_measured_has_no_bound():
     twisted = replace(noisy(), moment=noisy().force, force=np.zeros_like(noisy().force))
     model, error = left_out(ROBOT, twisted)
     cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, np.array(plan.load_points))
-    bound = error.bound(model, predict_deflections(model, cases, confidence=0.9), 0.9)
+    bound = error.bound(model, predict_deflections(model, cases, confidence=0.9).posture, 0.9)
     assert np.isinf(bound.radius).all()
     assert bound.unmeasured == "force"
 
@@ -108,21 +108,21 @@ def test_extrapolation_widens_and_is_named():
     plan = DESIGN.experiment
     place = np.array(plan.load_points)
     cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, place)
-    inside = error.bound(model, predict_deflections(model, cases, confidence=0.9), 0.9)
+    inside = error.bound(model, predict_deflections(model, cases, confidence=0.9).posture, 0.9)
     np.testing.assert_allclose(inside.load_ratio, 1.0, rtol=1e-5)
     stronger = replace(cases, force=3.0 * cases.force)
-    outside = error.bound(model, predict_deflections(model, stronger, confidence=0.9), 0.9)
+    outside = error.bound(model, predict_deflections(model, stronger, confidence=0.9).posture, 0.9)
     np.testing.assert_allclose(outside.load_ratio, 3.0, rtol=1e-5)
     assert (outside.radius >= 2.99 * inside.radius).all()
     weaker = replace(cases, force=0.1 * cases.force)
-    below = error.bound(model, predict_deflections(model, weaker, confidence=0.9), 0.9)
+    below = error.bound(model, predict_deflections(model, weaker, confidence=0.9).posture, 0.9)
     np.testing.assert_allclose(below.radius, inside.radius, rtol=1e-3)  # all loads of the campaign are equal
     far = replace(cases, place=place + np.array([0.0, 0.0, 5.0]))
-    bound = error.bound(model, predict_deflections(model, far, confidence=0.9), 0.9)
+    bound = error.bound(model, predict_deflections(model, far, confidence=0.9).posture, 0.9)
     assert (bound.leverage_ratio > 1.0).any()
     assert (bound.radius > 1.5 * inside.radius).any()
     turned = replace(cases, moment=np.full(cases.moment.shape, 10.0))
-    unknown = error.bound(model, predict_deflections(model, turned, confidence=0.9), 0.9)
+    unknown = error.bound(model, predict_deflections(model, turned, confidence=0.9).posture, 0.9)
     assert np.isinf(unknown.radius).all()
 
 
@@ -137,7 +137,7 @@ def test_held_out_postures_of_a_real_robot():
         cases = LoadCases(rest.joints, rest.force, rest.moment, rest.load_point, rest.position[:, 0].copy())
         found = predict_deflections(model, cases, confidence=0.9)
         read = rest.deflection[:, 0]
-        bound = error.bound(model, found, 0.9)
+        bound = error.bound(model, found.posture, 0.9)
         held.append(np.linalg.norm(read - found.displacement, axis=1) <= bound.radius)
         readings.append((found.interval[:, :3, 0] <= read) & (read <= found.interval[:, :3, 1]))
         ends = bound.interval(found)
