@@ -52,6 +52,12 @@ class MapWork(SteppedWork[DeflectionMap]):
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
         self._stored = model_of(run)
+        if self._stored.elastic is not None:  # its joints alone would bend too little
+            raise RequestError(
+                f"run '{run.id}' lets links or coupling bend, and maps are by joints",
+                where="run_id",
+                remedy="map by a run of the same set with elasticity joints",
+            )
         self._model, self._error = to_joint_model(robot, self._stored)
         self._task, self._places = to_map_task(request, robot), to_places(request)
         try:

@@ -137,6 +137,17 @@ def test_refused_with_place_and_remedy(client, run_id, changes, where, message):
     assert problem["remedy"]
 
 
+def test_a_run_of_elastic_links_is_refused(client, run_id):
+    asked = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
+    options = {"measurement_set_id": asked, "elasticity": "coupled_joints", "link_penalty": 1e-3}
+    elastic = posted(client, "runs", options)
+    assert elastic["state"] == "succeeded", elastic["error"]
+    answer = client.request("POST", "/v1/maps", json=AREA | {"run_id": elastic["id"]})
+    assert answer.status_code == 422
+    assert answer.json()["where"] == "run_id"
+    assert "elasticity joints" in answer.json()["remedy"]
+
+
 def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
     whole = posted(client, "maps", AREA | {"run_id": run_id})
     monkeypatch.setattr("jointstiff.service.computation.maps.POSES_A_STEP", 10)
