@@ -43,6 +43,7 @@ __all__ = ["run"]
 _BODY: Final = 8 * 1024 * 1024
 _DESCRIPTORS: Final = 1_024
 _CLIENTS: Final = 2_000
+_ACCEPTED_SECONDS: Final = 3.0
 _OTHERS: Final = 5
 """Descriptors of the service that come and go: those who ask for its health."""
 _HEADER: Final = b"GET /live HTTP/1.1\r\nHost: localhost\r\n"
@@ -183,6 +184,7 @@ async def _held(service: Service, manner: _Manner, count: int) -> float:
         for _ in range(count):
             group.create_task(hold(*await asyncio.open_connection(sock=_narrow(service.port))))
         began = time.monotonic()
+        await asyncio.sleep(_ACCEPTED_SECONDS)
         while service.descriptors() > before + _OTHERS and time.monotonic() - began < 2 * manner.bound:
             await asyncio.sleep(0.1)
         seconds = time.monotonic() - began
