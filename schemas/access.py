@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, SecretStr, model_validator
+from pydantic import AwareDatetime, Field, SecretStr, field_validator, model_validator
 
 from jointstiff.schemas.fields import Message, Name, Timestamp
 from jointstiff.schemas.query import PageQuery
@@ -24,6 +25,14 @@ class KeyRequest(Message):
     expires_at: AwareDatetime | None = Field(
         default=None, description="When the key ends, with a time zone; null: when it is revoked."
     )
+
+    @field_validator("expires_at")
+    @classmethod
+    def _in_utc(cls, time: datetime | None) -> datetime | None:
+        try:
+            return None if time is None else time.astimezone(UTC)
+        except OverflowError:
+            raise ValueError("must be a time that UTC has, before the year 10000") from None
 
 
 class Key(Message):

@@ -11,6 +11,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from ipaddress import ip_address
 from typing import Final, cast
 
 from anyio import CapacityLimiter
@@ -215,8 +216,7 @@ class AccessGuard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        address = scope["client"][0] if scope.get("client") else "unknown"
-        asked = scope[_ASKED] = Asked(None, self._gate.is_open, address)
+        asked = scope[_ASKED] = Asked(None, self._gate.is_open, _address(scope))
         if asked.is_open or scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
@@ -291,6 +291,14 @@ class _Auditor:
         if self._anonymous == ANONYMOUS_ENTRIES + 1:
             _logger.warning("more requests without a valid key than the audit notes in a minute")
         return self._anonymous > ANONYMOUS_ENTRIES
+
+
+def _address(scope: Scope) -> str:
+    """Return where a request came from; a proxy on this machine may pass on any text as an address."""
+    try:
+        return str(ip_address((scope.get("client") or ("",))[0]))
+    except ValueError:
+        return "unknown"
 
 
 def _shown(path: str) -> str:

@@ -19,6 +19,7 @@ from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answe
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
 from jointstiff.service.computation import packed, unpacked
 from jointstiff.service.jobs import KINDS
+from jointstiff.service.store import JobRecord
 from jointstiff.solver.errors import RequestError
 
 _EXAMPLE: Final = PROGRAMS["milling"]
@@ -67,13 +68,15 @@ async def create_program(
     idempotency_key: KeyText = None,
 ) -> Response:
     """Correct the targets of a program."""
-    body = ProgramRequest(
-        **options.model_dump(), files=[packed(*named_content(file)) for file in _different(files)]
-    )
-    key = bound_key(idempotency_key, body.model_dump_json().encode())
-    jobs = parts.jobs[Program.kind]
-    # A program may take seconds to read: they wait for their turn, and leave the other requests theirs.
-    record = await run_sync(jobs.create, body, key, asked_by, limiter=large_bodies(request))
+    jobs, sent = parts.jobs[Program.kind], _different(files)
+
+    def create() -> JobRecord:
+        body = ProgramRequest(**options.model_dump(), files=[packed(*named_content(file)) for file in sent])
+        key = bound_key(idempotency_key, body.model_dump_json().encode())
+        return jobs.create(body, key, asked_by)
+
+    # A program may take seconds to pack and to read: they wait for their turn, and leave others theirs.
+    record = await run_sync(create, limiter=large_bodies(request))
     return await answer(jobs, record, query.wait, followers)
 
 

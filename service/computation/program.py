@@ -28,7 +28,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import InverseKinematics, Robot
 
 MAX_QUICK_POINTS: Final = 10_000
-"""Points of a program that is corrected at once."""
+"""Points of a program that is corrected at once; one that several moves use counts for each."""
 _STEP: Final = 2_000
 """Points of a step of a longer one."""
 _MAX_REMARKS: Final = 50
@@ -88,7 +88,9 @@ class ProgramWork(SteppedWork[Corrections]):
 
     def steps(self) -> Sequence[Span]:
         """Return the targets of a long program, cut into steps."""
-        return () if len(self._program.targets) <= MAX_QUICK_POINTS else self._spans()
+        visits = sum(len(move.targets) for move in self._program.moves)  # each is an inverse kinematics
+        points = max(len(self._program.targets), visits)
+        return () if points <= MAX_QUICK_POINTS else self._spans()
 
     def _spans(self) -> tuple[Span, ...]:
         count = len(self._program.targets)

@@ -18,6 +18,8 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
 _COLUMN: Final = re.compile(r"([FM])([xyz])\s*\[\s*(.*?)\s*\]")
+_MORE_LINES: Final = 1_000
+"""Lines of a table beside two for each point. Each costs a hundred bytes and more, blank ones too."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
 
 
@@ -81,14 +83,19 @@ def _segment_of(segments: Sequence[LoadSegment], lines: IndexArray) -> IndexArra
 
 
 def _from_table(content: bytes, points: IndexArray) -> Loads:
+    most = int(points.max(initial=0))
     text = content.decode("utf-8-sig", errors="replace")
+    lines = 2 * most + _MORE_LINES
+    if any(text.count(sign) > lines for sign in "\n\r") or any(
+        text.count(sign) > 8 * lines for sign in ",;\t"
+    ):
+        raise _fault(1, "it has more lines or cells than the program has points", f"number them 1 to {most}")
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=delimiter)]
     except csv.Error:
         raise _fault(1, "it is no table", _REMEDY) from None
     columns = _columns(rows[0] if rows else [])
-    most = int(points.max(initial=0))
     values, number = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
         if any(row):

@@ -65,7 +65,7 @@ _RAPID_WORDS: Final = re.compile(
     r"\s*([+-]?\d+(?:\.0*)?)\s*\]"
 )
 _FANUC_WORDS: Final = re.compile(
-    r"CONFIG\s*:\s*'([^'\n,]*),\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*,\s*([+-]?\d+)\s*'"
+    r"CONFIG\s*:\s*'([^'\n,]*),\s*([+-]?\d{1,9})\s*,\s*([+-]?\d{1,9})\s*,\s*([+-]?\d{1,9})\s*'"
 )
 _FANUC_JOINTS: Final = (0, 3, 5)
 _FREE_RAPID: Final = re.compile(r"\bConfJ\s*\\\s*Off\b", re.IGNORECASE)

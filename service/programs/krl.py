@@ -253,8 +253,12 @@ class _Program:
                 line, "the tool is fixed in the cell (IPO_FRAME)", "only tools on the flange are known"
             )
             return
-        self._choose(line, "TOOL", f"TOOL_DATA[{int(float(found.values['TOOL_NO']))}]")
-        self._choose(line, "BASE", f"BASE_DATA[{int(float(found.values['BASE_NO']))}]")
+        tool, base = (float(found.values[name]) for name in ("TOOL_NO", "BASE_NO"))
+        if not (tool.is_integer() and base.is_integer()):  # nor is infinity
+            self.reader.refuse(line, "the number of a frame is no whole number", "give TOOL_NO and BASE_NO")
+            return
+        self._choose(line, "TOOL", f"TOOL_DATA[{int(tool)}]")
+        self._choose(line, "BASE", f"BASE_DATA[{int(base)}]")
 
     # targets
 

@@ -15,6 +15,10 @@ from jointstiff.service.programs.program import FrameName, Motion, Move, Program
 NUMBER: Final = r"[+-]?(?:\d{1,15}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?"
 NUMBER_PATTERN: Final = re.compile(NUMBER)
 MAX_TARGETS: Final = 200_000
+MAX_VISITS: Final = 400_000
+"""Targets of all moves together: each is an inverse kinematics, also where moves share a target."""
+MAX_REMARKS: Final = 400_000
+"""Lines that are left as they are."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
 
@@ -58,6 +62,7 @@ class Reader:
     _remarks: list[Remark] = field(default_factory=list)
     _faults: list[Fault] = field(default_factory=list)
     _count: int = 0
+    _visits: int = 0
 
     def refuse(self, line: int | None, reason: str, remedy: str, source: int = 0) -> None:
         """Note what was not understood; the program is refused when all of it was read."""
@@ -67,7 +72,10 @@ class Reader:
 
     def leave(self, line: int, text: str) -> None:
         """Note what is left as it is."""
-        self._remarks.append(Remark(line, text))
+        if len(self._remarks) < MAX_REMARKS:
+            self._remarks.append(Remark(line, text))
+        else:
+            self.refuse(line, f"more than {MAX_REMARKS} lines that are left as they are", "split the program")
 
     def call(self, line: int, name: str) -> None:
         """Take a call of a routine that the user vouched for; refuse any other."""
@@ -143,7 +151,10 @@ class Reader:
     def move(self, line: int, motion: Motion, targets: Sequence[int | None]) -> None:
         """Add a move, if all its targets were understood."""
         known = [t for t in targets if t is not None]
-        if len(known) == len(targets):
+        self._visits += len(known)
+        if self._visits > MAX_VISITS:
+            self.refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
+        elif len(known) == len(targets):
             self._moves.append(Move(line, motion, tuple(known)))
 
     def program(self) -> Program:

@@ -12,6 +12,7 @@ from typing import Any, Final, NoReturn
 from dbos import Serializer
 from dbos._serialization import DefaultSerializer
 
+from jointstiff.service.problems import FilesError
 from jointstiff.solver.errors import JointstiffError
 
 _RAISED: Final = "raised"
@@ -19,6 +20,19 @@ _RAISED: Final = "raised"
 
 class EngineDataError(Exception):
     """Data of a step cannot be used, or a step failed unexpectedly."""
+
+
+class _RestoredFilesError(FilesError):
+    """Files that were not understood, as another process told of them."""
+
+    def __init__(self, reason: str, *, remedy: str, where: str | None, items: list[list[str]]) -> None:
+        super().__init__(reason, remedy=remedy, where=where)
+        self._items = tuple((place, why, mend) for place, why, mend in items)
+
+    @property
+    def items(self) -> tuple[tuple[str, str, str], ...]:
+        """Place, reason and remedy of each fault."""
+        return self._items
 
 
 class JsonSerializer(Serializer):
@@ -47,15 +61,22 @@ def _refuse(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: 
     raise EngineDataError("the engine's tables have a pickled object, which is not read")
 
 
-def _described(error: BaseException) -> dict[str, dict[str, str | None]]:
+def _described(error: BaseException) -> dict[str, dict[str, Any]]:
+    described: dict[str, Any]
     if isinstance(error, JointstiffError):
         described = {"reason": error.reason, "remedy": error.remedy, "where": error.where}
+        if isinstance(error, FilesError):  # of a class with a constructor of its own
+            described["items"] = error.items
     else:
         described = {"reason": f"{type(error).__name__}: {error}"}
     return {_RAISED: {"kind": type(error).__name__, **described}}
 
 
 def _restored(described: dict[str, Any]) -> Exception:
+    if "items" in described:
+        return _RestoredFilesError(
+            **{name: described[name] for name in ("reason", "remedy", "where", "items")}
+        )
     kind = _refusals().get(described["kind"])
     if kind is None or "remedy" not in described:
         return EngineDataError(described["reason"])

@@ -20,6 +20,7 @@ from jointstiff.service.api.access import (
     VIEWER,
     AccessRoute,
     UndeclaredRoleError,
+    _address,
     operation_id,
 )
 from jointstiff.service.api.examples import ROBOTS
@@ -218,6 +219,7 @@ def test_admins_issue_keys_that_are_shown_once(client, store):
         {"name": "x", "role": "owner"},
         {"name": "", "role": "viewer"},
         {"name": "x", "role": "viewer", "expires_at": "2001-01-01T00:00:00Z"},
+        {"name": "x", "role": "viewer", "expires_at": "9999-12-31T23:59:59-12:00"},
         {"name": "x", "role": "viewer", "expires_at": "2999-01-01T00:00:00"},
     ],
 )
@@ -322,6 +324,12 @@ def test_who_changes_what_stands_in_the_audit(client, store):
     mine = client.get(f"/v1/audit?key_id={KEYS['viewer'].record.id}&limit=1", headers=bearer("admin")).json()
     assert mine["items"][0]["operation"] == "createSession"
     assert mine["next"]
+
+
+def test_an_address_that_a_proxy_invents_is_unknown():
+    assert _address({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
+    assert [_address({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == ["unknown"] * 2
+    assert _address({}) == "unknown"
 
 
 def test_the_audit_as_a_table_has_all_entries_and_no_formulas(client, store):

@@ -20,6 +20,7 @@ from support.programs import (
 )
 
 from jointstiff.service.computation import ProgramWork, packed, unpacked
+from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import ProgramError, read_program
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
@@ -210,3 +211,19 @@ def test_one_target_under_two_loads_is_refused():
     segments = [{"first_line": 5, "last_line": 5, "force": FORCE}]
     with pytest.raises(ProgramError, match="two loads"):
         compensated("krl", text, load=None, segments=segments, tools=[], bases=[])
+
+
+@pytest.mark.parametrize("rest", ["\n" * 2_000, "," * 20_000])
+def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
+    table = packed("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n1,0,0,9\n{rest}".encode())
+    asked = request("krl", program_text("krl", tool_poses(path(2)), 4), load=None, loads="loads.csv")
+    robot, run = exact_run()
+    work = ProgramWork(robot, "robot", run, asked.model_copy(update={"files": [*asked.files, table]}))
+    with pytest.raises(FilesError, match="more lines or cells"):
+        work.conclude(())
+
+
+def test_moves_to_one_target_count_one_by_one():
+    move = "LIN P1\n" * 10_001
+    text = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nP1={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\n{move}END\n"
+    assert len(work_of("krl", text).steps()) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from jointstiff.service.programs import FORMATS, Motion, ProgramError, read_program
+from jointstiff.service.programs import (
+    FORMATS,
+    Motion,
+    ProgramError,
+    StatedConfigurations,
+    read_program,
+    reader,
+)
 
 SAMPLES = Path(__file__).parent / "samples"
 PROGRAMS = {
@@ -312,3 +320,23 @@ def test_large_files_of_nothing_are_refused_soon(name, content):
     """Each of these took minutes once: a pattern that began anew on each line."""
     error = refusal(name, content)
     assert len(str(error)) < 8000
+
+
+@pytest.mark.parametrize("number", ["1e400", "1.5"])
+def test_the_number_of_a_frame_is_whole(number):
+    text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nLIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND"
+    assert refusal("a.src", text).faults[0].line == 2
+
+
+def test_a_turn_number_that_no_controller_writes_is_not_read():
+    (_, content), *_ = files_of("fanuc")
+    text = re.sub(r"(CONFIG : '[^,]*,)[^,]*", r"\1 " + "9" * 400, content.decode("latin-1"))
+    program = read_program([("CELL.LS", text.encode("latin-1"))], leave_alone=["SPINDLE_OFF"])
+    assert np.isinf(StatedConfigurations(program).ranges([0])).all()
+
+
+@pytest.mark.parametrize(("most", "line"), [("MAX_VISITS", 5), ("MAX_REMARKS", 8)])
+def test_a_small_file_cannot_ask_for_endless_work(monkeypatch, most, line):
+    monkeypatch.setattr(reader, most, 2)
+    text = f"DEF a()\n{POINT}\n" + 3 * "LIN P1\n" + 3 * "s()\n" + "END"
+    assert refusal("a.src", text, leave_alone=["s"]).faults[0].line == line

@@ -14,6 +14,8 @@ from support.jobs import request, stored_set
 from support.processes import until, working
 
 from jointstiff.service.jobs import Parts
+from jointstiff.service.problems import FilesError, problem_of
+from jointstiff.service.programs import Fault, ProgramError
 from jointstiff.service.store import Store
 from jointstiff.service.workers import JobQueue
 from jointstiff.service.workers.queue import engine_url, schema_of
@@ -85,3 +87,14 @@ def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(database_u
         assert runs.status(planted.id).state == "failed"
         assert runs.status(other.id).state == "succeeded"
     assert not (tmp_path / "ran").exists()
+
+
+def test_the_faults_of_a_program_come_back_one_by_one():
+    faults = [
+        Fault("a.src", 3, "it is not reached", "move it"),
+        Fault("a.src", 5, "nor this", "move it, too"),
+    ]
+    serializer = JsonSerializer()
+    found = serializer.deserialize(serializer.serialize(ProgramError(faults)))
+    assert isinstance(found, FilesError)
+    assert problem_of(found) == problem_of(ProgramError(faults))
