@@ -60,7 +60,8 @@ def test_from_a_robot_to_a_trend(visit, size):
     visited.go("#/compare/methods")
     page.get_by_label("Measurement set", exact=True).select_option(label=f"{size} motor ({name})")
     page.get_by_role("button", name="Compare").click()
-    expect(page.get_by_role("row")).to_have_count(9)  # four methods, free and constrained, and the head
+    expect(page.get_by_role("row")).to_have_count(5)  # four methods and the head, as no constraint is active
+    expect(page.get_by_text("constrained and unconstrained give the same")).to_have_count(4)
 
     visited.go("#/compare/pairs")
     page.get_by_label("First side", exact=True).select_option(label=f"{size} motor ({name})")

@@ -105,6 +105,7 @@ function Numbers({
     <div class="field">
       <label for={id}>{label}</label>
       <input
+        type="text"
         id={id}
         value={value}
         aria-invalid={numbersIn(value) === null}

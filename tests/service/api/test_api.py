@@ -277,7 +277,8 @@ class TestRuns:
         ("request_", "where"),
         [
             ({"method": "best"}, "method"),
-            ({"loss": "absolute"}, "loss"),
+            ({"loss": "cauchy"}, "loss"),
+            ({"loss": "absolute"}, "elasticity"),
             ({"stiffness_bounds": {"joint_2": [2e6, 1e6]}}, "stiffness_bounds"),
             ({"stiffness_bounds": {"elbow": [1e6, None]}}, "stiffness_bounds.elbow"),
             ({"characteristic_length": 0.5}, "characteristic_length"),
