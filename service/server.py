@@ -205,7 +205,7 @@ def _shown(database: str) -> str:
     url = make_url(database)
     if url.get_backend_name() == "sqlite" and url.database:
         url = url.set(database=str(Path(url.database).absolute()))
-    return url.render_as_string(hide_password=True)
+    return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
 def _posture(host: str, allowed_hosts: Sequence[str], *, access_control: bool, require_key: bool) -> Posture:

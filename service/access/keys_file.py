@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
@@ -66,6 +67,8 @@ class KeysFile:
         """
         try:
             with self._path.open("rb") as file:
+                if os.fstat(file.fileno()).st_mode & stat.S_IWOTH:
+                    raise KeysFileError(self._path, "every user can write keys into it (chmod o-w mends it)")
                 content = file.read(MAX_BYTES + 1)
             if len(content) > MAX_BYTES:
                 raise KeysFileError(self._path, f"it exceeds {MAX_BYTES // 1024} KiB")

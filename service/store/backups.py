@@ -240,8 +240,10 @@ def _opened(path: Path) -> Iterator[Connection]:
 def _run(url: str, program: str, *arguments: str) -> None:
     """Run one of PostgreSQL's programs; the password goes by the environment, which only its user sees."""
     parsed = make_url(url).set(drivername="postgresql")
-    environment = os.environ | ({"PGPASSWORD": str(parsed.password)} if parsed.password else {})
-    database = parsed._replace(password=None).render_as_string(hide_password=False)
+    password = parsed.password or parsed.query.get("password")
+    environment = os.environ | ({"PGPASSWORD": str(password)} if password else {})
+    shown = parsed._replace(password=None).difference_update_query(["password"])
+    database = shown.render_as_string(hide_password=False)
     found = shutil.which(program)
     if found is None:
         raise StoreError(f"there is no {program} here", "install PostgreSQL's client programs")

@@ -206,3 +206,11 @@ def test_the_throttle_forgets_addresses_rather_than_growing():
 
 def test_digests_take_any_text():
     assert len(digest("\ud800")) == 64
+
+
+def test_a_file_that_everyone_can_write_has_no_keys(tmp_path):
+    path = tmp_path / "keys.json"
+    KeysFile(path).add(KEYS[0].record)
+    path.chmod(0o666)
+    with pytest.raises(KeysFileError, match="chmod o-w"):
+        KeysFile(path).all()

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 import sqlite3
+import subprocess
 import threading
 from contextlib import closing
 from datetime import UTC, datetime
@@ -15,7 +16,8 @@ from alembic import command
 from support.jobs import request, runs_of, stored_set
 from support.processes import until
 
-from jointstiff.service.store import Manifest, RobotRecord, Store, StoreError, back_up, restore
+from jointstiff.service.server import _shown
+from jointstiff.service.store import Manifest, RobotRecord, Store, StoreError, back_up, backups, restore
 from jointstiff.service.store.content import content_of
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.migrations import configuration
@@ -197,3 +199,19 @@ class TestOnSqlite:
         with closing(Database.open(url)) as database, database.writing() as connection:
             connection.exec_driver_sql("UPDATE robots SET name = 'r' || name")
             assert content_of(connection)["robots"] != manifest.tables["robots"]
+
+
+@pytest.mark.parametrize("url", ["postgresql://me:geheim@host/db", "postgresql://me@host/db?password=geheim"])
+def test_a_password_stands_on_no_command_line_and_is_not_shown(url, monkeypatch):
+    ran = {}
+
+    def run(command, *, env, **_options):
+        ran.update(command=command, env=env)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(backups.subprocess, "run", run)
+    monkeypatch.setattr(backups.shutil, "which", lambda program: program)
+    backups._run(url, "pg_dump")
+    assert "geheim" not in " ".join(ran["command"])
+    assert ran["env"]["PGPASSWORD"] == "geheim"
+    assert "geheim" not in _shown(url)
