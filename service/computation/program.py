@@ -29,7 +29,7 @@ from jointstiff.solver.robot import InverseKinematics, Robot
 
 MAX_QUICK_POINTS: Final = 10_000
 """Points of a program that is corrected at once; one that several moves use counts for each."""
-_STEP: Final = 2_000
+STEP_POINTS: Final = 2_000
 """Points of a step of a longer one."""
 _MAX_REMARKS: Final = 50
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
@@ -94,7 +94,7 @@ class ProgramWork(SteppedWork[Corrections]):
 
     def _spans(self) -> tuple[Span, ...]:
         count = len(self._program.targets)
-        return tuple((start, min(start + _STEP, count)) for start in range(0, count, _STEP))
+        return tuple((start, min(start + STEP_POINTS, count)) for start in range(0, count, STEP_POINTS))
 
     def compute(self, span: Span) -> Corrections:
         """Correct the points of a part of the path.

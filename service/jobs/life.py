@@ -24,7 +24,7 @@ from jointstiff.service.computation import (
 )
 from jointstiff.service.jobs.kinds import AnyKind
 from jointstiff.service.problems import NotFoundError, TooManyJobsError, problem_of
-from jointstiff.service.resources import Resources
+from jointstiff.service.resources import Resources, read_job
 from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, JobStatus
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
@@ -185,7 +185,7 @@ class Jobs:
     def start(self, job_id: str) -> None:
         """Write that a job is being carried out from now on."""
         record = self._records.get(job_id)
-        job = self._read(record.document)
+        job = self._read(record)
         started = job.provenance.model_copy(
             update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
         )
@@ -216,7 +216,7 @@ class Jobs:
         return progress is not None and progress.done >= progress.total
 
     def _as_now(self, record: JobRecord) -> Job:
-        job = self._read(record.document)
+        job = self._read(record)
         if record.state not in OPEN_STATES or job.progress is None:
             return job
         progress = job.progress.model_copy(update={"done": self.log.done(record.id)})
@@ -227,8 +227,8 @@ class Jobs:
         if not (job_id.isascii() and job_id.isprintable()):
             raise NotFoundError(self.kind.resource, job_id)
 
-    def _read(self, document: str) -> Job:
-        return self.kind.message.model_validate_json(document)
+    def _read(self, record: JobRecord) -> Job:
+        return read_job(self.kind.message, record)
 
     def _work(self, job_id: str) -> Work:
         work: Work = self.kind.work(self._resources, self.current(job_id).request)
@@ -248,7 +248,7 @@ class Jobs:
         """End a job as it is then: what others wrote of it meanwhile is kept."""
 
         def final(before: JobRecord, done: int) -> dict[str, Any]:
-            job = self._read(before.document)
+            job = self._read(before)
             began = job.provenance.started_at or job.provenance.created_at
             last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back
             always = {

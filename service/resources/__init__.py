@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.imports import import_files
     from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
     from jointstiff.service.resources.robots import Robots
-    from jointstiff.service.resources.stored_jobs import stored_job
+    from jointstiff.service.resources.stored_jobs import read_job, stored_job
 else:
     __getattr__ = names_of(
         __name__,
@@ -19,7 +19,7 @@ else:
         imports="import_files",
         measurement_sets="MeasurementSets assembled",
         robots="Robots",
-        stored_jobs="stored_job",
+        stored_jobs="read_job stored_job",
     )
 
-__all__ = ["MeasurementSets", "Resources", "Robots", "assembled", "import_files", "stored_job"]
+__all__ = ["MeasurementSets", "Resources", "Robots", "assembled", "import_files", "read_job", "stored_job"]

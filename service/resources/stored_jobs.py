@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from pydantic import ValidationError
+
 from jointstiff.schemas.geometry import Geometry, GeometryResult
 from jointstiff.schemas.job import Job
-from jointstiff.service.problems import NotFoundError, Resource
-from jointstiff.service.store import Store
+from jointstiff.service.problems import NotFoundError, OtherVersionError, Resource
+from jointstiff.service.store import JobRecord, Store
 from jointstiff.solver.errors import RequestError
 
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -18,9 +20,24 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
 
     Raises:
         NotFoundError: there is none, or it was deleted.
+        OtherVersionError: another version stored it.
     """
     record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
-    return message.model_validate_json(record.document)
+    return read_job(message, record)
+
+
+def read_job(message: type[AnyJob], record: JobRecord) -> AnyJob:
+    """Return the job of a record.
+
+    Raises:
+        OtherVersionError: another version stored it.
+    """
+    try:
+        return message.model_validate_json(record.document)
+    except ValidationError as error:
+        if error.errors(include_url=False)[0]["type"] == "json_invalid":
+            raise  # damaged, by whatever it was
+        raise OtherVersionError(Resource(message.kind, message.collection), record.id) from error
 
 
 def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:

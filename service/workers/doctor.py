@@ -12,6 +12,8 @@ from jointstiff.schemas.robot import Robot, RobotDocument
 from jointstiff.service.computation import prepare_robot
 from jointstiff.service.conversion import ReadingArrays, content_hash
 from jointstiff.service.jobs import KINDS, AnyKind
+from jointstiff.service.problems import OtherVersionError
+from jointstiff.service.resources import read_job
 from jointstiff.service.store import (
     OPEN_STATES,
     Fault,
@@ -73,6 +75,8 @@ def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str
             expected = _robot_hash(record) if isinstance(record, RobotRecord) else _set_hash(record)
             if expected != record.content_hash:
                 yield Fault("hash", where, "its content is not what was stored: the hash differs", _RESTORE)
+    except OtherVersionError as error:
+        yield Fault("version", where, error.reason, error.remedy)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is a fault of the document
         reason = (str(error) or type(error).__name__).splitlines()[0][:200]
         yield Fault("document", where, f"its document cannot be read ({reason})", _RESTORE)
@@ -95,7 +99,7 @@ def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
             "kind", where, "this version knows no such kind of job", "install the version that made it"
         )
         return
-    job = _KINDS[record.kind].message.model_validate_json(record.document)
+    job = read_job(_KINDS[record.kind].message, record)
     if record.state not in OPEN_STATES and job.state != record.state:
         yield Fault("state", where, f"its row says {record.state}, its document {job.state}", _RESTORE)
     if record.state == "succeeded" and job.result is None:

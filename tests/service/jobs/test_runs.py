@@ -6,11 +6,13 @@ import sqlite3
 from contextlib import closing
 
 import pytest
+from pydantic import ValidationError
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.computation.resampling import ResamplingWork
 from jointstiff.service.jobs import Parts
 from jointstiff.service.jobs import life as module
+from jointstiff.service.problems import OtherVersionError
 from jointstiff.service.store import IdempotencyKey, NotFoundError, Store, TooManyJobsError
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
@@ -145,3 +147,18 @@ def test_a_run_does_not_begin_before_it_was_posted_nor_end_before_it_began(tmp_p
         runs.cancel(run)
         times = runs.current(run).provenance
         assert times.created_at <= times.started_at <= times.ended_at
+
+
+def test_a_run_that_another_version_stored_is_refused_with_a_remedy(tmp_path):
+    path = tmp_path / "jointstiff.db"
+    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
+        runs = runs_of(store, lambda *_: None)
+        run = runs.create(request(stored_set(store)), None).id
+        other.execute("UPDATE jobs SET document = replace(document, 'provenance', 'origin')")
+        other.commit()
+        with pytest.raises(OtherVersionError, match="post the run again"):
+            runs.current(run)
+        other.execute("UPDATE jobs SET document = substr(document, 1, 500)")
+        other.commit()
+        with pytest.raises(ValidationError):  # damage is no version
+            runs.current(run)
