@@ -40,7 +40,7 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
     def show(address: str) -> None:
         statuses.append(_FAILED)  # unless it gets to its end
         try:
-            statuses.append(_tour(address))
+            statuses.append(_tour(address, once=once))
         finally:
             if once or statuses[-1]:
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -57,8 +57,8 @@ def run_demo(*, port: int, database: str, once: bool) -> int:
     return statuses[-1]
 
 
-def _tour(address: str) -> int:
-    """Post the example if it is not there, print what comes back and where the page shows it."""
+def _tour(address: str, *, once: bool) -> int:
+    """Post the example if it is not there, print what comes back, and the page's address if it stays."""
     out = console()
     try:
         with Client(address) as client:
@@ -70,7 +70,9 @@ def _tour(address: str) -> int:
     out.print(run_report(run))
     out.print()
     out.print(comparison_report(comparison))
-    out.print(f"\nOpen the page: {address}/#/runs/{run.id}", markup=False, soft_wrap=True)
+    # with --once, the address ends with the service
+    last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
+    out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)
     return 0
 
 

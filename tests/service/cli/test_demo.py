@@ -29,9 +29,9 @@ def shown(folder: Path) -> str:
     return done.stdout
 
 
-def page_in(text: str) -> str:
-    """Return the path of the page that the demonstration ends with."""
-    return re.search(r"Open the page: http://127.0.0.1:\d+(/#/runs/\w+)$", text, re.MULTILINE)[1]
+def run_in(text: str) -> str:
+    """Return the id of the run that the demonstration ends with."""
+    return re.search(r"^Run (\w+); to open its page: the same command without --once$", text, re.MULTILINE)[1]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,8 @@ def test_it_shows_the_whole_path_and_adds_nothing_twice(demonstrated):
     second = shown(folder)
     assert "Joint stiffness, partial pose" in first
     assert "≥ 0 gives the same numbers as free" in first
-    assert page_in(first) == page_in(second)
+    assert run_in(first) == run_in(second)
+    assert "Open the page" not in first, "its address ends with the service"
     assert "posted" not in second
     assert not (folder / "mine.db").exists()
     assert (folder / "jointstiff-demo.db").exists()
@@ -59,7 +60,12 @@ def test_no_process_is_left_after_a_signal(demonstrated, sent):
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(COMMAND, cwd=folder, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
-            assert any("Ctrl-C ends" in line for line in process.stdout), "it ended"
+            said = ""
+            while "Ctrl-C ends" not in said:
+                line = process.stdout.readline()
+                assert line, "it ended"
+                said += line
+            assert re.search(r"Open the page: http://127.0.0.1:\d+/#/runs/\w+$", said, re.MULTILINE)
             children = children_of(process.pid)
             assert children, "no worker"
             process.send_signal(sent)
