@@ -111,9 +111,9 @@ def _summary(result: RunResult) -> Text:
     sigma = (
         ""
         if result.sigma is None
-        else f", sigma {1e6 * result.sigma:.3g} µm ({result.goodness.sigma_source})"
+        else f", sigma of a reading {1e6 * result.sigma:.3g} µm ({result.goodness.sigma_source})"
     )
-    return Text(f"  {explained}residual {1e6 * result.rms_residual:.3g} µm rms{sigma}")
+    return Text(f"  {explained}residual {1e6 * result.rms_residual:.3g} µm rms (3-D){sigma}")
 
 
 def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
