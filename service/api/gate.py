@@ -171,7 +171,7 @@ class Gate:
     async def _written(self, used: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
         try:
             await run_sync(used, name, now, limiter=self._turns)
-        except StoreError:
+        except (StoreError, asyncio.CancelledError):
             self._noted.pop(name, None)  # a later use is noted instead
 
 
