@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jointstiff.service.cli.answers import failed, refuse_existing, refused
-from jointstiff.service.cli.options import AsJson, CampaignFile
+from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
 
 if TYPE_CHECKING:
     from jointstiff.schemas.program import Program
@@ -99,19 +99,11 @@ def compensate(
             help="JSON, as POST /v1/programs takes it, without run_id.",
         ),
     ] = None,
-    run: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
-        ),
-    ] = None,
+    run: RunFile = None,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write all points there, as CSV.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace these files.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Correct a program by a campaign's model, so that the loaded tool is where it says."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jointstiff.service.cli.answers import failed, refuse_existing, refused
-from jointstiff.service.cli.options import AsJson, CampaignFile
+from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
 
 _SUFFIXES = (".csv", ".npz")
 
@@ -25,20 +25,12 @@ def map_area(
         ),
     ],
     *,
-    run: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
-        ),
-    ] = None,
+    run: RunFile = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Write all places there, .csv or .npz."),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace that file.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Map a work area: deflection, compliance and intervals at each place, by a campaign's model."""

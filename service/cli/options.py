@@ -39,6 +39,16 @@ SecondFile = Annotated[
         help="Campaign with the position loop on secondary encoders, or after a change.",
     ),
 ]
+RunFile = Annotated[
+    Path | None,
+    typer.Option(
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 DatabaseUrl = Annotated[
     str,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-from jointstiff.service.cli.options import AsJson, CampaignFile
+from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
 
 if TYPE_CHECKING:
     from jointstiff.schemas.run import Run
@@ -32,15 +32,7 @@ def predict(
     file: CampaignFile,
     postures: _Table,
     *,
-    run: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
-        ),
-    ] = None,
+    run: RunFile = None,
     load_point: _Point = None,
     place: Annotated[
         tuple[float, float, float] | None,
@@ -50,7 +42,7 @@ def predict(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the table there.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace that file.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
