@@ -152,6 +152,8 @@ export const api = {
     call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
   robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),
   addRobot: (document: RobotDocument, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
+  deleteRobot: (robot: string) => call<undefined>("DELETE", `/v1/robots/${id(robot)}`),
+  restoreRobot: (robot: string) => call<Robot>("POST", `/v1/robots/${id(robot)}/restore`),
   kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
     call<Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, ...options(signal) }),
 
@@ -159,6 +161,8 @@ export const api = {
     call<Page<MeasurementSetSummary>>("GET", `/v1/measurement-sets${query(filters)}`, options(signal)),
   set: (set: string, signal?: AbortSignal) =>
     call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
+  deleteSet: (set: string) => call<undefined>("DELETE", `/v1/measurement-sets/${id(set)}`),
+  restoreSet: (set: string) => call<MeasurementSet>("POST", `/v1/measurement-sets/${id(set)}/restore`),
   /** What a table of readings was understood as; nothing is stored. */
   importTable: (file: File) => {
     const body = new FormData();

@@ -1,9 +1,7 @@
 /** What can be done with any job that is shown: its link, its file, its end. */
 import type { ComponentChildren } from "preact";
-import { problemOf } from "../api/client";
 import { fileName } from "../lib/csv";
-import { useAction } from "../state/action";
-import { go } from "../state/router";
+import { useDeletion } from "../state/deletion";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { ProblemNote } from "./basics";
@@ -29,20 +27,15 @@ export function JobActions({
   list: string;
   children?: ComponentChildren;
 }) {
-  const here = location.hash;
   const share = () => {
     if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
     void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
   };
-  const bringBack = () =>
-    void restore().then(
-      () => go(here),
-      (error: unknown) => toast(problemOf(error).detail),
-    );
-  const deletion = useAction(async () => {
-    await remove?.();
-    go(list);
-    toast(text.runs.deleted(name), { label: text.runs.undo, run: bringBack });
+  const deletion = useDeletion({
+    remove: async () => remove?.(),
+    restore,
+    list,
+    deleted: text.runs.deleted(name),
   });
   return (
     <>

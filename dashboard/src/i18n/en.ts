@@ -833,6 +833,10 @@ export const en = {
     use: "Identify",
     number: "a number is needed",
   },
+  deletion: {
+    sure: (name: string) => `Delete ${name}? It can be restored for 30 days.`,
+    done: (name: string) => `${name} deleted`,
+  },
   sets: {
     kind: "Measurement set",
     identify: "Identify",

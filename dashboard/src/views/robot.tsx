@@ -1,7 +1,9 @@
 /** One robot: drawn, as it was understood, with its sets, runs and trend. */
 import type { Robot } from "../api/types";
+import { api } from "../api/client";
 import { Arm } from "../components/arm";
 import { Empty, Facts, Name, Show, Title } from "../components/basics";
+import { DeleteButton } from "../components/delete_button";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees } from "../lib/units";
@@ -42,6 +44,12 @@ function RobotPage({ robot }: { robot: Robot }) {
           <a class="button" href={link(["compare", "trend", robot.id])}>
             {text.robots.trend}
           </a>
+          <DeleteButton
+            name={robot.name}
+            list="#/robots"
+            remove={() => api.deleteRobot(robot.id)}
+            restore={() => api.restoreRobot(robot.id)}
+          />
         </div>
       </div>
       <div class="flow">

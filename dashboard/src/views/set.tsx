@@ -1,6 +1,8 @@
 /** One measurement set: what it says, its findings, what was made of it. */
 import type { MeasurementSet } from "../api/types";
+import { api } from "../api/client";
 import { Name, Show, Title, Warnings, When } from "../components/basics";
+import { DeleteButton } from "../components/delete_button";
 import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
@@ -45,6 +47,12 @@ function SetPage({ set }: { set: MeasurementSet }) {
           <a class="button" href={link(["plans"], { set: set.id })}>
             {text.plan.goOn}
           </a>
+          <DeleteButton
+            name={set.name}
+            list="#/sets"
+            remove={() => api.deleteSet(set.id)}
+            restore={() => api.restoreSet(set.id)}
+          />
         </div>
       </div>
       <div class="flow">

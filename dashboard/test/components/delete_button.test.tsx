@@ -1,0 +1,42 @@
+// @vitest-environment happy-dom
+import { describe, expect, it, vi } from "vitest";
+import { ApiError } from "../../src/api/client";
+import { DeleteButton } from "../../src/components/delete_button";
+import { drawn, press, settled } from "./drawn";
+
+const refused = new ApiError({
+  type: "urn:jointstiff:problem:referenced",
+  title: "Other resources refer to it",
+  status: 409,
+  detail: "2 measurement sets refer to it",
+  where: null,
+  remedy: "delete those first",
+  request_id: null,
+  errors: [],
+});
+
+describe("deletion of a robot or a set", () => {
+  const asked = (remove: () => Promise<unknown>) =>
+    drawn(<DeleteButton name="KR 240" list="#/robots" remove={remove} restore={async () => {}} />);
+
+  it("asks first", async () => {
+    const remove = vi.fn(async () => {});
+    const root = await asked(remove);
+    vi.stubGlobal("confirm", () => false);
+    await press(root, "Delete");
+    expect(remove).not.toHaveBeenCalled();
+    vi.stubGlobal("confirm", () => true);
+    await press(root, "Delete");
+    expect(remove).toHaveBeenCalledOnce();
+    expect(location.hash).toBe("#/robots");
+  });
+
+  it("says why the service refuses", async () => {
+    vi.stubGlobal("confirm", () => true);
+    const root = await asked(async () => Promise.reject(refused));
+    await press(root, "Delete");
+    await settled(() => {});
+    expect(root.textContent).toContain("2 measurement sets refer to it");
+    expect(root.textContent).toContain("delete those first");
+  });
+});
