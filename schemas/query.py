@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
+from jointstiff.schemas.measurement import Moment
 from jointstiff.schemas.run import Elasticity, Method, Weighting
 
 MAX_PAGE = 100
@@ -29,8 +32,12 @@ class PageQuery(Message):
 
     def filters(self) -> dict[str, str]:
         """The filters that were given."""
-        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor", "deleted"})
+        chosen = self.model_dump(exclude_none=True, exclude={"limit", "cursor", "deleted", *self._others()})
         return {name: str(value) for name, value in chosen.items()}
+
+    def _others(self) -> set[str]:
+        """Names of fields that are no filters by an exact value."""
+        return set()
 
 
 class DeletableQuery(PageQuery):
@@ -55,18 +62,57 @@ class WaitQuery(Message):
     )
 
 
-class RobotQuery(DeletableQuery):
+class ArchivableQuery(DeletableQuery):
+    """Which resources of a kind that can be archived."""
+
+    archived: bool = Field(default=False, description="Only archived ones, instead of the others.")
+
+    def _others(self) -> set[str]:
+        return {"archived"}
+
+
+class RobotQuery(ArchivableQuery):
     """Which robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
+    content_hash: Reference | None = Field(
+        default=None, description="Filter by `content_hash`: robots of the same kinematics, limits and map."
+    )
 
 
-class SetQuery(DeletableQuery):
+class SetQuery(ArchivableQuery):
     """Which measurement sets."""
 
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Only with these.")
+    serial_number: ExactName | None = Field(default=None, description="Filter by the robot's serial number.")
+    operator: ExactName | None = Field(default=None, description="Filter by operator (exact).")
+    instrument: ExactName | None = Field(default=None, description="Filter by instrument (exact).")
+    content_hash: Reference | None = Field(
+        default=None, description="Filter by `content_hash`: sets of the same readings."
+    )
+    measured_from: Moment | None = Field(
+        default=None, description="Only measured at this time or after it, ISO 8601 with its zone."
+    )
+    measured_to: Moment | None = Field(
+        default=None, description="Only measured before this time, ISO 8601 with its zone."
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> SetQuery:
+        first, last = self.measured_from, self.measured_to
+        if first is not None and last is not None and last <= first:
+            raise ValueError("`measured_to` must be after `measured_from`")
+        return self
+
+    def spans(self) -> Mapping[str, tuple[datetime | None, datetime | None]]:
+        """The spans of time that were given: from the first, to before the second."""
+        asked = self.measured_from is not None or self.measured_to is not None
+        return {"measured_at": (self.measured_from, self.measured_to)} if asked else {}
+
+    def _others(self) -> set[str]:
+        return super()._others() | {"measured_from", "measured_to"}
 
 
 class RunQuery(JobQuery):

@@ -126,6 +126,8 @@ class RobotSummary(Message):
     id: Identifier
     name: Name
     joints: list[Joint]
+    archived: bool = Field(description="Whether listings leave it out.")
+    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map, as in the robot.")
     created_at: Timestamp
 
 
@@ -138,5 +140,15 @@ class Robot(RobotDocument):
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."
     )
-    content_hash: str = Field(description="SHA-256 of the parsed document.")
+    archived: bool = Field(default=False, description="Whether listings leave it out.")
+    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
+
+
+class RobotChange(Message):
+    """Changes of a robot beside its kinematics. Fields that are left out stay."""
+
+    name: Name | None = Field(default=None, description="New name; null, or left out: it stays.")
+    archived: bool | None = Field(
+        default=None, description="Whether listings leave it out; null, or left out: as before."
+    )

@@ -20,6 +20,7 @@ from jointstiff.schemas.measurement.measurement_set import (
     Units,
     WarningCode,
 )
+from jointstiff.schemas.measurement.metadata import Moment, SetChange, SetMetadata
 from jointstiff.schemas.measurement.noise import (
     ForceUncertainty,
     Instrument,
@@ -44,11 +45,14 @@ __all__ = [
     "MeasurementSetHeader",
     "MeasurementSetRequest",
     "MeasurementSetSummary",
+    "Moment",
     "Noise",
     "Observation",
     "QualityWarning",
     "Reading",
     "ResolvedFrame",
+    "SetChange",
+    "SetMetadata",
     "Sigma",
     "Uncertainty",
     "Units",

@@ -8,6 +8,7 @@ from pydantic import FailFast, Field, model_validator
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
+from jointstiff.schemas.measurement.metadata import SetMetadata
 from jointstiff.schemas.measurement.noise import Matrix3, Noise, Sigma, refuse_two_kinds
 from jointstiff.schemas.robot import MAX_JOINTS
 
@@ -118,7 +119,7 @@ class Observation(Message):
     )
 
 
-class MeasurementSetHeader(Message):
+class MeasurementSetHeader(SetMetadata):
     """Fields common to all observations of a set."""
 
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
@@ -226,7 +227,7 @@ class QualityWarning(Message):
     remedy: str = Field(description="Recommended checks.")
 
 
-class MeasurementSetSummary(Message):
+class MeasurementSetSummary(SetMetadata):
     """A measurement set in a listing."""
 
     id: Identifier
@@ -235,6 +236,8 @@ class MeasurementSetSummary(Message):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
+    archived: bool = Field(description="Whether listings leave it out.")
+    content_hash: str = Field(description="SHA-256 of the readings, as in the set.")
     created_at: Timestamp
 
 
@@ -245,7 +248,10 @@ class StoredMeasurementSet(MeasurementSetHeader):
     id: Identifier
     resolved_frame: ResolvedFrame | None = Field(default=None, description="Meaning of `frame`.")
     warnings: list[QualityWarning]
-    content_hash: str = Field(description="SHA-256 of everything that was posted.")
+    archived: bool = Field(default=False, description="Whether listings leave it out.")
+    content_hash: str = Field(
+        description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
+    )
     created_at: Timestamp
 
 

@@ -48,6 +48,23 @@ ROBOTS: Final[dict[str, Any]] = {
     },
 }
 
+ROBOT_CHANGES: Final[dict[str, Any]] = {
+    "another name": {"name": "six-axis arm, cell 4"},
+    "archived": {"archived": True},
+}
+
+SET_CHANGES: Final[dict[str, Any]] = {
+    "metadata": {
+        "measured_at": "2026-11-20T14:30:00+01:00",
+        "operator": "M. Keller",
+        "instrument": "Leica AT960, 750123",
+        "serial_number": "F-211034",
+        "conditions": "21 °C, warmed up for 30 min",
+        "notes": "before the gearbox of axis 2 was replaced",
+    },
+    "archived": {"archived": True},
+}
+
 _GEOMETRIES: Final[dict[str, Any]] = {
     "two joints": {
         "name": "pan and tilt",

@@ -7,11 +7,16 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetRequest, MeasurementSetSummary
+from jointstiff.schemas.measurement import (
+    MeasurementSet,
+    MeasurementSetRequest,
+    MeasurementSetSummary,
+    SetChange,
+)
 from jointstiff.schemas.query import SetQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
-from jointstiff.service.api.examples import MEASUREMENT_SETS, shown
+from jointstiff.service.api.examples import MEASUREMENT_SETS, SET_CHANGES, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
 from jointstiff.service.resources import assembled
 
@@ -44,7 +49,12 @@ def create_measurement_set(
 def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations, newest first."""
     page = parts.store.sets.page(
-        limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
+        limit=query.limit,
+        cursor=query.cursor,
+        filters=query.filters(),
+        spans=query.spans(),
+        deleted=query.deleted,
+        archived=query.archived,
     )
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
@@ -54,6 +64,25 @@ def list_measurement_sets(parts: PartsOf, query: Annotated[SetQuery, Query()]) -
 def get_measurement_set(parts: PartsOf, set_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a measurement set as it was posted, with what was noticed."""
     return json_response(parts.sets.document(set_id).model_dump_json())
+
+
+@router.patch(
+    "/{set_id}",
+    dependencies=[OPERATOR],
+    response_model=MeasurementSetSummary,
+    responses=problems(400, 404, 413, 415, 422),
+)
+def change_measurement_set(
+    parts: PartsOf,
+    set_id: Annotated[str, Path(max_length=64)],
+    body: Annotated[SetChange, shown(SET_CHANGES)],
+) -> MeasurementSetSummary:
+    """Change name and metadata of a measurement set, or archive it.
+
+    Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
+    changes. Listings leave an archived set out.
+    """
+    return MeasurementSetSummary.model_validate(parts.sets.change(set_id, body), from_attributes=True)
 
 
 @router.delete(

@@ -8,11 +8,12 @@ from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.query import RobotQuery
-from jointstiff.schemas.robot import Robot, RobotRequest, RobotSummary
+from jointstiff.schemas.robot import Robot, RobotChange, RobotRequest, RobotSummary
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
-from jointstiff.service.api.examples import ROBOTS, shown
+from jointstiff.service.api.examples import ROBOT_CHANGES, ROBOTS, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
+from jointstiff.service.resources import described
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 
@@ -33,24 +34,42 @@ def create_robot(parts: PartsOf, body: Annotated[RobotRequest, shown(ROBOTS)], k
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
-    return created("robots", record.id, record.document)
+    return created("robots", record.id, described(record).model_dump_json())
 
 
 @router.get("", dependencies=[VIEWER], response_model=Page[RobotSummary], responses=problems(422))
 def list_robots(parts: PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
     page = parts.store.robots.page(
-        limit=query.limit, cursor=query.cursor, filters=query.filters(), deleted=query.deleted
+        limit=query.limit,
+        cursor=query.cursor,
+        filters=query.filters(),
+        deleted=query.deleted,
+        archived=query.archived,
     )
-    stored = [Robot.model_validate_json(record.document) for record in page.records]
-    items = [RobotSummary(id=r.id, name=r.name, joints=r.joints, created_at=r.created_at) for r in stored]
+    items = [RobotSummary.model_validate(described(record), from_attributes=True) for record in page.records]
     return Page(items=items, next=page.next)
 
 
 @router.get("/{robot_id}", dependencies=[VIEWER], response_model=Robot, responses=problems(404, 422))
 def get_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Get a robot, with its kinematics as they were understood."""
-    return json_response(parts.store.robots.get(robot_id).document)
+    return json_response(described(parts.store.robots.get(robot_id)).model_dump_json())
+
+
+@router.patch(
+    "/{robot_id}",
+    dependencies=[OPERATOR],
+    response_model=Robot,
+    responses=problems(400, 404, 413, 415, 422),
+)
+def change_robot(
+    parts: PartsOf,
+    robot_id: Annotated[str, Path(max_length=64)],
+    body: Annotated[RobotChange, shown(ROBOT_CHANGES)],
+) -> Response:
+    """Change a robot's name, or archive it: listings leave it out, and everything else stays."""
+    return json_response(parts.robots.change(robot_id, body).model_dump_json())
 
 
 @router.delete(
@@ -71,4 +90,4 @@ def delete_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) 
 )
 def restore_robot(parts: PartsOf, robot_id: Annotated[str, Path(max_length=64)]) -> Response:
     """Restore a deleted robot. One that is not deleted stays as it is."""
-    return json_response(parts.robots.restore(robot_id))
+    return json_response(parts.robots.restore(robot_id).model_dump_json())

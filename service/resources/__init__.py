@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.composition import Resources
     from jointstiff.service.resources.imports import import_files
     from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
-    from jointstiff.service.resources.robots import Robots
+    from jointstiff.service.resources.robots import Robots, described
     from jointstiff.service.resources.stored_jobs import read_job, stored_job
 else:
     __getattr__ = names_of(
@@ -18,8 +18,17 @@ else:
         composition="Resources",
         imports="import_files",
         measurement_sets="MeasurementSets assembled",
-        robots="Robots",
+        robots="Robots described",
         stored_jobs="read_job stored_job",
     )
 
-__all__ = ["MeasurementSets", "Resources", "Robots", "assembled", "import_files", "read_job", "stored_job"]
+__all__ = [
+    "MeasurementSets",
+    "Resources",
+    "Robots",
+    "assembled",
+    "described",
+    "import_files",
+    "read_job",
+    "stored_job",
+]

@@ -1,12 +1,14 @@
-"""Measurement sets as resources: checked and inspected when they come in, never changed after."""
+"""Measurement sets as resources: checked and inspected when they come in; their readings never change."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
+from typing import Final
 from uuid import uuid4
 
+from jointstiff.schemas.measurement import SetChange, SetMetadata
 from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.service.computation import PreparedSet, check_set, hash_of
 from jointstiff.service.conversion import ReadingArrays, in_base, to_measurements
@@ -17,6 +19,9 @@ from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.robot import Robot
 
 _CACHED = 16
+_METADATA: Final = tuple(SetMetadata.model_fields)
+_COLUMNS: Final = ("name", "archived", *_METADATA)
+"""Fields of a set that may change: they stand in columns, and not in the document."""
 
 
 class MeasurementSets:
@@ -52,6 +57,17 @@ class MeasurementSets:
             created_at=datetime.now(UTC),
         )
         return self._store.sets.add(_record(stored, checked.readings), key)
+
+    def change(self, set_id: str, change: SetChange) -> MeasurementSetRecord:
+        """Change name, metadata or place of a set; its readings, hash and runs stay as they are.
+
+        Raises:
+            NotFoundError: there is no such set.
+            DeletedError: it was deleted.
+        """
+        stated = {name: getattr(change, name) for name in change.model_fields_set}
+        kept = {name for name in ("name", "archived") if stated.get(name) is None}
+        return self._store.sets.change(set_id, {n: value for n, value in stated.items() if n not in kept})
 
     def delete(self, set_id: str) -> None:
         """Hide a set that no job refers to; to do so again changes nothing.
@@ -144,6 +160,7 @@ def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
     parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
+    parts |= {name: getattr(record, name) for name in _COLUMNS}
     # Both parts were validated when they were stored.
     return messages.MeasurementSet.model_construct(**parts, observations=observations)
 
@@ -158,6 +175,7 @@ def _record(stored: messages.StoredMeasurementSet, readings: ReadingArrays) -> M
         warning_count=len(stored.warnings),
         created_at=stored.created_at,
         content_hash=stored.content_hash,
-        document=stored.model_dump_json(),
+        document=stored.model_dump_json(exclude={*_METADATA, "archived"}),
         arrays=readings.pack(),
+        **{name: getattr(stored, name) for name in _METADATA},
     )

@@ -59,6 +59,17 @@ class Robots:
         )
         return self._store.robots.add(record, key)
 
+    def change(self, robot_id: str, change: messages.RobotChange) -> messages.Robot:
+        """Change the name of a robot, or whether listings leave it out; its kinematics stay.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            DeletedError: it was deleted.
+        """
+        record = self._store.robots.change(robot_id, change.model_dump(exclude_none=True))
+        self._stored.cache_clear()
+        return described(record)
+
     def delete(self, robot_id: str) -> None:
         """Hide a robot that nothing refers to; to do so again changes nothing.
 
@@ -69,14 +80,14 @@ class Robots:
         self._deletions.delete(robot_id, datetime.now(UTC))
         self._stored.cache_clear()
 
-    def restore(self, robot_id: str) -> str:
-        """Bring a deleted robot back; return it as JSON. To do so again changes nothing.
+    def restore(self, robot_id: str) -> messages.Robot:
+        """Bring a deleted robot back, and return it; to do so again changes nothing.
 
         Raises:
             NotFoundError: there is no such robot, or it has been removed for good.
         """
         self._deletions.restore(robot_id)
-        return self._store.robots.get(robot_id).document
+        return described(self._store.robots.get(robot_id))
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
         """Return the robot ready for computation, and the hash of its content.
@@ -111,4 +122,10 @@ class Robots:
 
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.robots.get(robot_id)
-        return build_robot(messages.Robot.model_validate_json(record.document)), record.content_hash
+        return build_robot(described(record)), record.content_hash
+
+
+def described(record: RobotRecord) -> messages.Robot:
+    """Return the message of a stored robot."""
+    stored = messages.Robot.model_validate_json(record.document)
+    return stored.model_copy(update={"name": record.name, "archived": record.archived})

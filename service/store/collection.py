@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, fields
+from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final, Generic
 
-from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select
+from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select, true, update
 from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems import (
@@ -35,6 +36,7 @@ LAST_SEQUENCE: Final = 2**63 - 1
 _MAX_INDEXED: Final = 500
 """Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
+_NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
 _KEY: Final = insert(idempotency_keys)
 
 
@@ -123,7 +125,7 @@ class Collection(Generic[Record, Entry]):
             return None
         if row.body_hash != key.body_hash:
             raise IdempotencyConflictError(self.resource, key.key)
-        return self._record(*list(row)[1:])
+        return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
 
     def get(self, identifier: str) -> Record:
         """Return the record of that id.
@@ -139,7 +141,24 @@ class Collection(Generic[Record, Entry]):
         if row is None:
             deleted = is_indexable(identifier) and self._finds(self._exists, identifier)
             raise (DeletedError if deleted else NotFoundError)(self.resource, identifier)
-        return self._record(*list(row))
+        return self._record(**row._mapping)
+
+    def change(self, identifier: str, values: Mapping[str, object]) -> Record:
+        """Change columns of a record that is no job, and return it as it is then.
+
+        Args:
+            identifier: its id.
+            values: column → value; the others stay. Only columns that nothing was computed from.
+
+        Raises:
+            NotFoundError: there is none.
+            DeletedError: it was deleted.
+        """
+        if values and is_indexable(identifier):
+            mine = update(self._table).where(self._table.c.id == identifier, self._visible)
+            with self._database.writing() as connection:
+                connection.execute(mine.values(**values))
+        return self.get(identifier)
 
     def page(
         self,
@@ -147,7 +166,9 @@ class Collection(Generic[Record, Entry]):
         limit: int,
         cursor: str | None = None,
         filters: Mapping[str, str] = _NO_FILTERS,
+        spans: Mapping[str, tuple[datetime | None, datetime | None]] = _NO_SPANS,
         deleted: bool = False,
+        archived: bool = False,
     ) -> RecordPage[Entry]:
         """Return one page, newest first. Records that are added meanwhile do not disturb the next one.
 
@@ -155,12 +176,14 @@ class Collection(Generic[Record, Entry]):
             limit: how many at most, one or more.
             cursor: `next` of the page before; none for the first page.
             filters: column, or field of the summary of a job → value that it must have.
+            spans: column → first time that it may have, and the first that it may not have again.
             deleted: only deleted ones instead of the others.
+            archived: only archived ones instead of the others; of deleted ones all are shown.
 
         Raises:
             CursorError: no page gave this cursor.
         """
-        if limit < 1 or not all(map(self._narrows, filters)):
+        if limit < 1 or not all(map(self._narrows, [*filters, *spans])):
             raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
         before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
         if not all(map(is_indexable, filters.values())):
@@ -169,13 +192,17 @@ class Collection(Generic[Record, Entry]):
         query = (
             select(columns.sequence, *(columns[field.name] for field in fields(self._entry)))
             .where(columns.sequence < before, *self._mine, self._hidden if deleted else self._visible)
+            .where(true() if deleted or "archived" not in columns else columns.archived.is_(archived))
             .where(*(columns[name] == value for name, value in sorted(filters.items())))
+            .where(*(columns[name] >= first for name, (first, _) in spans.items() if first is not None))
+            .where(*(columns[name] < end for name, (_, end) in spans.items() if end is not None))
             .order_by(columns.sequence.desc())
             .limit(bindparam("limit", limit + 1, type_=Integer))
         )
         with self._database.reading() as connection:
             rows = connection.execute(query).all()
-        records = tuple(self._entry(*list(row)[1:]) for row in rows[:limit])
+        names = [field.name for field in fields(self._entry)]
+        records = tuple(self._entry(**dict(zip(names, row[1:], strict=True))) for row in rows[:limit])
         return RecordPage(records, str(rows[limit - 1].sequence) if len(rows) > limit else None)
 
     def _narrows(self, name: str) -> bool:

@@ -105,7 +105,8 @@ class Inspection:
                     rows = connection.execute(query.order_by(table.c.sequence).limit(_AT_ONCE)).all()
                 if not rows:
                     break
-                yield from (record(*row[1:]) for row in rows)
+                names = [column.name for column in columns]
+                yield from (record(**dict(zip(names, row[1:], strict=True))) for row in rows)
                 last = rows[-1].sequence
 
     def workflows(self) -> dict[str, str] | None:

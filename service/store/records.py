@@ -6,7 +6,7 @@ the tables, which `jointstiff.service.store.tables` makes of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Generic, TypeVar
 
@@ -21,7 +21,9 @@ class RobotRecord:
     """Aware, UTC, to the microsecond; so are all times of this module."""
     content_hash: str
     document: str
-    """JSON text of `jointstiff.schemas.robot.Robot`."""
+    """JSON text of `jointstiff.schemas.robot.Robot`; `name` and `archived` are those of the columns."""
+    archived: bool = field(default=False, kw_only=True)
+    """Whether listings leave it out; nothing else changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +37,23 @@ class MeasurementSetEntry:
     observation_count: int
     warning_count: int
     created_at: datetime
+    content_hash: str
+    archived: bool = field(default=False, kw_only=True)
+    """Whether listings leave it out; nothing else changes."""
+    measured_at: datetime | None = field(default=None, kw_only=True)
+    operator: str | None = field(default=None, kw_only=True)
+    instrument: str | None = field(default=None, kw_only=True)
+    serial_number: str | None = field(default=None, kw_only=True)
+    conditions: str | None = field(default=None, kw_only=True)
+    notes: str | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
 class MeasurementSetRecord(MeasurementSetEntry):
     """A measurement set with its readings."""
 
-    content_hash: str
     document: str
-    """JSON text of everything but the observations."""
+    """JSON text of everything but the observations; what is a column, too, is that of the column."""
     arrays: bytes
     """The observations' numbers (npz), which the store does not look into."""
 

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any, Final, get_type_hints
+from typing import Any, Final, get_args, get_type_hints
 
 from sqlalchemy import (
     JSON,
     BigInteger,
+    Boolean,
     Column,
     DateTime,
     Dialect,
@@ -23,6 +24,7 @@ from sqlalchemy import (
     String,
     Table,
     TypeDecorator,
+    false,
 )
 from sqlalchemy.types import TypeEngine
 
@@ -64,7 +66,9 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
         str: String,
         str | None: String,
         int: Integer,
+        bool: Boolean,
         datetime: UtcDateTime,
+        datetime | None: UtcDateTime,
         bytes: LargeBinary,
         dict[str, Any]: JSON,
     }
@@ -93,7 +97,8 @@ def _listed(
             field.name,
             _TYPES[hints[field.name]],
             *([ForeignKey(references[field.name])] if field.name in references else []),
-            nullable=hints[field.name] == str | None,
+            nullable=type(None) in get_args(hints[field.name]),
+            server_default=false() if hints[field.name] is bool else None,
             unique=True if field.name == "id" else None,
         )
         for field in fields(record)
@@ -114,13 +119,22 @@ def _listed(
     )
 
 
-robots = _listed("robots", RobotRecord, references={}, filters=["name"])
+robots = _listed("robots", RobotRecord, references={}, filters=["name", "content_hash"])
 
 measurement_sets = _listed(
     "measurement_sets",
     MeasurementSetRecord,
     references={"robot_id": "robots.id"},
-    filters=["robot_id", "name", "encoders"],
+    filters=[
+        "robot_id",
+        "name",
+        "encoders",
+        "content_hash",
+        "serial_number",
+        "operator",
+        "instrument",
+        "measured_at",
+    ],
 )
 
 jobs = _listed(

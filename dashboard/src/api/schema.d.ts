@@ -54,7 +54,11 @@ export interface paths {
         delete: operations["deleteRobot"];
         options?: never;
         head?: never;
-        patch?: never;
+        /**
+         * Change Robot
+         * @description Change a robot's name, or archive it: listings leave it out, and everything else stays.
+         */
+        patch: operations["changeRobot"];
         trace?: never;
     };
     "/v1/robots/{robot_id}/restore": {
@@ -148,7 +152,14 @@ export interface paths {
         delete: operations["deleteMeasurementSet"];
         options?: never;
         head?: never;
-        patch?: never;
+        /**
+         * Change Measurement Set
+         * @description Change name and metadata of a measurement set, or archive it.
+         *
+         *     Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
+         *     changes. Listings leave an archived set out.
+         */
+        patch: operations["changeMeasurementSet"];
         trace?: never;
     };
     "/v1/measurement-sets/{set_id}/restore": {
@@ -4689,6 +4700,39 @@ export interface components {
          */
         MeasurementSet: {
             /**
+             * Measured At
+             * @description Time of the measurement, ISO 8601 with its zone; kept in UTC.
+             * @example 2026-11-20T14:30:00+01:00
+             */
+            measured_at: string | null;
+            /**
+             * Operator
+             * @description Person or team that measured.
+             */
+            operator: string | null;
+            /**
+             * Instrument
+             * @description Instrument that measured, for people; its uncertainty stands in `noise`.
+             * @example Leica AT960, 750123
+             */
+            instrument: string | null;
+            /**
+             * Serial Number
+             * @description Serial number of the robot.
+             */
+            serial_number: string | null;
+            /**
+             * Conditions
+             * @description Conditions of the measurement.
+             * @example 21 °C, warmed up for 30 min
+             */
+            conditions: string | null;
+            /**
+             * Notes
+             * @description Anything else, at most 2000 characters in lines.
+             */
+            notes: string | null;
+            /**
              * Name
              * @example cell 3, dead weight, 2026-11-20
              */
@@ -4741,8 +4785,14 @@ export interface components {
             /** Warnings */
             warnings: components["schemas"]["QualityWarning"][];
             /**
+             * Archived
+             * @description Whether listings leave it out.
+             * @default false
+             */
+            archived: boolean;
+            /**
              * Content Hash
-             * @description SHA-256 of everything that was posted.
+             * @description SHA-256 of the readings with their units, noise and frame; not of name and metadata.
              */
             content_hash: string;
             /**
@@ -4757,6 +4807,39 @@ export interface components {
          * @description A measurement set as it stands in a campaign file.
          */
         MeasurementSetDocument: {
+            /**
+             * Measured At
+             * @description Time of the measurement, ISO 8601 with its zone; kept in UTC.
+             * @example 2026-11-20T14:30:00+01:00
+             */
+            measured_at: string | null;
+            /**
+             * Operator
+             * @description Person or team that measured.
+             */
+            operator: string | null;
+            /**
+             * Instrument
+             * @description Instrument that measured, for people; its uncertainty stands in `noise`.
+             * @example Leica AT960, 750123
+             */
+            instrument: string | null;
+            /**
+             * Serial Number
+             * @description Serial number of the robot.
+             */
+            serial_number: string | null;
+            /**
+             * Conditions
+             * @description Conditions of the measurement.
+             * @example 21 °C, warmed up for 30 min
+             */
+            conditions: string | null;
+            /**
+             * Notes
+             * @description Anything else, at most 2000 characters in lines.
+             */
+            notes: string | null;
             /**
              * Name
              * @example cell 3, dead weight, 2026-11-20
@@ -4804,6 +4887,39 @@ export interface components {
          * @description A measurement set as it is posted.
          */
         MeasurementSetRequest: {
+            /**
+             * Measured At
+             * @description Time of the measurement, ISO 8601 with its zone; kept in UTC.
+             * @example 2026-11-20T14:30:00+01:00
+             */
+            measured_at?: string | null;
+            /**
+             * Operator
+             * @description Person or team that measured.
+             */
+            operator?: string | null;
+            /**
+             * Instrument
+             * @description Instrument that measured, for people; its uncertainty stands in `noise`.
+             * @example Leica AT960, 750123
+             */
+            instrument?: string | null;
+            /**
+             * Serial Number
+             * @description Serial number of the robot.
+             */
+            serial_number?: string | null;
+            /**
+             * Conditions
+             * @description Conditions of the measurement.
+             * @example 21 °C, warmed up for 30 min
+             */
+            conditions?: string | null;
+            /**
+             * Notes
+             * @description Anything else, at most 2000 characters in lines.
+             */
+            notes?: string | null;
             /**
              * Name
              * @example cell 3, dead weight, 2026-11-20
@@ -4856,6 +4972,39 @@ export interface components {
          * @description A measurement set in a listing.
          */
         MeasurementSetSummary: {
+            /**
+             * Measured At
+             * @description Time of the measurement, ISO 8601 with its zone; kept in UTC.
+             * @example 2026-11-20T14:30:00+01:00
+             */
+            measured_at: string | null;
+            /**
+             * Operator
+             * @description Person or team that measured.
+             */
+            operator: string | null;
+            /**
+             * Instrument
+             * @description Instrument that measured, for people; its uncertainty stands in `noise`.
+             * @example Leica AT960, 750123
+             */
+            instrument: string | null;
+            /**
+             * Serial Number
+             * @description Serial number of the robot.
+             */
+            serial_number: string | null;
+            /**
+             * Conditions
+             * @description Conditions of the measurement.
+             * @example 21 °C, warmed up for 30 min
+             */
+            conditions: string | null;
+            /**
+             * Notes
+             * @description Anything else, at most 2000 characters in lines.
+             */
+            notes: string | null;
             /** Id */
             id: string;
             /** Robot Id */
@@ -4871,6 +5020,16 @@ export interface components {
             observation_count: number;
             /** Warning Count */
             warning_count: number;
+            /**
+             * Archived
+             * @description Whether listings leave it out.
+             */
+            archived: boolean;
+            /**
+             * Content Hash
+             * @description SHA-256 of the readings, as in the set.
+             */
+            content_hash: string;
             /**
              * Created At
              * Format: date-time
@@ -7521,8 +7680,14 @@ export interface components {
              */
             geometry_id: string | null;
             /**
+             * Archived
+             * @description Whether listings leave it out.
+             * @default false
+             */
+            archived: boolean;
+            /**
              * Content Hash
-             * @description SHA-256 of the parsed document.
+             * @description SHA-256 of kinematics, limits and joint map; not of the name.
              */
             content_hash: string;
             /**
@@ -7531,6 +7696,22 @@ export interface components {
              * @description Time in UTC, ISO 8601.
              */
             created_at: string;
+        };
+        /**
+         * RobotChange
+         * @description Changes of a robot beside its kinematics. Fields that are left out stay.
+         */
+        RobotChange: {
+            /**
+             * Name
+             * @description New name; null, or left out: it stays.
+             */
+            name?: string | null;
+            /**
+             * Archived
+             * @description Whether listings leave it out; null, or left out: as before.
+             */
+            archived?: boolean | null;
         };
         /**
          * RobotDocument
@@ -7591,6 +7772,16 @@ export interface components {
             name: string;
             /** Joints */
             joints: components["schemas"]["Joint"][];
+            /**
+             * Archived
+             * @description Whether listings leave it out.
+             */
+            archived: boolean;
+            /**
+             * Content Hash
+             * @description SHA-256 of kinematics, limits and joint map, as in the robot.
+             */
+            content_hash: string;
             /**
              * Created At
              * Format: date-time
@@ -8413,6 +8604,55 @@ export interface components {
             link?: string | null;
         };
         /**
+         * SetChange
+         * @description Changes of a measurement set beside its readings. Fields that are left out stay.
+         */
+        SetChange: {
+            /**
+             * Measured At
+             * @description Time of the measurement, ISO 8601 with its zone; kept in UTC.
+             * @example 2026-11-20T14:30:00+01:00
+             */
+            measured_at?: string | null;
+            /**
+             * Operator
+             * @description Person or team that measured.
+             */
+            operator?: string | null;
+            /**
+             * Instrument
+             * @description Instrument that measured, for people; its uncertainty stands in `noise`.
+             * @example Leica AT960, 750123
+             */
+            instrument?: string | null;
+            /**
+             * Serial Number
+             * @description Serial number of the robot.
+             */
+            serial_number?: string | null;
+            /**
+             * Conditions
+             * @description Conditions of the measurement.
+             * @example 21 °C, warmed up for 30 min
+             */
+            conditions?: string | null;
+            /**
+             * Notes
+             * @description Anything else, at most 2000 characters in lines.
+             */
+            notes?: string | null;
+            /**
+             * Name
+             * @description New name; null, or left out: it stays.
+             */
+            name?: string | null;
+            /**
+             * Archived
+             * @description Whether listings leave it out; null, or left out: as before.
+             */
+            archived?: boolean | null;
+        };
+        /**
          * SigmaTest
          * @description Chi-square test of the sigma that was stated, against the residuals (two-sided).
          */
@@ -9133,8 +9373,12 @@ export interface operations {
                 cursor?: string | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Only archived ones, instead of the others. */
+                archived?: boolean;
                 /** @description Filter by name (exact). */
                 name?: string | null;
+                /** @description Filter by `content_hash`: robots of the same kinematics, limits and map. */
+                content_hash?: string | null;
             };
             header?: never;
             path?: never;
@@ -9467,6 +9711,113 @@ export interface operations {
             };
         };
     };
+    changeRobot: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["RobotChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Robot"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     restoreRobot: {
         parameters: {
             query?: never;
@@ -9657,12 +10008,26 @@ export interface operations {
                 cursor?: string | null;
                 /** @description Only deleted ones, which can be restored, instead of the others. */
                 deleted?: boolean;
+                /** @description Only archived ones, instead of the others. */
+                archived?: boolean;
                 /** @description Filter by robot. */
                 robot_id?: string | null;
                 /** @description Filter by name (exact). */
                 name?: string | null;
                 /** @description Only with these. */
                 encoders?: ("motor" | "secondary") | null;
+                /** @description Filter by the robot's serial number. */
+                serial_number?: string | null;
+                /** @description Filter by operator (exact). */
+                operator?: string | null;
+                /** @description Filter by instrument (exact). */
+                instrument?: string | null;
+                /** @description Filter by `content_hash`: sets of the same readings. */
+                content_hash?: string | null;
+                /** @description Only measured at this time or after it, ISO 8601 with its zone. */
+                measured_from?: string | null;
+                /** @description Only measured before this time, ISO 8601 with its zone. */
+                measured_to?: string | null;
             };
             header?: never;
             path?: never;
@@ -9959,6 +10324,113 @@ export interface operations {
             };
             /** @description The resource's state does not allow this; see `remedy`. */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    changeMeasurementSet: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                set_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["SetChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MeasurementSetSummary"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
                 headers: {
                     [name: string]: unknown;
                 };

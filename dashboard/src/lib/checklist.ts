@@ -99,7 +99,7 @@ export function toFillIn(
     readings: targets.map((target) => ({ target, unloaded: null, loaded: null })),
   }));
   if (base) {
-    const { id, created_at, content_hash, warnings, resolved_frame, ...document } = base;
+    const { id, archived, created_at, content_hash, warnings, resolved_frame, ...document } = base;
     return { ...document, observations: [...before, ...planned] };
   }
   return {

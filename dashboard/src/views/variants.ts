@@ -44,12 +44,16 @@ async function onOtherSet(request: RunRequest, document: Bare): Promise<Run> {
   return post({ ...request, measurement_set_id: added.id });
 }
 
-export type Bare = Omit<MeasurementSet, "id" | "warnings" | "content_hash" | "created_at" | "resolved_frame">;
+export type Bare = Omit<
+  MeasurementSet,
+  "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame"
+>;
 
 /** A set as it was posted. */
 function bare({
   id: _,
   warnings: _w,
+  archived: _a,
   content_hash: _h,
   created_at: _c,
   resolved_frame: _f,
