@@ -1,4 +1,4 @@
-"""Metadata of a measurement set: what people note about it, which is no part of the readings and may change."""
+"""Metadata of a measurement set: what people note about it; no part of the readings, and may change."""
 
 from __future__ import annotations
 
