@@ -9,6 +9,7 @@ from functools import partial
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting import (
+    CommonErrors,
     CompletePose,
     DecoupledPartialPose,
     Iteration,
@@ -16,8 +17,8 @@ from jointstiff.solver.fitting import (
     MethodAccumulator,
     PartialPose,
     Settings,
+    common_errors,
     fit_once,
-    force_response,
     iterate_to_convergence,
     neglected_shift,
     require_observable,
@@ -65,6 +66,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         iterations=iterations,
         largest_ratio=first.largest_stiffness.ratio(estimate.compliance, estimate.estimated),
         largest_shift=_in_standard_uncertainties(shift, estimate),
+        shift=shift,
     )
     return replace(estimate, complementary_stiffness=size)
 
@@ -75,7 +77,7 @@ def _assembled(
     settings: Settings,
     last: Iteration,
     length: float | None,
-    common: Callable[[float], FloatArray] | None,
+    common: Callable[[float], CommonErrors] | None,
 ) -> Estimate:
     """The estimate of the last fit; a robust scale takes the place of a sigma that is not known."""
     robust, targets = last.robust, last.targets
@@ -103,15 +105,15 @@ def _assembled(
 
 def _common_errors(
     robot: Robot, measurements: Measurements, settings: Settings, last: Iteration
-) -> Callable[[float], FloatArray] | None:
-    """Return what carries the uncertainty of the force into the estimate, given sigma; None without one."""
-    if measurements.force_uncertainty is None:
+) -> Callable[[float], CommonErrors] | None:
+    """Return what carries common errors into the estimate, given sigma; None where none are stated."""
+    if measurements.common_uncertainty is None:
         return None
 
-    def response(sigma: float) -> FloatArray:
+    def response(sigma: float) -> CommonErrors:
         prior = None if settings.prior is None else settings.prior.rows(sigma)
         included = settings.complementary_stiffness
-        return force_response(robot, measurements, last, prior, complementary_stiffness=included)
+        return common_errors(robot, measurements, last, prior, complementary_stiffness=included)
 
     return response
 

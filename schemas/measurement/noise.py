@@ -22,6 +22,9 @@ def _stated(sigma: object) -> object:
 Sigma = Annotated[float, Field(strict=True, ge=LEAST_SIGMA, le=1e3), BeforeValidator(_stated)]
 """Standard uncertainty of a length, in the set's unit of length."""
 
+Place = Annotated[float, Field(strict=True, gt=0.0, le=1e3)]
+"""Standard uncertainty of a place, in the set's unit of length."""
+
 Matrix3 = Annotated[tuple[Vector3, Vector3, Vector3], Field(description="Row by row, symmetric.")]
 
 _PerDistance = Annotated[float, Field(strict=True, ge=0.0, le=0.1)]
@@ -86,7 +89,7 @@ class ForceUncertainty(Message):
 
 
 class Noise(Message):
-    """Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
+    """Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
 
     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
     """
@@ -109,14 +112,33 @@ class Noise(Message):
     force: ForceUncertainty | None = Field(
         default=None, description="Uncertainty of the load; if absent, forces and moments count as exact."
     )
+    load_point: Place | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of the load point in the flange frame, in the "
+        "set's unit of length; one error for all observations. If absent, the point counts as exact.",
+        examples=[5e-4],
+    )
+    target_places: Place | None = Field(
+        default=None,
+        description="Standard uncertainty of each coordinate of each target's place on the flange, in the "
+        "set's unit of length; one error a target for all observations. It is the place that goes into the "
+        "model; errors of the readings are in `sigma`. If absent, places count as exact.",
+        examples=[5e-4],
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Noise:
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
-        if all(value is None for value in (self.sigma, self.instrument, self.encoder_sigma, self.force)):
+        readings = (self.sigma, self.instrument, self.encoder_sigma)
+        if all(value is None for value in readings) and not self.states_common:
             raise ValueError("give `sigma`, `instrument` or `force`, or leave `noise` out")
         return self
+
+    @property
+    def states_common(self) -> bool:
+        """Return whether an uncertainty is stated that all observations share."""
+        return any(value is not None for value in (self.force, self.load_point, self.target_places))
 
 
 def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from jointstiff.schemas.run.budget import Budget, BudgetComponent
 from jointstiff.schemas.run.identifiability import Advice, Identifiability
-from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, identified_in
+from jointstiff.schemas.run.joints import JointResult, OneSidedBounds, UncertaintyBudget, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinkCompliance, LinksResult, ModelSelection
 from jointstiff.schemas.run.options import Method, RunOptions, StiffnessPrior, Weighting
 from jointstiff.schemas.run.resampling import (
@@ -18,6 +19,8 @@ from jointstiff.schemas.run.run import Certificate, EncoderResidual, Run, RunReq
 __all__ = [
     "MAX_REPETITIONS",
     "Advice",
+    "Budget",
+    "BudgetComponent",
     "Certificate",
     "Elasticity",
     "EncoderResidual",
@@ -38,6 +41,7 @@ __all__ = [
     "RunResult",
     "RunSummary",
     "StiffnessPrior",
+    "UncertaintyBudget",
     "Weighting",
     "identified_in",
 ]

@@ -32,6 +32,8 @@ class UncertaintyBudget(Message):
         description="Scale of the force: fully correlated over all joints and observations."
     )
     force_direction: Compliance[float] = Field(description="Direction of the force, likewise.")
+    load_point: Compliance[float] = Field(default=0.0, description="Place where the load acts, likewise.")
+    target_places: Compliance[float] = Field(default=0.0, description="Places of the targets, likewise.")
 
 
 class JointResult(Message):
@@ -66,7 +68,9 @@ class JointResult(Message):
         "Null without a prior. Dimensionless.",
     )
     budget: UncertaintyBudget | None = Field(
-        default=None, description="Budget of the standard uncertainty; null if `noise.force` is not stated."
+        default=None,
+        description="Budget of the standard uncertainty; null if `noise` states no uncertainty that all "
+        "observations share. Correlations are in the `budget` of the result.",
     )
     reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
 

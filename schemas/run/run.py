@@ -19,6 +19,7 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.job import Job, JobState, Result
 from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.run.budget import Budget
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.joints import JointResult, identified_in
 from jointstiff.schemas.run.links import Elasticity, LinksResult, ModelSelection
@@ -209,6 +210,11 @@ class RunResult(Result):
     model: IdentifiedModel | None = Field(
         default=None,
         description="Model for predictions.",
+    )
+    budget: Budget | None = Field(
+        default=None,
+        description="Uncertainty budget of the compliances; null if links or coupling are elastic, or where "
+        "no uncertainty of the readings is known.",
     )
     warnings: list[QualityWarning] = Field(description="Warnings of the measurement set, then of the fit.")
 

@@ -15,6 +15,7 @@ from jointstiff.service.computation.work import QuickWork, hash_of
 from jointstiff.service.conversion import (
     AssessedSide,
     to_assessment,
+    to_joint_budgets,
     to_joints,
     to_pair_result,
     to_settings,
@@ -22,7 +23,7 @@ from jointstiff.service.conversion import (
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import refuse_unsupported
-from jointstiff.solver.inference import Estimate, judge, predict
+from jointstiff.solver.inference import Estimate, UncertaintyBudget, judge, predict
 from jointstiff.solver.paired import PairSide, compare_pair, models_differ, refuse_other_joints
 
 Placed = TypeVar("Placed", QualityWarning, Reason)
@@ -83,10 +84,13 @@ class Side:
         )
         found = to_warnings(judge(estimate, prediction), self.prepared.readings)
         assessment = self.prepared.assess(campaign.settings, estimate, prediction)
+        budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
         stated = to_assessment(assessment, self.prepared.readings)
         return AssessedSide(
             assessment=stated.model_copy(update={"reasons": [self._placed(each) for each in stated.reasons]}),
-            joints=to_joints(estimate.joints, assessment.joints),
+            joints=to_joints(
+                estimate.joints, assessment.joints, to_joint_budgets(budget, len(estimate.joints))
+            ),
             compensation=assessment.supported(prediction).compensation,
             warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *found]],
         )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jointstiff.schemas.run import EncoderResidual, RunOptions, RunRequest, RunResult
+from jointstiff.schemas.run import Budget, EncoderResidual, RunOptions, RunRequest, RunResult
 from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.service.computation.elastic import ElasticWork
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of
 from jointstiff.service.conversion import (
+    to_budget,
     to_encoder_residuals,
     to_identified_model,
     to_resampling_result,
@@ -23,7 +24,7 @@ from jointstiff.solver.design import advise
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fitting import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
-from jointstiff.solver.inference import Estimate, judge, predict, predict_encoders
+from jointstiff.solver.inference import Estimate, UncertaintyBudget, judge, predict, predict_encoders
 from jointstiff.solver.resampling import Resamples, summarise
 
 
@@ -73,7 +74,7 @@ class RunWork(SteppedWork[Resamples]):
         """
         settings, estimate = _identified(self._prepared, self._options)
         result = _reported(self._prepared, self._options, settings, estimate, parts)
-        return result.model_copy(update={"model": _model(self._prepared, settings, estimate)})
+        return result.model_copy(update=_beyond_the_fit(self._prepared, settings, estimate))
 
 
 def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWork:
@@ -143,7 +144,14 @@ def _reported(
     assessment = prepared.assess(settings, estimate, prediction)
     prediction = assessment.supported(prediction)
     result = to_result(
-        estimate, prediction, assessment, prepared.measurements, prepared.readings, warnings, advice
+        estimate,
+        prediction,
+        assessment,
+        prepared.measurements,
+        prepared.readings,
+        warnings,
+        advice,
+        UncertaintyBudget.of(estimate, settings.confidence),
     )
     result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
     if options.resampling is None or not parts:
@@ -154,14 +162,20 @@ def _reported(
     return result.model_copy(update={"resampling": resampling})
 
 
-def _model(prepared: PreparedSet, settings: Settings, estimate: Estimate) -> IdentifiedModel:
+def _beyond_the_fit(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> dict[str, IdentifiedModel | Budget | None]:
+    """Return what it takes refits without each posture for: the model that predicts, and the budget."""
     model = JointModel.of(prepared.robot, estimate, settings.constraints)
     error: ModelError | JointstiffError
     try:
         error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
     except JointstiffError as none:  # the run stands without it, and predictions say why
         error = none
-    return to_identified_model(model, error)
+    left_out = error.left_out if isinstance(error, ModelError) else None
+    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out)
+    names = prepared.robot.joint_names
+    return {"model": to_identified_model(model, error), "budget": to_budget(budget, names)}
 
 
 def _encoder_residuals(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jointstiff.schemas import assessment as messages
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.run import JointResult, UncertaintyBudget
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.geometry import GeometryFinding
@@ -28,10 +28,15 @@ def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.A
     )
 
 
-def to_joints(joints: Sequence[JointCompliance], verdicts: Sequence[Usability]) -> list[JointResult]:
-    """Return the joints, each with its verdict."""
+def to_joints(
+    joints: Sequence[JointCompliance],
+    verdicts: Sequence[Usability],
+    budgets: Sequence[UncertaintyBudget | None],
+) -> list[JointResult]:
+    """Return the joints, each with its verdict and its budget."""
     return [
-        message(JointResult, joint, verdict=verdict) for joint, verdict in zip(joints, verdicts, strict=True)
+        message(JointResult, joint, verdict=verdict, budget=budget)
+        for joint, verdict, budget in zip(joints, verdicts, budgets, strict=True)
     ]
 
 

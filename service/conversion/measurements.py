@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.measurement import measurement_set as sets
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.message import message
-from jointstiff.service.conversion.noise import to_force_uncertainty, to_noise
+from jointstiff.service.conversion.noise import to_common_uncertainty, to_noise
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
@@ -49,8 +49,8 @@ def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, 
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
     encoders = _encoder_readings(header, readings.encoders, robot)
-    force = to_force_uncertainty(header.noise)
-    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders, force_uncertainty=force)
+    common = to_common_uncertainty(header.noise, length)
+    return replace(plain, sigma=sigma, covariance=covariance, encoders=encoders, common_uncertainty=common)
 
 
 def _encoder_readings(

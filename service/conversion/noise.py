@@ -9,8 +9,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings import (
     ISOTROPIC_DIFFERENCE,
+    CommonUncertainty,
     DifferenceNoise,
-    ForceUncertainty,
     Measurements,
     refuse_no_covariance,
 )
@@ -43,11 +43,21 @@ def to_noise(
     return stated.sigma, stated.covariance
 
 
-def to_force_uncertainty(noise: Noise | None) -> ForceUncertainty | None:
-    """Return the uncertainty of the load; None where none is stated."""
-    if noise is None or noise.force is None:
+def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty | None:
+    """Return the uncertainty of what all observations share; None where none is stated.
+
+    Args:
+        noise: of the set.
+        length: metres in the set's unit of length.
+    """
+    if noise is None or not noise.states_common:
         return None
-    return ForceUncertainty(noise.force.scale, noise.force.direction)
+    return CommonUncertainty(
+        0.0 if noise.force is None else noise.force.scale,
+        0.0 if noise.force is None else noise.force.direction,
+        length * (noise.load_point or 0.0),
+        length * (noise.target_places or 0.0),
+    )
 
 
 def _of_points(points: PointNoise, present: BoolArray, length: float) -> DifferenceNoise:

@@ -12,11 +12,12 @@ from jointstiff.schemas.run import JointResult, ResampledCompensation, Resampled
 from jointstiff.schemas.run import identifiability as identifiabilities
 from jointstiff.schemas.run import run as runs
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
+from jointstiff.service.conversion.budgets import to_budget, to_joint_budgets
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design import Advice
-from jointstiff.solver.inference import Assessment, Contributions, Estimate, Prediction
+from jointstiff.solver.inference import Assessment, Contributions, Estimate, Prediction, UncertaintyBudget
 from jointstiff.solver.readings import EncoderReadings, Measurements
 from jointstiff.solver.resampling import ResamplingSummary
 
@@ -32,6 +33,7 @@ def to_result(
     readings: ReadingArrays,
     warnings: list[QualityWarning],
     advice: Sequence[Advice] = (),
+    budget: UncertaintyBudget | None = None,
 ) -> runs.RunResult:
     """Return the numbers of a run, with residuals by observation and target, and advice."""
     names = [joint.name for joint in estimate.joints]
@@ -39,7 +41,7 @@ def to_result(
         runs.RunResult,
         estimate,
         assessment=to_assessment(assessment, readings),
-        joints=to_joints(estimate.joints, assessment.joints),
+        joints=to_joints(estimate.joints, assessment.joints, to_joint_budgets(budget, len(names))),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         goodness=message(runs.Goodness, estimate, test=estimate.sigma_test),
@@ -48,6 +50,7 @@ def to_result(
         contributions=to_contributions(prediction.contributions, names),
         resampling=None,
         model=None,
+        budget=to_budget(budget, names),
         links=None,
         selection=None,
         residuals=_residuals(prediction, measurements, readings),

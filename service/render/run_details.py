@@ -21,7 +21,7 @@ def detail_lines(result: RunResult) -> list[RenderableType]:
     lines: list[RenderableType] = [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
     others = (
         *_goodness(result),
-        *_force_uncertainty(result),
+        *_budget(result),
         *_complementary_stiffness(result),
         *_identifiability(result.identifiability),
     )
@@ -39,18 +39,31 @@ def _goodness(result: RunResult) -> Iterator[str]:
         )
 
 
-def _force_uncertainty(result: RunResult) -> Iterator[str]:
-    """Yield the share of the force in the joints' variances, where its uncertainty is stated."""
-    shares = [
-        (joint.budget.force_scale**2 + joint.budget.force_direction**2) / joint.standard_uncertainty**2
-        for joint in result.joints
-        if joint.budget is not None and joint.standard_uncertainty
-    ]
-    if shares:
-        yield (
-            f"uncertainty of the force: {100 * min(shares):.0f} to {100 * max(shares):.0f} % of the "
-            "variances, common to all joints"
-        )
+_SOURCES = {
+    "readings": "readings",
+    "force_scale": "scale of the force",
+    "force_direction": "direction of the force",
+    "load_point": "load point",
+    "target_places": "places of the targets",
+    "model_error": "model error",
+    "complementary_stiffness": "neglected K_c",
+}
+
+
+def _budget(result: RunResult) -> Iterator[str]:
+    """Yield what the joints' uncertainties consist of, relative to the compliance."""
+    budget = result.budget
+    if budget is None:
+        return
+    sizes = [joint.compliance for joint in result.joints if joint.name in budget.joints]
+    for part in budget.components:
+        shares = [100 * u / abs(c) for u, c in zip(part.contributions, sizes, strict=True) if c]
+        if shares:
+            beside = "" if part.included else ", not in the intervals"
+            yield (
+                f"uncertainty from {_SOURCES[part.source]} (type {part.evaluation}{beside}): "
+                f"{min(shares):.2g} to {max(shares):.2g} % of a compliance"
+            )
 
 
 def _complementary_stiffness(result: RunResult) -> Iterator[str]:

@@ -23,7 +23,7 @@ from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting import Settings
-from jointstiff.solver.inference import Estimate
+from jointstiff.solver.inference import Estimate, LeftOut
 from jointstiff.solver.readings import Measurements
 from jointstiff.solver.resampling import GramBlocks, blocks_of_identified, fit_subsets
 from jointstiff.solver.robot import Robot
@@ -78,6 +78,7 @@ class ModelError:
         moment: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
         least_load: least size of a load.
         leverage: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m].
+        left_out: the fits without each posture; None where they are not known.
     """
 
     postures: int
@@ -87,6 +88,7 @@ class ModelError:
     moment: float
     least_load: float
     leverage: float
+    left_out: LeftOut | None = None
 
     @staticmethod
     def needed(confidence: float) -> int:
@@ -149,7 +151,7 @@ def leave_postures_out(
         JointstiffError: as the refits do.
     """
     force, moment = (np.linalg.norm(v, axis=1) for v in (measurements.force, measurements.moment))
-    groups = _postures(measurements, (force > 0.0) | (moment > 0.0))
+    groups, postures = _postures(measurements, (force > 0.0) | (moment > 0.0))
     if len(groups) < 2:
         raise RequestError("it takes two postures under load", remedy="measure more postures")
     if estimate.covariance is None:
@@ -184,6 +186,7 @@ def leave_postures_out(
         share=share,
         least_load=float(load[load > 0.0].min()),
         leverage=_greatest_leverage(blocks, load[observation], model),
+        left_out=LeftOut(fits, postures),
     )
 
 
@@ -206,16 +209,17 @@ def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, Fl
     return score[order], share
 
 
-def _postures(measurements: Measurements, loaded: BoolArray) -> list[IndexArray]:
-    """Observations by posture, at most `MOST_LEFT_OUT` of these; those without load say nothing."""
+def _postures(measurements: Measurements, loaded: BoolArray) -> tuple[list[IndexArray], int]:
+    """Observations by posture, at most `MOST_LEFT_OUT` of the loaded ones, and the number of all these."""
     rounded = np.round(measurements.joints / _SAME_POSTURE)
     _, index = np.unique(rounded, axis=0, return_inverse=True)
     order = np.argsort(index, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
     groups = [group for group in groups if loaded[group].any()]
-    if len(groups) > MOST_LEFT_OUT:
-        groups = [groups[k] for k in np.linspace(0, len(groups) - 1, MOST_LEFT_OUT).astype(int)]
-    return groups
+    count = len(groups)
+    if count > MOST_LEFT_OUT:
+        groups = [groups[k] for k in np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
+    return groups, count
 
 
 def _fits_without(blocks: GramBlocks, groups: list[IndexArray], settings: Settings) -> FloatArray:

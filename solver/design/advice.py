@@ -290,7 +290,7 @@ def _has_least_uncertainty(estimate: Estimate, regressor: FloatArray) -> bool:
     least = estimate.sigma * np.linalg.norm(inverse, axis=1)
     by_readings = np.diagonal(estimate.covariance)
     if estimate.common is not None:
-        by_readings = by_readings - np.square(estimate.common).sum(axis=1)
+        by_readings = by_readings - np.square(estimate.common.responses).sum(axis=1)
     return np.allclose(np.sqrt(np.maximum(by_readings[visible], 0.0)), least, rtol=0.01, atol=0.0)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jointstiff.solver.fitting.common import force_response
+from jointstiff.solver.fitting.common import CommonErrors, CommonSource, common_errors
 from jointstiff.solver.fitting.decoupled import DecoupledPartialPose
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.iteration import (
@@ -27,6 +27,8 @@ from jointstiff.solver.fitting.with_prior import prior_to_data
 
 __all__ = [
     "DEFAULT_THRESHOLD",
+    "CommonErrors",
+    "CommonSource",
     "CompletePose",
     "DecoupledPartialPose",
     "Fit",
@@ -42,8 +44,8 @@ __all__ = [
     "Settings",
     "SigmaTest",
     "Weighting",
+    "common_errors",
     "fit_once",
-    "force_response",
     "iterate_to_convergence",
     "neglected_shift",
     "prior_to_data",

@@ -3,51 +3,72 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.iteration import Iteration
 from jointstiff.solver.fitting.prior import PriorRows
-from jointstiff.solver.readings import ForceUncertainty, Measurements
+from jointstiff.solver.readings import CommonUncertainty, Measurements
 from jointstiff.solver.regression import BLOCK_LENGTH, RegressorBlock, joint_torque, regressor_blocks
 from jointstiff.solver.robot import Robot
 
+CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places"]
+"""Source of an error that all observations share."""
 
-def force_response(
+
+@dataclass(frozen=True, eq=False)
+class CommonErrors:
+    """Effect of common errors on the estimate.
+
+    Attributes:
+        sources: (K,) source of each error.
+        responses: (n, K) change of the estimate by one standard uncertainty of each [rad/(N·m)]; their share
+            of the covariance is the product with the transpose.
+    """
+
+    sources: tuple[CommonSource, ...]
+    responses: FloatArray
+
+    def of(self, source: CommonSource) -> FloatArray:
+        """Return the responses (n, k) of the errors of one source."""
+        return self.responses[:, [own == source for own in self.sources]]
+
+
+def common_errors(
     robot: Robot,
     measurements: Measurements,
     last: Iteration,
     prior: PriorRows | None,
     *,
     complementary_stiffness: bool,
-) -> FloatArray:
-    """Return what a standard uncertainty of the common errors of the force moves in the estimate.
+) -> CommonErrors:
+    """Return what a standard uncertainty of each common error moves in the estimate.
 
-    A wrench that is off by δW moves the deflections by ``J diag(c) J_wᵀ δW``. The estimator ĉ = H d is
-    linear, bounds apart, so it takes them for ``H J diag(c) J_wᵀ δW`` of compliance: for a scale, ĉ itself.
+    An error makes the deflections differ from those that the regressor explains. The estimator ĉ = H d is
+    linear, bounds apart, so it takes the difference for ``H δd`` of compliance: for a scale of the force, ĉ
+    itself.
 
     Args:
         robot: n joints.
-        measurements: N observations that state a `force_uncertainty`.
+        measurements: N observations that state a `common_uncertainty`.
         last: their fit.
         prior: as in the fit.
         complementary_stiffness: whether K_c is part of the model.
-
-    Returns:
-        (n, 4) for scale and rotation about x, y, z of R0 [rad/(N·m)]; their outer product is the common
-        covariance.
     """
-    uncertainty = measurements.force_uncertainty or ForceUncertainty()
+    uncertainty = measurements.common_uncertainty or CommonUncertainty()
     joints = np.flatnonzero(~last.observability.null)
-    response = np.zeros((robot.n, 4))
+    sources: tuple[CommonSource, ...] = ()
+    responses = np.zeros((robot.n, 0))
     for block in _blocks(robot, measurements, last, complementary_stiffness):
-        for k, torque in enumerate(_torques(block)):
-            if uncertainty.standard_uncertainties[k] > 0.0:
-                other = _with_torque(block, torque, last.fit.compliance)
-                response[:, k] += last.method.response(other, joints, prior)
-    return response * uncertainty.standard_uncertainties
+        found = list(_errors(block, uncertainty, last.fit.compliance))
+        sources = tuple(source for source, _ in found)
+        columns = [last.method.response(other, joints, prior) for _, other in found]
+        added = np.stack(columns, axis=1) if columns else np.zeros((robot.n, 0))
+        responses = responses + added if responses.size else added
+    return CommonErrors(sources, responses)
 
 
 def _blocks(
@@ -60,22 +81,64 @@ def _blocks(
     yield from regressor_blocks(robot, weighed, last.fit.compliance if complementary_stiffness else None)
 
 
-def _torques(block: RegressorBlock) -> Iterator[FloatArray]:
-    """Yield the torques (B, n) of the wrench itself, then of its turn about each axis of R0 [N·m]."""
+def _errors(
+    block: RegressorBlock, uncertainty: CommonUncertainty, compliance: FloatArray
+) -> Iterator[tuple[CommonSource, RegressorBlock]]:
+    """Yield the observations with the deflections that one standard uncertainty of each error adds."""
+    for source, torque in _torques(block, uncertainty):
+        yield source, _with_torque(block, compliance, torque)
+    if uncertainty.target_places:
+        rotation = np.einsum("bij,bj->bi", block.configurations.angular_jacobian, compliance * block.torque)
+        for axis in _flange_axes(block):
+            moved = np.cross(rotation, uncertainty.target_places * axis)
+            for target in range(block.measurements.present.shape[1]):
+                yield "target_places", _with_target_moved(block, moved, target)
+
+
+def _torques(
+    block: RegressorBlock, uncertainty: CommonUncertainty
+) -> Iterator[tuple[CommonSource, FloatArray]]:
+    """Yield the torques (B, n) that errors of the load add [N·m]."""
     part = block.measurements
-    yield block.torque
-    for axis in np.eye(3):
-        yield joint_torque(
-            block.configurations, block.load_jacobian, np.cross(axis, part.force), np.cross(axis, part.moment)
-        )
+
+    def torque(force: FloatArray, moment: FloatArray) -> FloatArray:
+        return joint_torque(block.configurations, block.load_jacobian, force, moment)
+
+    if uncertainty.scale:
+        yield "force_scale", uncertainty.scale * block.torque
+    if uncertainty.direction:
+        for axis in uncertainty.direction * np.eye(3):
+            yield "force_direction", torque(np.cross(axis, part.force), np.cross(axis, part.moment))
+    if uncertainty.load_point:
+        for axis in _flange_axes(block):
+            moment = np.cross(uncertainty.load_point * axis, part.force)
+            yield "load_point", torque(np.zeros_like(moment), moment)
 
 
-def _with_torque(block: RegressorBlock, torque: FloatArray, compliance: FloatArray) -> RegressorBlock:
+def _flange_axes(block: RegressorBlock) -> FloatArray:
+    """Return the axes (3, B, 3) of the flange frame in R0."""
+    axes: FloatArray = np.moveaxis(block.configurations.flange_rotation, -1, 0)
+    return axes
+
+
+def _with_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> RegressorBlock:
     """Return the observations with the deflections that other torques (B, n) cause."""
-    part = block.measurements
     bent = compliance * torque
-    moved = np.where(part.present[..., None], np.einsum("btij,bj->bti", block.jacobian, bent), 0.0)
+    return _with_deflection(block, np.einsum("btij,bj->bti", block.jacobian, bent), bent)
+
+
+def _with_target_moved(block: RegressorBlock, moved: FloatArray, target: int) -> RegressorBlock:
+    """Return the observations with the deflection (B, 3) of one target alone."""
+    deflection = np.zeros_like(block.measurements.deflection)
+    deflection[:, target] = moved
+    return _with_deflection(block, deflection, np.zeros_like(block.torque))
+
+
+def _with_deflection(block: RegressorBlock, moved: FloatArray, bent: FloatArray) -> RegressorBlock:
+    """Return the observations with other deflections of targets (B, T, 3) and encoders (B, n)."""
+    part = block.measurements
     encoders = part.encoders
     if encoders is not None:
         encoders = replace(encoders, deflection=np.where(encoders.present, bent, 0.0))
-    return replace(block, measurements=replace(part, deflection=moved, encoders=encoders))
+    present = np.where(part.present[..., None], moved, 0.0)
+    return replace(block, measurements=replace(part, deflection=present, encoders=encoders))

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from jointstiff.solver.inference.assessment import Assessment, assess
+from jointstiff.solver.inference.budget import BudgetComponent, LeftOut, Spread, UncertaintyBudget
 from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
 from jointstiff.solver.inference.estimate import Estimate, assemble
-from jointstiff.solver.inference.joint import (
-    JointCompliance,
-    UncertaintyBudget,
-    stiffness_interval,
-    stiffness_of,
-)
+from jointstiff.solver.inference.joint import JointCompliance, stiffness_interval, stiffness_of
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Contributions, Prediction, predict
 from jointstiff.solver.inference.profile import profile_ends, profile_row_ends, range_on_box
@@ -20,12 +16,15 @@ from jointstiff.solver.inference.stages import StagesCertificate
 __all__ = [
     "Action",
     "Assessment",
+    "BudgetComponent",
     "Contributions",
     "Estimate",
     "JointCompliance",
+    "LeftOut",
     "Place",
     "Prediction",
     "Reason",
+    "Spread",
     "StagesCertificate",
     "UncertaintyBudget",
     "Usability",

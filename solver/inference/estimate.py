@@ -12,6 +12,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import Certificate
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting import (
+    CommonErrors,
     Fit,
     Likelihood,
     RobustFit,
@@ -47,9 +48,7 @@ class Estimate:
             observable are no estimates; `joints` withholds them.
         covariance: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown.
         likelihood: of the compliances that the readings see, before any constraint, in units of sigma.
-        common: (n, 4) what a standard uncertainty of the force's scale, and of its rotation about x, y and z
-            of R0, moves in all joints together [rad/(N·m)]; its share of `covariance` is its product with its
-            transpose. None where no uncertainty of the force is stated.
+        common: effect of errors that all observations share, part of `covariance`; None without them.
         sigma: standard uncertainty of one coordinate of one reading [m]; None where it was not given
             and there are no degrees of freedom to estimate it from.
         sigma_given: whether sigma was stated with the readings.
@@ -80,7 +79,7 @@ class Estimate:
     complementary_stiffness: ComplementaryStiffness | None = None
     robust: RobustFit | None = None
     likelihood: Likelihood | None = None
-    common: FloatArray | None = None
+    common: CommonErrors | None = None
 
     @property
     def estimated(self) -> BoolArray:
@@ -146,7 +145,7 @@ def assemble(
     characteristic_length: float | None,
     inflation: float = 1.0,
     sigma_given: bool = True,
-    common: Callable[[float], FloatArray] | None = None,
+    common: Callable[[float], CommonErrors] | None = None,
 ) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
 
@@ -160,8 +159,7 @@ def assemble(
         characteristic_length: [m], if one was used.
         inflation: of the variance of the estimate, where the loss is not squared.
         sigma_given: false if a sigma is passed that comes from the readings themselves.
-        common: return what errors common to all observations move in the estimate (n, 4) [rad/(N·m)], given
-            sigma; None where there are none.
+        common: return the effect of errors that all observations share, given sigma; None without them.
 
     Returns:
         The estimate.
@@ -171,19 +169,17 @@ def assemble(
         scale = replace(scale_of(fit, whitened, scale.sigma), given=scale.given)
     scale = replace(scale, given=scale.given and sigma_given)
     fit = fit.inflated(inflation)
-    responses = None
+    errors = None
     if common is not None and scale.sigma is not None:
         sigma = max(scale.sigma, _LEAST_SIGMA)
-        scale, responses = replace(scale, sigma=sigma), common(sigma)
-        fit = fit.with_common(responses / sigma)
+        scale, errors = replace(scale, sigma=sigma), common(sigma)
+        fit = fit.with_common(errors.responses / sigma)
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     _refuse_overflow(scale, fit, covariance)
     ratios = np.full(len(names), np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
         ratios = prior_to_data(fit.alone, settings.prior, scale.sigma)
-    evidence = Evidence(
-        names, fit, observability, scale, settings.constraints, settings.confidence, ratios, responses
-    )
+    evidence = Evidence(names, fit, observability, scale, settings.constraints, settings.confidence, ratios)
     joints = verdicts(evidence)
     return Estimate(
         joints=joints,
@@ -199,7 +195,7 @@ def assemble(
         regressor=whitened.matrix,
         observability=observability,
         likelihood=fit.likelihood,
-        common=responses,
+        common=errors,
     )
 
 

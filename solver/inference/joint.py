@@ -45,21 +45,6 @@ class OneSidedBounds(NamedTuple):
 
 
 @dataclass(frozen=True)
-class UncertaintyBudget:
-    """Contributions to a standard uncertainty, whose squares add up to its square.
-
-    Attributes:
-        readings: noise of tracker and encoders [rad/(N·m)].
-        force_scale: scale of the force, common to all observations and joints [rad/(N·m)].
-        force_direction: direction of the force, likewise [rad/(N·m)].
-    """
-
-    readings: float
-    force_scale: float
-    force_direction: float
-
-
-@dataclass(frozen=True)
 class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable.
 
@@ -68,7 +53,6 @@ class JointCompliance:
             zero, so that there is no greatest stiffness.
         compliance: [rad/(N·m)].
         standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
-        budget: contributions to that uncertainty; None where no uncertainty of the force is stated.
         compliance_interval: profile-likelihood interval under the constraints [rad/(N·m)].
         one_sided: bounds from below and above [rad/(N·m)].
         prior_to_data: information of its prior over that of the readings; inf where the prior alone tells it
@@ -84,7 +68,6 @@ class JointCompliance:
     one_sided: OneSidedBounds | None = None
     prior_to_data: float | None = None
     reason: str | None = None
-    budget: UncertaintyBudget | None = None
 
     @property
     def stiffness(self) -> float | None:

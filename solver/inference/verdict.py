@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10, sqrt
+from math import floor, log10
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex import Constraints
 from jointstiff.solver.fitting import Fit, Scale
-from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds, UncertaintyBudget
+from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
 from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.observability import Observability, noise_reason
 
@@ -32,8 +32,6 @@ class Evidence:
         constraints: on the compliances.
         confidence: level of the intervals.
         prior_to_data: (n,) NaN where there is no prior, inf where only the prior speaks.
-        common: (n, 4) what a standard uncertainty of the force's scale, and of its rotation about x, y and z,
-            moves in the estimate [rad/(N·m)]; part of the fit's covariance. None where none is stated.
     """
 
     names: tuple[str, ...]
@@ -43,20 +41,11 @@ class Evidence:
     constraints: Constraints
     confidence: float
     prior_to_data: FloatArray
-    common: FloatArray | None = None
 
     def uncertainty(self, j: int) -> float | None:
         """Standard uncertainty of the unconstrained compliance [rad/(N·m)]; None where sigma is unknown."""
         sigma = self.scale.sigma
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
-
-    def budget(self, j: int) -> UncertaintyBudget | None:
-        """Return the contributions to that uncertainty."""
-        whole = self.uncertainty(j)
-        if whole is None or self.common is None:
-            return None
-        scale, direction = abs(float(self.common[j, 0])), float(np.linalg.norm(self.common[j, 1:]))
-        return UncertaintyBudget(sqrt(max(0.0, whole**2 - scale**2 - direction**2)), scale, direction)
 
 
 def verdicts(evidence: Evidence) -> tuple[JointCompliance, ...]:
@@ -126,7 +115,6 @@ def _verdict(evidence: Evidence, j: int, ends: FloatArray | None) -> JointCompli
         one_sided,
         None if np.isnan(ratio) else ratio,
         "; ".join(reason for reason in reasons if reason) or None,
-        evidence.budget(j),
     )
 
 

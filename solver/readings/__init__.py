@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
 from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.force_uncertainty import ForceUncertainty
 from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
 from jointstiff.solver.readings.tracker_noise import (
     DifferenceNoise,
@@ -14,9 +14,9 @@ from jointstiff.solver.readings.tracker_noise import (
 
 __all__ = [
     "ISOTROPIC_DIFFERENCE",
+    "CommonUncertainty",
     "DifferenceNoise",
     "EncoderReadings",
-    "ForceUncertainty",
     "Instrument",
     "Measurements",
     "at_read_places",

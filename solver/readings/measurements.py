@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
 from jointstiff.solver.readings.encoders import EncoderReadings
-from jointstiff.solver.readings.force_uncertainty import ForceUncertainty
 
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
@@ -37,7 +37,7 @@ class Measurements:
             it already, and rows that are not weighted by covariance are weighted by it. None for ones.
         encoders: what secondary encoders read of the joints; None if there are none. It takes a sigma
             to weigh them against the targets.
-        force_uncertainty: of the wrenches, common to all observations; None for exact ones.
+        common_uncertainty: of loads and places, common to all observations; None for exact ones.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
@@ -57,7 +57,7 @@ class Measurements:
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
     encoders: EncoderReadings | None = None
     weight: FloatArray | None = None
-    force_uncertainty: ForceUncertainty | None = None
+    common_uncertainty: CommonUncertainty | None = None
 
     def __post_init__(self) -> None:
         count, targets = self.present.shape
@@ -125,7 +125,7 @@ class Measurements:
             covariance=covariance,
             encoders=None if self.encoders is None else self.encoders[rows],
             weight=None if self.weight is None else self.weight[rows],
-            force_uncertainty=self.force_uncertainty,
+            common_uncertainty=self.common_uncertainty,
         )
 
 

@@ -29,12 +29,14 @@ class ComplementaryStiffness:
         largest_ratio: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate.
         largest_shift: greatest change of a compliance between neglecting and including it, in units of its
             standard uncertainty; None where that is unknown.
+        shift: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known.
     """
 
     included: bool
     iterations: int
     largest_ratio: float
     largest_shift: float | None
+    shift: FloatArray | None = None
 
 
 def complementary_stiffness(block: RegressorBlock) -> FloatArray:

@@ -1572,6 +1572,86 @@ export interface components {
             options: string;
         };
         /**
+         * Budget
+         * @description Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same.
+         */
+        Budget: {
+            /**
+             * Joints
+             * @description Joints with an estimate, in the order of all numbers here.
+             */
+            joints: string[];
+            /** Components */
+            components: components["schemas"]["BudgetComponent"][];
+            /**
+             * Standard Uncertainty
+             * @description Combined standard uncertainty: the root of the sum of the included squares.
+             */
+            standard_uncertainty: number[];
+            /**
+             * Correlation
+             * @description Correlation coefficients of the combined uncertainty between the joints.
+             */
+            correlation: number[][];
+            /**
+             * Probability
+             * @description Coverage probability.
+             */
+            probability: number;
+            /**
+             * Coverage Factor
+             * @description Factor for that probability: normal, or Student's where sigma comes from the residuals.
+             */
+            coverage_factor: number;
+            /**
+             * Expanded Uncertainty
+             * @description Expanded uncertainty: factor times the combined standard uncertainty.
+             */
+            expanded_uncertainty: number[];
+            /**
+             * Expanded With Model Error
+             * @description Expanded uncertainty of all components, those that are not included too.
+             */
+            expanded_with_model_error: number[];
+        };
+        /**
+         * BudgetComponent
+         * @description One source of uncertainty.
+         */
+        BudgetComponent: {
+            /**
+             * Source
+             * @enum {string}
+             */
+            source: "readings" | "force_scale" | "force_direction" | "load_point" | "target_places" | "model_error" | "complementary_stiffness";
+            /**
+             * Evaluation
+             * @description Type of evaluation: A by statistics of these readings, B as stated with them.
+             * @enum {string}
+             */
+            evaluation: "A" | "B";
+            /**
+             * Included
+             * @description Whether it is part of the joints' standard uncertainty. Model error and a neglected complementary stiffness are not: no statement of the set covers them.
+             */
+            included: boolean;
+            /**
+             * Degrees Of Freedom
+             * @description Degrees of freedom of an evaluation of type A; null for infinitely many.
+             */
+            degrees_of_freedom: number | null;
+            /**
+             * Contributions
+             * @description Contribution to the standard uncertainty of each joint of the budget.
+             */
+            contributions: number[];
+            /**
+             * Correlation
+             * @description Correlation coefficients between the joints by this source; 0 where a contribution is 0.
+             */
+            correlation: number[][];
+        };
+        /**
          * Cable
          * @description A cable from the load point to one of some anchors.
          */
@@ -3743,7 +3823,7 @@ export interface components {
              * @description Ratio of information, prior to readings, on this compliance; above 1 the prior dominates. Null without a prior. Dimensionless.
              */
             prior_to_data: number | null;
-            /** @description Budget of the standard uncertainty; null if `noise.force` is not stated. */
+            /** @description Budget of the standard uncertainty; null if `noise` states no uncertainty that all observations share. Correlations are in the `budget` of the result. */
             budget: components["schemas"]["UncertaintyBudget"] | null;
             /**
              * Reason
@@ -5216,7 +5296,7 @@ export interface components {
         };
         /**
          * Noise
-         * @description Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
+         * @description Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
          *
          *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
@@ -5237,10 +5317,22 @@ export interface components {
             instrument?: components["schemas"]["Instrument"] | null;
             /** @description Uncertainty of the load; if absent, forces and moments count as exact. */
             force?: components["schemas"]["ForceUncertainty-Input"] | null;
+            /**
+             * Load Point
+             * @description Standard uncertainty of each coordinate of the load point in the flange frame, in the set's unit of length; one error for all observations. If absent, the point counts as exact.
+             * @example 0.0005
+             */
+            load_point?: number | null;
+            /**
+             * Target Places
+             * @description Standard uncertainty of each coordinate of each target's place on the flange, in the set's unit of length; one error a target for all observations. It is the place that goes into the model; errors of the readings are in `sigma`. If absent, places count as exact.
+             * @example 0.0005
+             */
+            target_places?: number | null;
         };
         /**
          * NoiseOutput
-         * @description Uncertainty of one reading of the tracker and of a secondary encoder, and of the load.
+         * @description Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
          *
          *     Of the tracker exactly one kind: `sigma`, or `instrument`, or neither where every reading states its own.
          */
@@ -5261,6 +5353,18 @@ export interface components {
             instrument: components["schemas"]["Instrument"] | null;
             /** @description Uncertainty of the load; if absent, forces and moments count as exact. */
             force: components["schemas"]["ForceUncertainty-Output"] | null;
+            /**
+             * Load Point
+             * @description Standard uncertainty of each coordinate of the load point in the flange frame, in the set's unit of length; one error for all observations. If absent, the point counts as exact.
+             * @example 0.0005
+             */
+            load_point: number | null;
+            /**
+             * Target Places
+             * @description Standard uncertainty of each coordinate of each target's place on the flange, in the set's unit of length; one error a target for all observations. It is the place that goes into the model; errors of the readings are in `sigma`. If absent, places count as exact.
+             * @example 0.0005
+             */
+            target_places: number | null;
         };
         /**
          * ObservabilityIndices
@@ -8421,6 +8525,8 @@ export interface components {
             encoder_residuals: components["schemas"]["EncoderResidual"][];
             /** @description Model for predictions. */
             model: components["schemas"]["IdentifiedModel"] | null;
+            /** @description Uncertainty budget of the compliances; null if links or coupling are elastic, or where no uncertainty of the readings is known. */
+            budget: components["schemas"]["Budget"] | null;
             /**
              * Warnings
              * @description Warnings of the measurement set, then of the fit.
@@ -9045,6 +9151,18 @@ export interface components {
              * @description Direction of the force, likewise.
              */
             force_direction: number;
+            /**
+             * Load Point
+             * @description Place where the load acts, likewise.
+             * @default 0
+             */
+            load_point: number;
+            /**
+             * Target Places
+             * @description Places of the targets, likewise.
+             * @default 0
+             */
+            target_places: number;
         };
         /**
          * Units

@@ -1,0 +1,181 @@
+"""Uncertainty budgets beside Monte Carlo, and their coverage where load and places are off.
+
+Exact springs. By name only: it takes two minutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.campaigns import default_robot
+from benchmarks.designs import SIGMA, Design, planned_design, with_compliances
+from benchmarks.report import Figure, Section
+from benchmarks.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
+from jointstiff.simulator import TARGETS, SpringArm, default_arm, deflections, linear_deflections
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference import UncertaintyBudget
+from jointstiff.solver.readings import CommonUncertainty, Measurements
+
+__all__ = ["KINDS", "expanded_by_monte_carlo", "expanded_by_product", "run", "wrong_campaigns"]
+
+DESIGNS, DRAWS = 20, 100
+MONTE_CARLO_DRAWS = 100_000
+KINDS = {
+    "scale 1 %": CommonUncertainty(scale=0.01),
+    "scale 5 %": CommonUncertainty(scale=0.05),
+    "direction 5 mrad": CommonUncertainty(direction=5e-3),
+    "scale 1 %, targets 1 mm": CommonUncertainty(scale=0.01, target_places=1e-3),
+    "and direction 5 mrad, load point 2 mm": CommonUncertainty(0.01, 5e-3, 2e-3, 1e-3),
+}
+_STREAM = 21
+_POINTS: FloatArray = np.array(list(TARGETS.values()))
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Expanded uncertainties beside Monte Carlo; each kind of uncertainty, stated and ignored."""
+    return [_monte_carlo(500 if quick else MONTE_CARLO_DRAWS), _coverage(2, 3) if quick else _coverage()]
+
+
+def _monte_carlo(draws: int) -> Section:
+    rows: list[tuple[str, ...]] = []
+    worst = 0.0
+    design = planned_design(default_arm(), seed=0)
+    for name, uncertainty in list(KINDS.items())[-2:]:
+        truth = expanded_by_monte_carlo(design, uncertainty, draws)
+        ratio = expanded_by_product(design, uncertainty) / truth
+        rows.append((name, *(f"{value:.4f}" for value in ratio)))
+        worst = max(worst, float(np.abs(ratio - 1.0).max()))
+    return Section(
+        title=f"Expanded uncertainty of the budget over that of {draws:,} Monte Carlo draws",
+        columns=("ratio at 95 %", *(f"joint {j + 1}" for j in range(6))),
+        rows=tuple(rows),
+        figures=(Figure("largest deviation from 1", 100.0 * worst, "at most", 1.0, " %"),),
+        notes=(
+            "load, places and readings drawn, deflections by the simulator, estimates by numpy's "
+            "pseudo-inverse of its regressor; half of the interval with 2.5 % of the draws on either side",
+        ),
+    )
+
+
+def expanded_by_monte_carlo(design: Design, uncertainty: CommonUncertainty, draws: int) -> FloatArray:
+    """Return half-widths (n,) of the intervals with equal tails, without any code of the solver."""
+    arm, plan = design.arm, design.experiment
+    units = [with_compliances(arm, unit) for unit in np.eye(len(arm.compliances))]
+    A = np.stack([_linear(unit, plan.joints, *plan.wrenches, _POINTS) for unit in units], axis=1)
+    size = np.linalg.norm(A, axis=0)
+    H = np.linalg.pinv(A / size) / size[:, None]
+    generator = np.random.default_rng(_STREAM)
+    found = []
+    for _ in range(draws):
+        force, moment, load_points, points = _true(design, uncertainty, generator)
+        exact = _linear(arm, plan.joints, force, moment, load_points, points)
+        found.append(H @ (exact + np.sqrt(2.0) * SIGMA * generator.standard_normal(exact.shape)))
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    half: FloatArray = 0.5 * np.ptp(np.percentile(found, [tail, 100.0 - tail], axis=0), axis=0)
+    return half
+
+
+def _linear(arm: SpringArm, *campaign: FloatArray) -> FloatArray:
+    return linear_deflections(arm, *campaign).ravel()
+
+
+def expanded_by_product(design: Design, uncertainty: CommonUncertainty) -> FloatArray:
+    """Return the expanded uncertainties (n,) of the budget, for readings of exact linear springs."""
+    plan = design.experiment
+    deflection = linear_deflections(design.arm, plan.joints, *plan.wrenches, _POINTS)
+    measured = replace(_stated(design, deflection), common_uncertainty=uncertainty)
+    way = Way("partial pose", complementary_stiffness=False)
+    estimate = way.estimate(default_robot(design.arm), measured)
+    budget = UncertaintyBudget.of(estimate, CONFIDENCE)
+    if budget is None:
+        raise ValueError("sigma is given, so there is a budget")
+    return budget.coverage_factor * budget.total().uncertainty
+
+
+def _coverage(designs: int = DESIGNS, draws: int = DRAWS) -> Section:
+    rows: list[tuple[str, ...]] = []
+    figures: list[Figure] = []
+    for name, uncertainty in KINDS.items():
+        campaigns = list(wrong_campaigns(designs, draws, uncertainty))
+        ignored = [(design, replace(m, common_uncertainty=None)) for design, m in campaigns]
+        ways = [Way(method) for method in METHODS if method != "complete pose"]
+        for way, verdicts in judge(ways, campaigns).items():
+            shares = 100.0 * verdicts.covered.mean(axis=0)
+            rows.append(_row(f"{name}, {way.method}", verdicts))
+            figures += [
+                Figure(
+                    f"coverage, {name}, {way.method}: least of a joint", shares.min(), "at least", 93.5, " %"
+                ),
+                Figure("the same: greatest of a joint", shares.max(), "at most", 96.5, " %"),
+            ]
+        rows.append(_row(f"{name}, not stated", judge(ways[:1], ignored)[ways[0]]))
+    return Section(
+        title=f"Coverage of 95 % intervals, load or places off, {designs * draws:,} campaigns of each kind",
+        columns=("share that holds the truth, %", *(f"joint {j + 1}" for j in range(6))),
+        rows=tuple(rows),
+        figures=tuple(figures),
+        notes=(
+            "each campaign has one error of load and places for all its observations, drawn as it states; "
+            f"exact springs, {1e6 * SIGMA:g} µm, K_c included, sigma given",
+            "the binomial standard error of a share is 0.49 %",
+        ),
+    )
+
+
+def wrong_campaigns(designs: int, draws: int, uncertainty: CommonUncertainty) -> Iterator[Campaign]:
+    """Campaigns whose true load and places differ from what they state.
+
+    Args:
+        designs: how many.
+        draws: campaigns of each.
+        uncertainty: of the errors, drawn once a campaign.
+    """
+    for seed in range(designs):
+        design = planned_design(default_arm(), seed=seed)
+        generator = np.random.default_rng([seed, _STREAM])
+        for _ in range(draws):
+            force, moment, load_points, points = _true(design, uncertainty, generator)
+            joints = design.experiment.joints
+            exact = np.stack(deflections(design.arm, joints, force, moment, load_points, points))
+            unloaded, loaded = exact + SIGMA * generator.standard_normal(exact.shape)
+            yield design, replace(_stated(design, loaded - unloaded), common_uncertainty=uncertainty)
+
+
+def _true(
+    design: Design, uncertainty: CommonUncertainty, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Draw true forces, moments and load points (N, 3), and targets (T, 3)."""
+    plan = design.experiment
+    scale, *turn = generator.standard_normal(4)
+    rotation = _rotation(uncertainty.direction * np.array(turn))
+    force, moment = (
+        (1.0 + uncertainty.scale * scale) * wrench @ rotation.T for wrench in (plan.forces, plan.moments)
+    )
+    load_points = plan.load_points + uncertainty.load_point * generator.standard_normal(3)
+    points = _POINTS + uncertainty.target_places * generator.standard_normal(_POINTS.shape)
+    return force, moment, load_points, points
+
+
+def _stated(design: Design, deflection: FloatArray) -> Measurements:
+    """Return deflections (N, T, 3) of targets whose places in the flange frame are stated."""
+    plain = design.measurements(np.zeros_like(deflection), deflection, sigma=SIGMA)
+    position = np.broadcast_to(_POINTS, deflection.shape).copy()
+    return replace(plain, position=position, in_flange=plain.present)
+
+
+def _rotation(vector: FloatArray) -> FloatArray:
+    """Rotation (3, 3) by a vector [rad], by Rodrigues."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: FloatArray = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    return rotation
+
+
+def _row(name: str, verdicts: Verdicts) -> tuple[str, ...]:
+    return (name, *(f"{100.0 * share:.1f}" for share in verdicts.covered.mean(axis=0)))

@@ -1,0 +1,64 @@
+"""Uncertainty budget of a run, in the words of the GUM (JCGM 100:2008)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Compliance, Dimensionless, Message, Name
+
+BudgetSource = Literal[
+    "readings",
+    "force_scale",
+    "force_direction",
+    "load_point",
+    "target_places",
+    "model_error",
+    "complementary_stiffness",
+]
+
+
+class BudgetComponent(Message):
+    """One source of uncertainty."""
+
+    source: BudgetSource
+    evaluation: Literal["A", "B"] = Field(
+        description="Type of evaluation: A by statistics of these readings, B as stated with them."
+    )
+    included: bool = Field(
+        description="Whether it is part of the joints' standard uncertainty. Model error and a neglected "
+        "complementary stiffness are not: no statement of the set covers them."
+    )
+    degrees_of_freedom: Dimensionless[float | None] = Field(
+        description="Degrees of freedom of an evaluation of type A; null for infinitely many."
+    )
+    contributions: Compliance[list[float]] = Field(
+        description="Contribution to the standard uncertainty of each joint of the budget."
+    )
+    correlation: Dimensionless[list[list[float]]] = Field(
+        description="Correlation coefficients between the joints by this source; 0 where a contribution is 0."
+    )
+
+
+class Budget(Message):
+    """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
+
+    joints: list[Name] = Field(description="Joints with an estimate, in the order of all numbers here.")
+    components: list[BudgetComponent]
+    standard_uncertainty: Compliance[list[float]] = Field(
+        description="Combined standard uncertainty: the root of the sum of the included squares."
+    )
+    correlation: Dimensionless[list[list[float]]] = Field(
+        description="Correlation coefficients of the combined uncertainty between the joints."
+    )
+    probability: Dimensionless[float] = Field(description="Coverage probability.")
+    coverage_factor: Dimensionless[float] = Field(
+        description="Factor for that probability: normal, or Student's where sigma comes from the residuals."
+    )
+    expanded_uncertainty: Compliance[list[float]] = Field(
+        description="Expanded uncertainty: factor times the combined standard uncertainty."
+    )
+    expanded_with_model_error: Compliance[list[float]] = Field(
+        description="Expanded uncertainty of all components, those that are not included too."
+    )

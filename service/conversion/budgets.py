@@ -1,0 +1,71 @@
+"""Uncertainty budgets as messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointstiff.schemas import run as runs
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.inference import UncertaintyBudget
+
+
+def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> runs.Budget | None:
+    """Return the budget of the joints that have an estimate; None for none.
+
+    Args:
+        budget: of n joints.
+        names: of all n joints.
+    """
+    if budget is None:
+        return None
+    shown, total = budget.joints, budget.total()
+
+    def square(matrix: FloatArray) -> list[list[float]]:
+        part: list[list[float]] = matrix[np.ix_(shown, shown)].tolist()
+        return part
+
+    return runs.Budget(
+        joints=[names[j] for j in shown],
+        components=[
+            runs.BudgetComponent(
+                source=part.source,
+                evaluation=part.evaluation,
+                included=part.included,
+                degrees_of_freedom=part.degrees_of_freedom,
+                contributions=part.spread.uncertainty[shown].tolist(),
+                correlation=square(part.spread.correlation),
+            )
+            for part in budget.components
+        ],
+        standard_uncertainty=total.uncertainty[shown].tolist(),
+        correlation=square(total.correlation),
+        probability=budget.probability,
+        coverage_factor=budget.coverage_factor,
+        expanded_uncertainty=(budget.coverage_factor * total.uncertainty[shown]).tolist(),
+        expanded_with_model_error=(
+            budget.coverage_factor * budget.total(whole=True).uncertainty[shown]
+        ).tolist(),
+    )
+
+
+def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[runs.UncertaintyBudget | None]:
+    """Return the included contributions of each of `count` joints, where errors are stated that all share."""
+    included = [] if budget is None else [part for part in budget.components if part.included]
+    if budget is None or len(included) < 2:
+        return [None] * count
+    parts = {part.source: part.spread.uncertainty for part in included}
+    absent = np.zeros(count)
+    return [
+        runs.UncertaintyBudget(
+            readings=float(parts["readings"][j]),
+            force_scale=float(parts.get("force_scale", absent)[j]),
+            force_direction=float(parts.get("force_direction", absent)[j]),
+            load_point=float(parts.get("load_point", absent)[j]),
+            target_places=float(parts.get("target_places", absent)[j]),
+        )
+        if j in budget.joints
+        else None
+        for j in range(count)
+    ]

@@ -1,0 +1,165 @@
+"""Uncertainty budget of the compliances: components, their evaluation and correlation (method.md §8).
+
+*Evaluation of measurement data: Guide to the expression of uncertainty in measurement* (GUM), JCGM 100:2008.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.fitting import CommonSource, Scale
+from jointstiff.solver.inference.estimate import Estimate
+
+BudgetSource = Literal["readings", CommonSource, "model_error", "complementary_stiffness"]
+"""Source of a component."""
+
+_LEAST_POSTURES: Final = 2
+"""Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Uncertainty of all compliances by one source, or by several.
+
+    Attributes:
+        covariance: (n, n) [(rad/(N·m))²].
+    """
+
+    covariance: FloatArray
+
+    @property
+    def uncertainty(self) -> FloatArray:
+        """Return the standard uncertainty (n,) of each compliance [rad/(N·m)]."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Return the correlation (n, n) between the joints; zero where an uncertainty is zero."""
+        size = self.uncertainty
+        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        correlation: FloatArray = np.clip(self.covariance * np.outer(scale, scale), -1.0, 1.0)
+        return correlation
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetComponent:
+    """One source of uncertainty.
+
+    Attributes:
+        source: of the uncertainty.
+        evaluation: "A" from these readings by statistics, "B" by other means, as stated with them.
+        included: whether it is part of the standard uncertainty of the joints.
+        spread: uncertainty of the compliances by this source alone.
+        degrees_of_freedom: of an evaluation of type A; None for infinitely many.
+    """
+
+    source: BudgetSource
+    evaluation: Literal["A", "B"]
+    included: bool
+    spread: Spread
+    degrees_of_freedom: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Estimates without single postures.
+
+    Attributes:
+        compliance: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined.
+        postures: number of postures that were measured, at least P.
+    """
+
+    compliance: FloatArray
+    postures: int
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyBudget:
+    """Components of the uncertainty of a run's compliances.
+
+    Attributes:
+        joints: (p,) joints that have an estimate.
+        components: the squares of the included ones add up to that of the standard uncertainty.
+        probability: coverage probability of the expanded uncertainties.
+        coverage_factor: normal, or Student's where sigma comes from the residuals.
+    """
+
+    joints: IndexArray
+    components: tuple[BudgetComponent, ...]
+    probability: float
+    coverage_factor: float
+
+    @classmethod
+    def of(
+        cls, estimate: Estimate, probability: float, left_out: LeftOut | None = None
+    ) -> UncertaintyBudget | None:
+        """Return the budget; None where no uncertainty of the readings is known.
+
+        Args:
+            estimate: of n compliances.
+            probability: coverage probability.
+            left_out: estimates without single postures; None leaves out the model error.
+        """
+        if estimate.covariance is None:
+            return None
+        common = estimate.common
+        readings = estimate.covariance
+        if common is not None:
+            readings = readings - common.responses @ common.responses.T
+        components = [_of_readings(estimate, readings)]
+        if common is not None:
+            for source in get_args(CommonSource):
+                own = common.of(source)
+                if own.any():
+                    components.append(BudgetComponent(source, "B", True, Spread(own @ own.T)))
+        joints = np.flatnonzero(estimate.estimated)
+        if left_out is not None:
+            components += _model_error(left_out, readings, joints)
+        size = estimate.complementary_stiffness
+        if size is not None and not size.included and size.shift is not None:
+            shift = Spread(np.outer(size.shift, size.shift))
+            components.append(BudgetComponent("complementary_stiffness", "B", False, shift))
+        scale = Scale(estimate.sigma, estimate.sigma_given, estimate.chi_square, estimate.degrees_of_freedom)
+        factor = scale.quantile(0.5 * (1.0 + probability))
+        return cls(joints, tuple(components), probability, factor)
+
+    def total(self, *, whole: bool = False) -> Spread:
+        """Return all included components together; of the `whole` budget, the others too."""
+        parts = [part.spread.covariance for part in self.components if part.included or whole]
+        return Spread(np.sum(parts, axis=0))
+
+
+def _of_readings(estimate: Estimate, covariance: FloatArray) -> BudgetComponent:
+    if estimate.sigma_given:
+        return BudgetComponent("readings", "B", True, Spread(covariance))
+    return BudgetComponent("readings", "A", True, Spread(covariance), estimate.degrees_of_freedom)
+
+
+def _model_error(left_out: LeftOut, readings: FloatArray, joints: IndexArray) -> list[BudgetComponent]:
+    """Return the dispersion that the noise of the readings does not explain, over the postures.
+
+    The jackknife's covariance holds both. In the readings' own units its eigenvalues are 1 on average where
+    there is noise alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967): below that it is noise.
+    """
+    fits = left_out.compliance[:, joints]
+    fits = fits[~np.isnan(fits).any(axis=1)]
+    count, p = fits.shape
+    if count < p + _LEAST_POSTURES:
+        return []
+    around = fits - fits.mean(axis=0)
+    spread = (left_out.postures - 1.0) / count * around.T @ around
+    try:
+        factor = np.linalg.cholesky(readings[np.ix_(joints, joints)])
+    except np.linalg.LinAlgError:  # readings without any noise: there is nothing to compare with
+        return []
+    half = np.linalg.solve(factor, spread)
+    values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
+    chance = (1.0 + np.sqrt(p / count)) ** 2
+    root = factor @ (vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0)))
+    covariance = np.zeros_like(readings)
+    covariance[np.ix_(joints, joints)] = root @ root.T
+    return [BudgetComponent("model_error", "A", False, Spread(covariance), count - 1.0)]
