@@ -48,6 +48,7 @@ from benchmarks import (
     robustness,
     small,
     start,
+    trend,
     workers,
 )
 from benchmarks.report import Part, Section, print_figures, print_section
@@ -91,6 +92,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "links_fanuc": links.run_fanuc,
     "links_coverage": elastic_campaigns.run_coverage,
     "links_answered": elastic_campaigns.run_answered,
+    "trend": trend.run,
 }
 IN_PARTS = frozenset({"links_fanuc", "links_coverage", "links_answered"})
 """They take some minutes, and `--part 2/4` runs the second of four parts."""
@@ -114,6 +116,7 @@ STUDIES = frozenset(
         "plan_lists",
         "plan_promise",
         "plan_nuisance",
+        "trend",
     }
 )
 """They prove numbers and compare no times."""

@@ -1,0 +1,62 @@
+"""Alarms of a chart: campaigns in a row whose EWMA is beyond its limit, with the reason in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import expm1
+
+import numpy as np
+
+from jointstiff.solver.trend.chart import Chart
+from jointstiff.solver.trend.series import Change
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Campaigns in a row beyond the limit, on one side.
+
+    Attributes:
+        first: index of the first one in the series.
+        last: index of the last one.
+        is_open: whether the latest campaign is one of them.
+        change: of the EWMA against the baseline at the last one.
+        limit: of that change of ln k.
+    """
+
+    first: int
+    last: int
+    is_open: bool
+    change: Change
+    limit: float
+
+    def in_words(self, joint: str, since: str) -> str:
+        """Return joint, direction, size with its uncertainty, limit and beginning.
+
+        Args:
+            joint: its name.
+            since: day or name of the first campaign.
+        """
+        word = "softer" if self.change.difference < 0 else "stiffer"
+        size = 100.0 * abs(self.change.relative)
+        allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
+        return (
+            f"{joint} is {size:.1f} ± {100.0 * self.change.relative_uncertainty:.1f} % {word} than its "
+            f"baseline (smoothed over campaigns, ± one standard uncertainty), beyond the limit of "
+            f"{allowed:.1f} %, since {since}"
+        )
+
+
+def alarms_of(chart: Chart) -> list[Alarm]:
+    """Return the alarms of a chart, oldest first."""
+    signs = np.where(chart.monitored.exceeded, np.sign(chart.monitored.deviation), 0.0)
+    found: list[Alarm] = []
+    start = 0
+    for t, sign in enumerate(signs):
+        if t and sign != signs[t - 1]:
+            start = t
+        ends = t + 1 == signs.size or signs[t + 1] != sign
+        if sign and ends:
+            first, last = start + chart.size, t + chart.size
+            change, limit = chart.smoothed_change(last), float(chart.limits[t])
+            found.append(Alarm(first, last, t + 1 == signs.size, change, limit))
+    return found

@@ -1,0 +1,190 @@
+"""The trend against arithmetic that shares no code with it: fractions, dense matrices, quadrature."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import erfc, exp, log, sqrt
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.trend import (
+    FALSE_ALARMS,
+    LIFE,
+    Series,
+    alarm_level,
+    alarms_of,
+    change_between,
+    charts_of,
+    log_stiffness,
+    monitor,
+)
+from jointstiff.solver.trend.baseline import Baseline, plausible_between, pooled_excess
+
+_AGREED = np.zeros(())
+
+
+def _series(values: list[float], u: float | list[float] = 0.02) -> Series:
+    return Series(np.array(values), np.broadcast_to(np.asarray(u, dtype=float), len(values)).copy())
+
+
+def test_the_scatter_between_campaigns_is_dersimonian_and_lairds_in_fractions() -> None:
+    values, u = [Fraction(1), Fraction(3), Fraction(8)], [Fraction(1), Fraction(2), Fraction(1)]
+    w = [1 / one**2 for one in u]
+    centre = sum(a * b for a, b in zip(w, values, strict=True)) / sum(w)
+    q = sum(a * (b - centre) ** 2 for a, b in zip(w, values, strict=True))
+    tau2 = (q - 2) / (sum(w) - sum(a**2 for a in w) / sum(w))
+    new = [1 / (one**2 + tau2) for one in u]
+    mean = sum(a * b for a, b in zip(new, values, strict=True)) / sum(new)
+    found = Baseline.of(np.array(values, dtype=float), np.array(u, dtype=float))
+    assert float(found.scatter) == pytest.approx(float(q), rel=1e-14)
+    assert float(found.between) ** 2 == pytest.approx(float(tau2), rel=1e-13)
+    assert float(found.mean) == pytest.approx(float(mean), rel=1e-14)
+
+
+def test_campaigns_that_agree_have_no_scatter_between_them() -> None:
+    found = Baseline.of(np.array([1.0, 1.01, 0.99]), np.full(3, 0.05))
+    assert float(found.between) == 0.0
+    assert float(found.variance_of_readings) == pytest.approx(0.05**2 / 3, rel=1e-13)
+
+
+def test_the_plausible_scatter_is_prior_times_restricted_likelihood() -> None:
+    """Equal uncertainties have the closed form (1 + ρ²)^(-1) exp(-Q / 2(1 + ρ²)), integrated by quadrature."""
+    values, u = np.array([0.0, 0.03, -0.03]), 0.02
+    q = float((values**2).sum() / u**2)
+
+    def density(rho: float) -> float:
+        return exp(-0.5 * (rho / 0.5) ** 2) / (1 + rho**2) * exp(-0.5 * q / (1 + rho**2))
+
+    whole = integrate.quad(density, 0, 2.5)[0]
+    square = integrate.quad(lambda rho: rho**2 * density(rho), 0, 2.5)[0] / whole
+    tau, probability = plausible_between(Baseline.of(values, np.full(3, u)), _AGREED)
+    assert float((probability * tau**2).sum()) / u**2 == pytest.approx(square, rel=1e-3)
+
+
+def test_the_deviation_has_the_variance_of_a_dense_matrix() -> None:
+    """z_t - mean is a linear map of all campaigns: its rows come from unit vectors, with unequal noise."""
+    rng = np.random.default_rng(3)
+    before, after = np.array([0.02, 0.03, 0.025]), rng.uniform(0.015, 0.06, size=9)
+    flat = Baseline.of(np.zeros(3), before)
+    quiet = monitor(flat, _AGREED, np.zeros(9), after, 1e-3)
+    reading2 = 3 / (before**-2.0).sum()
+    share = 0.2 * reading2 / after**2 / (0.2 * reading2 / after**2 + 0.8)
+    weight = before**-2.0 / (before**-2.0).sum()
+    noise2 = np.concatenate([before**2, after**2])
+    row = np.concatenate([weight, np.zeros(9)])
+    for t in range(9):
+        row = (1 - share[t]) * row + share[t] * np.eye(12)[3 + t]
+        minus_mean = row - np.concatenate([weight, np.zeros(9)])
+        assert quiet.readings[t] == pytest.approx(float(minus_mean**2 @ noise2), rel=1e-12)
+        assert quiet.between[t] == pytest.approx(float(minus_mean @ minus_mean), rel=1e-12)
+
+
+def test_a_limit_is_what_chance_exceeds_with_the_level() -> None:
+    rng = np.random.default_rng(5)
+    baseline = Baseline.of(np.array([0.0, 0.02, 0.01]), np.full(3, 0.02))
+    found = monitor(baseline, _AGREED, rng.normal(0, 0.02, 5), np.full(5, 0.02), 1e-3)
+    for limit, readings, between in zip(found.limits(1e-3), found.readings, found.between, strict=True):
+        chance = sum(
+            p * erfc(limit / sqrt(2 * (readings + between * t**2)))
+            for p, t in zip(found.probability, found.tau, strict=True)
+        )
+        assert chance == pytest.approx(1e-3, rel=1e-6)
+    assert np.array_equal(np.abs(found.deviation) > found.limits(1e-3), found.exceeded)
+
+
+def test_the_baseline_widens_the_limits() -> None:
+    """With three campaigns the smoothed mean of many is half as uncertain as the baseline's."""
+    found = monitor(
+        Baseline.of(np.zeros(3), np.full(3, 0.02)), _AGREED, np.zeros(40), np.full(40, 0.02), 0.01
+    )
+    asymptotic = 0.02**2 * (0.2 / 1.8 + 1 / 3)
+    assert found.readings[-1] == pytest.approx(asymptotic, rel=1e-3)
+
+
+def test_what_all_joints_scatter_beyond_their_uncertainties_is_pooled() -> None:
+    assert float(pooled_excess(12.0, 12)) == 0.0
+    assert float(pooled_excess(60.0, 12)) == pytest.approx(60.0 / stats.chi2.ppf(0.8, 12) - 1.0, rel=1e-12)
+
+
+def test_false_alarms_of_all_joints_add_up_to_the_rate() -> None:
+    assert alarm_level(6) * 6 * LIFE == pytest.approx(FALSE_ALARMS)
+
+
+def test_false_alarms_of_six_joints_are_below_the_rate() -> None:
+    """1,000 robots in control, with and without scatter between campaigns; the benchmark has 20,000."""
+    for rho in (0.0, 1.0):
+        rng = np.random.default_rng(7)
+        values = 0.02 * sqrt(1 + rho**2) * rng.standard_normal((1000, 6, 23))
+        baseline = Baseline.of(values[..., :3], np.full((1000, 6, 3), 0.02))
+        excess = pooled_excess(baseline.scatter.sum(-1), 12)[:, None] * np.ones(6)
+        after = values[..., 3:]
+        found = monitor(baseline, excess, after, np.full_like(after, 0.02), alarm_level(6))
+        assert found.exceeded.any(axis=(1, 2)).mean() <= 0.05
+
+
+def test_a_step_and_a_drift_raise_an_alarm_that_says_so() -> None:
+    step = charts_of([_series([14.0, 14.01, 13.99, 14.0, 13.7])], 3)[0]
+    assert step is not None
+    (alarm,) = alarms_of(step)
+    assert (alarm.first, alarm.last, alarm.is_open) == (4, 4, True)
+    assert "softer" in alarm.in_words("joint_3", "2026-03-01")
+    assert "since 2026-03-01" in alarm.in_words("joint_3", "2026-03-01")
+    drift = charts_of([_series([14.0, 14.0, 14.0, *(14.0 + 0.3 * 0.02 * k for k in range(1, 21))])], 3)[0]
+    assert drift is not None
+    (alarm,) = alarms_of(drift)
+    assert alarm.is_open
+    assert "stiffer" in alarm.in_words("joint_1", "x")
+
+
+def test_an_alarm_that_goes_away_is_closed_and_the_next_is_another() -> None:
+    values = [0.0, 0.0, 0.0, 0.5, *[0.0] * 12, -0.5]
+    chart = charts_of([_series(values)], 3)[0]
+    assert chart is not None
+    first, second = alarms_of(chart)
+    assert first.first == 3
+    assert not first.is_open
+    assert second.is_open
+    assert second.first == len(values) - 1
+
+
+def test_a_change_of_one_campaign_has_the_uncertainty_of_both() -> None:
+    chart = charts_of([_series([0.0, 0.0, 0.0, -0.1])], 3)[0]
+    assert chart is not None
+    change = chart.change(3)
+    assert change.difference == pytest.approx(-0.1)
+    assert change.standard_uncertainty >= 0.02 * sqrt(1 + 1 / 3)
+    assert change.relative == pytest.approx(exp(-0.1) - 1)
+
+
+def test_joints_with_too_few_campaigns_have_no_chart_and_count_for_none() -> None:
+    short, whole = _series([0.0, 0.1]), _series([0.0, 0.0, 0.0, 0.01])
+    assert charts_of([short], 3) == [None]
+    none, both = charts_of([short, whole], 3)
+    (alone,) = charts_of([whole], 3)
+    assert none is None
+    assert both is not None
+    assert alone is not None
+    assert both.limits == pytest.approx(alone.limits)
+
+
+def test_two_campaigns_are_compared_as_a_pair() -> None:
+    change = change_between(_series([10.0, 10.1], [0.03, 0.04]), 0, 1)
+    assert change.standard_uncertainty == pytest.approx(0.05)
+    assert change.p_value == pytest.approx(2 * stats.norm.sf(2.0))
+
+
+def test_only_joints_with_a_closed_interval_enter() -> None:
+    assert log_stiffness(1e-6, 1e-7) == pytest.approx((-log(1e-6), 0.1))
+    for compliance, u in ((0.0, 1e-8), (-1e-7, 1e-8), (1e-6, 3e-7), (None, 1e-8), (1e-6, None), (1e-6, 0.0)):
+        assert log_stiffness(compliance, u) is None
+
+
+def test_what_has_no_place_in_a_chart_is_refused() -> None:
+    for values, u in (([1.0, np.nan], [0.1, 0.1]), ([1.0], [0.0]), ([1.0], [0.1, 0.1])):
+        with pytest.raises(RequestError):
+            Series(np.array(values), np.array(u))
+    with pytest.raises(RequestError, match="baseline of 2"):
+        charts_of([_series([0.0, 0.0, 0.0])], 2)
