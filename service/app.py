@@ -27,6 +27,7 @@ from jointstiff.service.api import (
     deflections,
     health,
     imports,
+    install_description,
     install_error_handlers,
     install_page,
     keys,
@@ -98,8 +99,7 @@ def create_app(
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
         generate_unique_id_function=operation_id,
-        docs_url=None,  # its page loads scripts from other hosts
-        redoc_url=None,
+        openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
@@ -132,6 +132,7 @@ def create_app(
         app.include_router(module.router)
     for kind in KINDS:
         app.include_router(job_routes(kind))
+    install_description(app)
     install_page(app)
     install_error_handlers(app)
     app.add_middleware(Methods, routes=app.routes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jointstiff.service.api.description import install_description
 from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.headers import AnswerHeaders
@@ -23,6 +24,7 @@ __all__ = [
     "Posture",
     "PostureGuard",
     "Watch",
+    "install_description",
     "install_error_handlers",
     "install_page",
 ]

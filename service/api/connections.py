@@ -48,14 +48,14 @@ class BoundedProtocol(H11Protocol):
         WRITE_SECONDS: without a byte of the answer taken.
         LOOK_SECONDS: between two looks at the clock.
         BODY_BYTES: of all bodies that are received or worked on.
-        CONNECTIONS: open at once; the oldest that waits for a header makes room for a new one.
+        CONNECTIONS: open at once; the one that was silent for longest makes room for a new one.
     """
 
     HEADER_SECONDS: ClassVar[float] = 10.0
     BODY_SECONDS: ClassVar[float] = 30.0
     BODY_RATE: ClassVar[float] = 64 * 1024
-    WRITE_SECONDS: ClassVar[float] = 30.0
-    LOOK_SECONDS: ClassVar[float] = 2.0
+    WRITE_SECONDS: ClassVar[float] = 20.0
+    LOOK_SECONDS: ClassVar[float] = 1.0
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024
     CONNECTIONS: ClassVar[int] = connection_limit()
 
@@ -93,14 +93,23 @@ class BoundedProtocol(H11Protocol):
         self._phase = (self.conn.their_state, None)
         if len(self.connections) > self.CONNECTIONS:
             others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
-            silent = (one for one in others if one.awaits_header and not one.transport.is_closing())
-            min(silent, key=lambda one: one._since, default=self).transport.abort()
+            silent = (one for one in others if one.silence() > 0.0 and not one.transport.is_closing())
+            max(silent, key=BoundedProtocol.silence, default=self).transport.abort()
         self.loop.call_later(self.LOOK_SECONDS, self._look)
 
     @property
     def awaits_header(self) -> bool:
         """Return whether no request is under way."""
         return self.conn.their_state is h11.IDLE and self.conn.our_state is h11.IDLE
+
+    def silence(self) -> float:
+        """Return how long the client has sent no request, or taken nothing of an answer [s]."""
+        now = self.loop.time()
+        if self.awaits_header:
+            return now - self._since
+        is_stalled = 0 < self._unwritten <= self.transport.get_write_buffer_size()
+        stalled = now - self._written_at if is_stalled else 0.0
+        return stalled if stalled >= self.LOOK_SECONDS else 0.0  # one that reads is not seen to between looks
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless all bodies together are too large."""

@@ -6,6 +6,7 @@ import json
 import select
 import socket
 import sqlite3
+import time
 from contextlib import ExitStack, closing
 from urllib.parse import urlsplit
 
@@ -85,7 +86,6 @@ def test_a_body_has_its_time(serve, connect):
 
 def test_a_body_that_keeps_its_rate_has_more(serve):
     """Seven parts, each later than a body without a rate may take; the rate allows ten seconds a byte."""
-    import time
 
     def parts():
         for byte in b'{"name"':
@@ -115,6 +115,22 @@ def test_the_oldest_silent_connection_makes_room(serve, connect):
     assert ended(oldest) == b""
     connections[-1].sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
     assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
+
+
+def test_one_that_does_not_read_makes_room(serve, connect):
+    url = serve(CONNECTIONS=2, LOOK_SECONDS=0.05)
+    for _ in range(2):
+        connection = connect(url)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 50)
+    deadline = time.monotonic() + 30  # until it is seen that they do not read
+    while True:
+        try:
+            assert httpx.get(f"{url}/live").status_code == 204
+        except httpx.TransportError:
+            assert time.monotonic() < deadline
+        else:
+            return
 
 
 def test_unfinished_bodies_are_bounded_together(serve, connect):

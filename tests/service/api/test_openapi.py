@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from support.in_process import Client
 
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
@@ -12,6 +13,7 @@ from jointstiff.service.api.examples import DEFLECTIONS, IMPORTS, JOBS, MEASUREM
 from jointstiff.service.importing import SourceFile
 from jointstiff.service.jobs import KINDS, Stepped
 from jointstiff.service.resources import import_files
+from jointstiff.service.store import Store
 
 
 @pytest.mark.parametrize(
@@ -25,6 +27,14 @@ def test_bodies_and_errors_are_described(name, openapi):
     assert content["schema"]["$ref"].split("/")[-1] in openapi["components"]["schemas"]
     assert {"201", "413", "415", "422"} <= operation["responses"].keys()
     assert operation["description"]
+
+
+def test_the_description_is_answered_as_it_was_first_written(openapi):
+    with Store.open("sqlite://") as store:
+        client = Client(store)
+        assert client.get("/openapi.json").json() == openapi
+        client._app.openapi = None  # nobody asks it again
+        assert client.get("/openapi.json").json() == openapi
 
 
 def test_examples_are_valid():
