@@ -63,8 +63,8 @@ class Monitored:
 
     def limits(self, level: float) -> FloatArray:
         """Return the deviations (..., N) that chance exceeds with the probability `level`, by bisection."""
-        low = np.zeros_like(self.deviation)
-        high = 40.0 * np.sqrt(self.readings + self.between * self.tau.max(-1, keepdims=True) ** 2)
+        low: FloatArray = np.zeros_like(self.deviation)
+        high: FloatArray = 40.0 * np.sqrt(self.readings + self.between * self.tau.max(-1, keepdims=True) ** 2)
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             inside = _chance(middle, self.readings, self.between, self.tau, self.probability) > level
