@@ -13,7 +13,6 @@ from jointstiff.service.api.access import VIEWER, AccessRoute
 
 def install_description(app: FastAPI) -> None:
     """Answer at /openapi.json. FastAPI's own route writes it anew each time, and keeps all others waiting."""
-
     writing = Lock()  # of eight who ask at once one writes
 
     @cache
