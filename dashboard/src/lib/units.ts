@@ -25,6 +25,9 @@ export const STIFFNESS_UNITS: Record<StiffnessUnit, Unit> = {
 
 export const UNIT_NAMES = Object.keys(STIFFNESS_UNITS) as StiffnessUnit[];
 
+/** The unit in which stiffnesses are typed: the page's, or the literature's where that is a compliance. */
+export const formUnit = (unit: StiffnessUnit): Unit => STIFFNESS_UNITS[STIFFNESS_UNITS[unit].inverse ? "MNm" : unit];
+
 /** A stiffness [N·m/rad] in a unit. */
 export function inUnit(stiffness: number, unit: StiffnessUnit): number {
   const { factor, inverse } = STIFFNESS_UNITS[unit];

@@ -1,63 +1,25 @@
 /** How to identify: the method in words, and the rest folded away. */
-import type { Method } from "../api/types";
+import type { Elasticity, Loss, Method, Problem } from "../api/types";
 import { Choice, Select, Toggle } from "../components/basics";
+import { Faults } from "../components/fields";
 import type { Facts } from "../lib/campaign";
+import { entriesOf } from "../lib/entries";
+import { faultsAt } from "../lib/faults";
+import { lossesOf, type Options } from "../lib/run_options";
 import { text } from "../i18n";
 
-export interface Options {
-  method: Method;
-  positive: boolean;
-  loss: string;
-  complementary: boolean;
-  resample: boolean;
-  repetitions: number;
-  size: number;
-  confidence: string;
-  elasticity: string;
-}
-
-export const initialOptions: Options = {
-  method: "partial_pose",
-  positive: true,
-  loss: "",
-  complementary: false,
-  resample: false,
-  repetitions: 1000,
-  size: 10,
-  confidence: "0.95",
-  elasticity: "joints",
-};
-
 const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
-
-/** The request of a run. */
-export function requestOf(set: string, options: Options): Record<string, unknown> {
-  return {
-    measurement_set_id: set,
-    method: options.method,
-    positive: options.positive,
-    loss: lossesOf(options.elasticity).includes(options.loss) ? options.loss : null,
-    complementary_stiffness: options.complementary ? "included" : "neglected",
-    confidence: Number(options.confidence),
-    elasticity: options.elasticity,
-    resampling: options.resample ? { size: options.size, repetitions: options.repetitions, seed: 1 } : null,
-  };
-}
-
-/** Losses that go with an elasticity, besides the default. */
-function lossesOf(elasticity: string): string[] {
-  if (elasticity === "automatic") return [];
-  return elasticity === "joints" ? ["squared", "huber"] : ["squared", "huber", "absolute"];
-}
 
 export function MethodForm({
   options,
   change,
   facts,
+  problem,
 }: {
   options: Options;
   change: (options: Options) => void;
   facts: Facts | null;
+  problem: Problem | null;
 }) {
   const set = (part: Partial<Options>) => change({ ...options, ...part });
   const few = facts !== null && facts.targets.length < 3;
@@ -78,6 +40,7 @@ export function MethodForm({
           };
         })}
       />
+      <Faults faults={faultsAt(problem, "method")} />
       <details class="options-more">
         <summary>{text.start.more}</summary>
         <div class="grid">
@@ -108,17 +71,17 @@ export function MethodForm({
             label={text.options.elasticity}
             hint={text.options.elasticityHint}
             value={options.elasticity}
-            change={(elasticity) => set({ elasticity })}
-            options={Object.entries(text.elasticities).map(([value, label]) => ({ value, label }))}
+            change={(elasticity) => set({ elasticity: elasticity as Elasticity })}
+            options={entriesOf(text.elasticities).map(([value, label]) => ({ value, label }))}
           />
           <Select
             label={text.options.loss}
             hint={text.options.lossHint}
             value={options.loss}
-            change={(loss) => set({ loss })}
+            change={(loss) => set({ loss: loss as Loss | "" })}
             options={[
               { value: "", label: text.options.lossDefault },
-              ...Object.entries(text.losses)
+              ...entriesOf(text.losses)
                 .filter(([value]) => lossesOf(options.elasticity).includes(value))
                 .map(([value, label]) => ({ value, label })),
             ]}

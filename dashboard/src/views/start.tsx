@@ -7,15 +7,23 @@ import { Busy, Empty, ProblemNote, Prose, Select, Title, Warnings } from "../com
 import { DropZone } from "../components/drop";
 import { Preview } from "../components/preview";
 import { type Campaign, factsOf, understand } from "../lib/campaign";
+import { elsewhere } from "../lib/faults";
 import { contentKey, freshKey } from "../lib/hash";
+import { NOISE_AS_READ, statesNoise } from "../lib/noise";
+import { initialOptions, type Options, requestOf } from "../lib/run_options";
+import { formUnit } from "../lib/units";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
 import { go, link } from "../state/router";
+import { useSettings } from "../state/settings";
 import { storedSet } from "../state/stored";
 import { type FileFault, text } from "../i18n";
-import { initialOptions, MethodForm, type Options, requestOf } from "./method_form";
+import { MethodForm } from "./method_form";
+import { MoreSettings, SETTINGS_FIELDS } from "./more_settings";
+import { NoiseForm } from "./noise_form";
 import { RunList } from "./run_list";
+import { withNoise } from "./variants";
 
 const MAX_BYTES = 8 * 1024 * 1024;
 const FROM_FILE = "file";
@@ -30,6 +38,8 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const [robot, setRobot] = useState(query.get("robot") ?? "");
   const [storedId, setStoredId] = useState(query.get("set") ?? "");
   const [options, setOptions] = useState<Options>(initialOptions);
+  const [noise, setNoise] = useState(NOISE_AS_READ);
+  const { factor } = formUnit(useSettings().unit);
   const campaign = opened && "campaign" in opened ? opened.campaign : null;
 
   const take = async (file: File) => {
@@ -55,7 +65,8 @@ export function StartView({ query }: { query: URLSearchParams }) {
   }, [campaign, chosenRobot, storedId, set?.robot_id]);
   const identify = useAction(async () => {
     if (!set) return;
-    const run = await api.addRun(requestOf(set.id, options), freshKey("run"));
+    const read = statesNoise(noise) ? await withNoise(set, noise) : set;
+    const run = await api.addRun(requestOf(read.id, options, 1 / factor), freshKey("run"));
     go(link(["runs", run.id]));
   });
 
@@ -144,10 +155,20 @@ export function StartView({ query }: { query: URLSearchParams }) {
             <span class="step">3</span>
             {text.start.method}
           </h2>
-          <MethodForm options={options} change={setOptions} facts={facts} />
+          <MethodForm options={options} change={setOptions} facts={facts} problem={identify.problem} />
+          <MoreSettings
+            options={options}
+            change={(part) => setOptions((before) => ({ ...before, ...part }))}
+            joints={
+              known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot))?.joints.map((j) => j.name) ?? []
+            }
+            problem={identify.problem}
+          >
+            <NoiseForm noise={noise} change={setNoise} problem={identify.problem} />
+          </MoreSettings>
         </section>
         <div class={set ? "gobar wide ready" : "gobar wide"}>
-          {identify.problem && <ProblemNote problem={identify.problem} />}
+          {identify.problem && <ProblemNote problem={elsewhere(identify.problem, SETTINGS_FIELDS)} />}
           <div class="go">
             <button type="button" class="button primary big" disabled={!set || identify.busy} onClick={identify.run}>
               {identify.busy ? text.start.going : text.start.go}

@@ -3,6 +3,7 @@ import { api } from "../api/client";
 import type { Action, MeasurementSet, Run, RunRequest } from "../api/types";
 import { corrected, withJointMap } from "../lib/corrections";
 import { contentKey } from "../lib/hash";
+import { noiseOf, type StatedNoise } from "../lib/noise";
 import { namesChanged } from "../state/names";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
@@ -39,9 +40,20 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
 const post = (request: RunRequest): Promise<Run> => api.addRun(request, contentKey("run", request));
 
 async function onOtherSet(request: RunRequest, document: Bare): Promise<Run> {
+  const added = await stored(document);
+  return post({ ...request, measurement_set_id: added.id });
+}
+
+/** The set with another noise, stored as a set of its own. */
+export async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
+  const name = `${set.name} (${text.assessment.corrected.noise})`;
+  return stored({ ...bare(set), name, noise: noiseOf(noise, set.noise, set.units) });
+}
+
+async function stored(document: unknown): Promise<MeasurementSet> {
   const added = await api.addSet(document, contentKey("set", document));
   namesChanged();
-  return post({ ...request, measurement_set_id: added.id });
+  return added;
 }
 
 export type Bare = Omit<

@@ -1,0 +1,56 @@
+// @vitest-environment happy-dom
+import { useState } from "preact/hooks";
+import { describe, expect, it } from "vitest";
+import type { Problem } from "../../src/api/types";
+import { initialOptions, type Options, requestOf } from "../../src/lib/run_options";
+import { MoreSettings } from "../../src/views/more_settings";
+import { drawn, press, settled } from "./drawn";
+
+let request: Record<string, unknown> = {};
+
+function Form({ problem = null }: { problem?: Problem | null }) {
+  const [options, set] = useState<Options>(initialOptions);
+  request = requestOf("s", options, 1e6);
+  return (
+    <MoreSettings
+      options={options}
+      change={(part) => set((before) => ({ ...before, ...part }))}
+      joints={["joint_1", "joint_2"]}
+      problem={problem}
+    />
+  );
+}
+
+const typed = (root: HTMLElement, label: string, value: string) =>
+  settled(() => {
+    const box = root.querySelector<HTMLInputElement>(`[aria-label="${label}"]`);
+    if (!box) throw new Error(`no field ${label}`);
+    box.value = value;
+    box.dispatchEvent(new Event(box.tagName === "SELECT" ? "change" : "input", { bubbles: true }));
+  });
+
+describe("more settings", () => {
+  it("collects bounds and orders by joint", async () => {
+    const root = await drawn(<Form />);
+    await typed(root, "Least, joint_2", "1.5");
+    await press(root, "Add an order");
+    await typed(root, "Stiffer joint", "joint_1");
+    await typed(root, "Softer joint", "joint_2");
+    expect(request).toEqual({
+      measurement_set_id: "s",
+      stiffness_bounds: { joint_2: [1.5e6, null] },
+      stiffness_order: [["joint_1", "joint_2"]],
+    });
+  });
+
+  it("opens where the service found a fault, and says it at its field", async () => {
+    const fault = { where: "stiffness_bounds.joint_2[0]", reason: "must be at least 1", remedy: null };
+    const root = await drawn(
+      <Form problem={{ detail: "", where: fault.where, errors: [fault] } as unknown as Problem} />,
+    );
+    expect(root.querySelector("details")?.open).toBe(true);
+    const row = root.querySelector("[aria-label='Least, joint_2']")?.closest("tr");
+    expect(row?.textContent).toContain("must be at least 1");
+    expect(root.textContent?.split("must be at least 1")).toHaveLength(2);
+  });
+});

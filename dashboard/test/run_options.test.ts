@@ -1,0 +1,109 @@
+import { describe, expect, it } from "vitest";
+import type { Problem } from "../src/api/types";
+import { elsewhere, faultsAt } from "../src/lib/faults";
+import { NOISE_AS_READ, noiseOf, statesNoise } from "../src/lib/noise";
+import { initialOptions, requestOf } from "../src/lib/run_options";
+
+describe("request of a run", () => {
+  it("does not send defaults that were left alone", () => {
+    expect(requestOf("s", initialOptions)).toEqual({ measurement_set_id: "s" });
+  });
+
+  it("sends bounds, priors and orders of the joints where something was typed, in N·m/rad", () => {
+    const options = {
+      ...initialOptions,
+      bounds: { joint_2: ["1.5", ""], joint_3: ["", " "] } as Record<string, [string, string]>,
+      priors: { joint_5: ["0,4", "x"] } as Record<string, [string, string]>,
+      orders: [["joint_2", "joint_4"] as [string, string], ["", ""] as [string, string]],
+    };
+    expect(requestOf("s", options, 1e6)).toEqual({
+      measurement_set_id: "s",
+      stiffness_bounds: { joint_2: [1.5e6, null] },
+      priors: { joint_5: { stiffness: 4e5, standard_uncertainty: "x" } },
+      stiffness_order: [["joint_2", "joint_4"]],
+    });
+  });
+
+  it("leaves out what another choice has no use for", () => {
+    const typed = {
+      ...initialOptions,
+      loss: "huber" as const,
+      huberThreshold: "2",
+      characteristicLength: "1.5",
+      linkPenalty: "0.1",
+      links: ["joint_2"],
+      folds: "4",
+    };
+    expect(requestOf("s", typed)).toEqual({ measurement_set_id: "s", loss: "huber", huber_threshold: 2 });
+    expect(requestOf("s", { ...typed, elasticity: "automatic" })).toEqual({
+      measurement_set_id: "s",
+      elasticity: "automatic",
+      links: ["joint_2"],
+      cross_validation: { folds: 4 },
+    });
+  });
+});
+
+describe("noise", () => {
+  const units = { length: "mm", angle: "deg", force: "N", moment: null } as const;
+
+  it("is that of the readings until something is stated", () => {
+    expect(statesNoise(NOISE_AS_READ)).toBe(false);
+    expect(noiseOf(NOISE_AS_READ, null, units)).toBeNull();
+  });
+
+  it("goes in the units of the set; what is not stated stays", () => {
+    const before = { sigma: 0.02, instrument: null, encoder_sigma: 1e-4, force: null };
+    expect(noiseOf({ ...NOISE_AS_READ, forceScale: "0.5" }, before, units)).toEqual({
+      sigma: 0.02,
+      encoder_sigma: 1e-4,
+      force: { scale: 0.005, direction: 0 },
+    });
+    expect(noiseOf({ ...NOISE_AS_READ, kind: "residuals" }, { ...before, encoder_sigma: null }, units)).toBeNull();
+    const sheet = {
+      ...NOISE_AS_READ,
+      kind: "instrument" as const,
+      station: "-2 0.5 1",
+      range: ["10", "0"] as [string, string],
+    };
+    expect(noiseOf({ ...sheet, transverse: ["15", "6"] }, null, units)).toEqual({
+      instrument: {
+        station: [-2000, 500, 1000],
+        range: { constant: 0.01, per_distance: 0 },
+        transverse: { constant: 0.015, per_distance: 6e-6 },
+      },
+    });
+  });
+});
+
+describe("faults at their fields", () => {
+  const problem = {
+    detail: "2 faults; first: …",
+    where: "priors.joint_2.stiffness",
+    remedy: null,
+    errors: [
+      { where: "priors.joint_2.stiffness", reason: "must be a number", remedy: "give a number" },
+      { where: "stiffness_bounds.joint_2[0]", reason: "must be at least 1", remedy: null },
+    ],
+  } as unknown as Problem;
+
+  it("finds what is at a path or within it, not what only begins alike", () => {
+    expect(faultsAt(problem, "priors.joint_2")).toEqual(["must be a number: give a number"]);
+    expect(faultsAt(problem, "stiffness_bounds")).toEqual(["must be at least 1"]);
+    expect(faultsAt(problem, "prior")).toEqual([]);
+    expect(faultsAt(null, "priors")).toEqual([]);
+  });
+
+  it("leaves to the note what stands at no field", () => {
+    expect(elsewhere(problem, ["priors"])).toMatchObject({
+      where: null,
+      errors: [{ where: "stiffness_bounds.joint_2[0]" }],
+    });
+    expect(elsewhere(problem, ["noise"])).toEqual(problem);
+  });
+
+  it("takes a problem of one fault, too", () => {
+    const one = { ...problem, errors: [], where: "weighting", detail: "needs rotations" } as Problem;
+    expect(faultsAt(one, "weighting")).toEqual(["needs rotations"]);
+  });
+});
