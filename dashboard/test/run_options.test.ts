@@ -53,13 +53,22 @@ describe("noise", () => {
   });
 
   it("goes in the units of the set; what is not stated stays", () => {
-    const before = { sigma: 0.02, instrument: null, encoder_sigma: 1e-4, force: null };
+    const before = {
+      sigma: 0.02,
+      instrument: null,
+      encoder_sigma: 1e-4,
+      force: null,
+      load_point: null,
+      target_places: 0.5,
+    };
     expect(noiseOf({ ...NOISE_AS_READ, forceScale: "0.5" }, before, units)).toEqual({
       sigma: 0.02,
       encoder_sigma: 1e-4,
       force: { scale: 0.005, direction: 0 },
+      target_places: 0.5,
     });
-    expect(noiseOf({ ...NOISE_AS_READ, kind: "residuals" }, { ...before, encoder_sigma: null }, units)).toBeNull();
+    const alone = { ...before, encoder_sigma: null, target_places: null };
+    expect(noiseOf({ ...NOISE_AS_READ, kind: "residuals" }, alone, units)).toBeNull();
     const sheet = {
       ...NOISE_AS_READ,
       kind: "instrument" as const,

@@ -21,6 +21,9 @@ export interface StatedNoise {
   forceScale: string;
   /** mrad. */
   forceDirection: string;
+  /** mm. */
+  loadPoint: string;
+  targetPlaces: string;
 }
 
 export const NOISE_AS_READ: StatedNoise = {
@@ -32,13 +35,21 @@ export const NOISE_AS_READ: StatedNoise = {
   encoder: "",
   forceScale: "",
   forceDirection: "",
+  loadPoint: "",
+  targetPlaces: "",
 };
 
 const MICRO = 1e-6;
 
 /** Whether anything is stated that the readings do not say. */
-export const statesNoise = ({ kind, encoder, forceScale, forceDirection }: StatedNoise): boolean =>
-  kind !== "" || [encoder, forceScale, forceDirection].some((typed) => typed.trim() !== "");
+export const statesNoise = ({
+  kind,
+  range: _,
+  transverse: _t,
+  sigma: _s,
+  station: _at,
+  ...common
+}: StatedNoise): boolean => kind !== "" || Object.values(common).some((typed) => typed.trim() !== "");
 
 /** The noise to post with a set in `units` that had the noise `before`; what is no number goes as it was typed. */
 export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units): unknown {
@@ -63,10 +74,14 @@ export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units)
   const scale = posted(stated.forceScale, 0.01);
   const direction = posted(stated.forceDirection, 1e-3);
   const noise = {
+    ...before,
+    ...{ sigma: null, instrument: null },
     ...tracker,
     encoder_sigma: posted(stated.encoder, MICRO / angle) ?? before?.encoder_sigma ?? null,
     force:
       scale === null && direction === null ? (before?.force ?? null) : { scale: scale ?? 0, direction: direction ?? 0 },
+    load_point: posted(stated.loadPoint, 1e-3 / length) ?? before?.load_point ?? null,
+    target_places: posted(stated.targetPlaces, 1e-3 / length) ?? before?.target_places ?? null,
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined);
   return said.length === 0 ? null : Object.fromEntries(said);

@@ -90,6 +90,22 @@ export function NoiseForm({
           faults={at("force.direction")}
         />
         <NumberField
+          label={words.loadPoint}
+          unit={text.units.mm}
+          help={words.loadPointHelp}
+          value={noise.loadPoint}
+          change={(loadPoint) => set({ loadPoint })}
+          faults={at("load_point")}
+        />
+        <NumberField
+          label={words.targetPlaces}
+          unit={text.units.mm}
+          help={words.targetPlacesHelp}
+          value={noise.targetPlaces}
+          change={(targetPlaces) => set({ targetPlaces })}
+          faults={at("target_places")}
+        />
+        <NumberField
           label={words.encoder}
           unit="µrad"
           help={words.encoderHelp}
