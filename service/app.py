@@ -25,6 +25,7 @@ from jointstiff.service.api import (
     audit,
     comparisons,
     deflections,
+    exports,
     health,
     imports,
     install_description,
@@ -125,6 +126,7 @@ def create_app(
         maps,
         programs,
         deflections,
+        exports,
         health,
     ):
         app.include_router(module.router)

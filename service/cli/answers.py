@@ -44,13 +44,22 @@ def refuse_existing(path: Path, *, overwrite: bool) -> None:
         raise failed(f"{path} exists", "choose another name, or --overwrite")
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file.
+
+    Raises:
+        typer.Exit: it cannot be written.
+    """
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise failed(f"cannot write {path}: {error.strerror}", "choose another path") from error
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file of lines.
 
     Raises:
         typer.Exit: it cannot be written.
     """
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise failed(f"cannot write {path}: {error.strerror}", "choose another path") from error
+    write_bytes(path, f"{text}\n".encode())

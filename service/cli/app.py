@@ -8,6 +8,7 @@ import typer
 
 from jointstiff.service.cli.compensate import compensate
 from jointstiff.service.cli.database import backup, doctor, restore
+from jointstiff.service.cli.export import export
 from jointstiff.service.cli.geometry import geometry
 from jointstiff.service.cli.identify import compare, identify, pair
 from jointstiff.service.cli.imports import import_readings
@@ -39,6 +40,7 @@ for command in (
     pair,
     predict,
     compensate,
+    export,
     serve,
     worker,
     post,

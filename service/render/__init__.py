@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jointstiff.service.render.program_table import program_report
     from jointstiff.service.render.run_table import run_report
     from jointstiff.service.render.stiffness import UNITS
-    from jointstiff.service.render.terminal import console, problem_text, progress_bar
+    from jointstiff.service.render.terminal import METHOD_NAMES, console, problem_text, progress_bar
 else:
     __getattr__ = names_of(
         __name__,
@@ -31,10 +31,11 @@ else:
         program_table="program_report",
         run_table="run_report",
         stiffness="UNITS",
-        terminal="console problem_text progress_bar",
+        terminal="METHOD_NAMES console problem_text progress_bar",
     )
 
 __all__ = [
+    "METHOD_NAMES",
     "UNITS",
     "comparison_report",
     "console",

@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
@@ -84,6 +85,12 @@ class ChainJoint:
     def is_moving(self) -> bool:
         """Return whether the joint has an angle."""
         return self.kind == "revolute"
+
+    @property
+    def roll_pitch_yaw(self) -> tuple[float, float, float]:
+        """Return the rotation as angles about the parent link's fixed x, y and z axes [rad]."""
+        roll, pitch, yaw = pin.rpy.matrixToRpy(self.rotation)
+        return float(roll), float(pitch), float(yaw)
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,8 +96,8 @@ def write_urdf(chain: KinematicChain) -> str:
         element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.kind)
         ElementTree.SubElement(element, "parent", link=parent)
         ElementTree.SubElement(element, "child", link=joint.child)
-        rpy = pin.rpy.matrixToRpy(joint.rotation)
-        ElementTree.SubElement(element, "origin", xyz=_numbers(joint.translation), rpy=_numbers(rpy))
+        xyz, rpy = _numbers(joint.translation), _numbers(joint.roll_pitch_yaw)
+        ElementTree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
         if joint.is_moving:
             lower, upper = joint.limits or (-UNLIMITED_ANGLE, UNLIMITED_ANGLE)
             ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))

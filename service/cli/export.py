@@ -1,0 +1,56 @@
+"""The command `export`: an identified model as a file for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from jointstiff.service.cli.answers import refuse_existing, refused, write_bytes
+from jointstiff.service.cli.options import CampaignFile, Overwrite, RunFile
+
+if TYPE_CHECKING:
+    from jointstiff.service.exporting import ModelFormat
+
+_FORMATS: Final[dict[str, ModelFormat]] = {
+    ".csv": "csv",
+    ".xlsx": "xlsx",
+    ".urdf": "urdf",
+    ".sdf": "sdf",
+    ".mjcf": "mjcf",
+    ".xml": "mjcf",
+}
+
+
+def export(
+    file: CampaignFile,
+    *,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Write it there: .csv, .xlsx, .urdf, .sdf, .mjcf, or .xml, which is MJCF.",
+        ),
+    ],
+    run: RunFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Export a campaign's model: stiffness and intervals as a table, or springs for a simulator."""
+    from jointstiff.schemas.run import Run
+    from jointstiff.service.library import CampaignError, models, read_campaign
+    from jointstiff.service.library.campaigns import read_document
+
+    found = _FORMATS.get(output.suffix.lower())
+    if found is None:
+        raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
+    refuse_existing(output, overwrite=overwrite)
+    try:
+        measured = None if run is None else read_document(run, Run)
+        content = models.exported(read_campaign(file), found, measured)
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    write_bytes(output, content)
+    typer.echo(f"{output}: {len(content):,} bytes")

@@ -1,0 +1,21 @@
+"""Identified models as files that other programs load: tables, workbooks, URDF, SDF and MJCF."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jointstiff.solver.doors import names_of
+
+if TYPE_CHECKING:
+    from jointstiff.service.exporting.formats import FORMATS, Format, ModelFormat, export_model
+    from jointstiff.service.exporting.model import ExportedModel
+    from jointstiff.service.exporting.tables import joints_csv
+else:
+    __getattr__ = names_of(
+        __name__,
+        formats="FORMATS Format ModelFormat export_model",
+        model="ExportedModel",
+        tables="joints_csv",
+    )
+
+__all__ = ["FORMATS", "ExportedModel", "Format", "ModelFormat", "export_model", "joints_csv"]

@@ -1,0 +1,47 @@
+"""Formats of exports, by the end of a file's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal
+
+from jointstiff.service.exporting.mjcf import mjcf
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.exporting.sdf import sdf
+from jointstiff.service.exporting.tables import joints_csv
+from jointstiff.service.exporting.urdf import urdf
+from jointstiff.service.exporting.workbook import workbook
+
+ModelFormat = Literal["csv", "xlsx", "urdf", "sdf", "mjcf"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format.
+
+    Attributes:
+        write: writes a model.
+        media_type: for HTTP.
+    """
+
+    write: Callable[[ExportedModel], bytes]
+    media_type: str
+
+
+_XML: Final = "application/xml"
+FORMATS: Final[Mapping[ModelFormat, Format]] = MappingProxyType(
+    {
+        "csv": Format(joints_csv, "text/csv"),
+        "xlsx": Format(workbook, "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+        "urdf": Format(urdf, _XML),
+        "sdf": Format(sdf, _XML),
+        "mjcf": Format(mjcf, _XML),
+    }
+)
+
+
+def export_model(model: ExportedModel, name: ModelFormat) -> bytes:
+    """Return a model as a file of a format."""
+    return FORMATS[name].write(model)

@@ -1,0 +1,123 @@
+"""A run as every export states it: springs, joints without one, and the source of the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.schemas.run import JointResult, Run, RunResult
+from jointstiff.service.render import METHOD_NAMES, UNITS
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
+
+_UNIT = UNITS["MNm/rad"]
+_VERDICTS = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
+PLACEHOLDERS = (
+    "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add those of "
+    "the robot for dynamics or own weight."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedModel:
+    """A run with the robot that was measured, ready to be written.
+
+    Attributes:
+        run: the run.
+        result: its result.
+        robot: the robot.
+        name: of the robot.
+        geometry_id: of the geometry that was identified; None if the robot is as it was described.
+    """
+
+    run: Run
+    result: RunResult
+    robot: Robot
+    name: str
+    geometry_id: str | None = None
+
+    @classmethod
+    def of(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
+        """Return the model of a run.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        if run.result is None:
+            raise RequestError(
+                f"run '{run.id}' has {run.state} and has no model",
+                where="run_id",
+                remedy="name one that succeeded",
+            )
+        return cls(run, run.result, robot, name, geometry_id)
+
+    @property
+    def chain(self) -> KinematicChain:
+        """Return the kinematics."""
+        return self.robot.chain
+
+    def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
+        """Yield each moving joint with its result and its stiffness [N·m/rad]; None where there is none."""
+        for joint, found in zip(self.chain.revolute, self.result.joints, strict=True):
+            yield joint, found, stiffness_of(found)
+
+    def remarks(self) -> list[str]:
+        """Return what holds for all of the file."""
+        provenance, request = self.run.provenance, self.run.request
+        constraint = "compliances not negative" if request.positive else "unconstrained"
+        lines = [
+            f"Joint stiffness of {self.name}, identified from laser-tracker readings by jointstiff "
+            f"{provenance.versions.get('jointstiff', '')}.",
+            f"Run {self.run.id} of {provenance.created_at.isoformat()}; SHA-256 of its input: "
+            f"{provenance.input_hash}.",
+            f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
+            f"Intervals at {100 * request.confidence:g} %.",
+            f"Verdict on the result: {_VERDICTS[self.result.assessment.verdict]}.",
+            "Geometry: of the robot as it was described, not identified."
+            if self.geometry_id is None
+            else f"Geometry: as identified, geometry {self.geometry_id}.",
+            "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame "
+            f"of the link {self.chain.base}.",
+        ]
+        return [*lines, *self._limits()]
+
+    def _limits(self) -> Iterator[str]:
+        joint_map = self.robot.joint_map
+        n = len(joint_map.offset)
+        if not (np.array_equal(joint_map.matrix, np.eye(n)) and not joint_map.offset.any()):
+            yield (
+                "The controller shows other angles: model angles = matrix · controller angles + offset, with "
+                f"the matrix {joint_map.matrix.tolist()} and the offset {joint_map.offset.tolist()} rad."
+            )
+        if self.result.links is not None:
+            yield (
+                "The run found that links or a coupling of joints bend, too. They are not in this file: each "
+                "stiffness is that of the joint together with its link's rotation about its axis."
+            )
+
+    def remark_on(self, joint: JointResult) -> str:
+        """Return the stiffness of a joint with its interval, or why there is none."""
+        verdict = f"verdict: {_VERDICTS[joint.verdict]}"
+        if stiffness_of(joint) is None:
+            return f"{joint.name}: no stiffness: {why_no_stiffness(joint)}; {verdict}"
+        value, _, interval = _UNIT.cells(joint)
+        level = f"{100 * self.run.request.confidence:g} % interval {interval}"
+        return f"{joint.name}: {value} · {_UNIT.label} ({level}); {verdict}"
+
+
+def stiffness_of(joint: JointResult) -> float | None:
+    """Return the stiffness that a spring can have [N·m/rad]; None if the run gives no such number."""
+    return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
+
+
+def why_no_stiffness(joint: JointResult) -> str:
+    """Return why the run gives no stiffness that a spring can have."""
+    if joint.compliance is None:
+        return joint.reason or "the readings cannot determine it"
+    if joint.compliance < 0.0:
+        return "the estimate is negative, which no spring is: identify with compliances not negative"
+    least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
+    bound = "" if least is None else f"; it is at least {least / 1e6:.3g} {_UNIT.label}"
+    return f"the readings cannot distinguish the joint from rigid{bound}"

@@ -1,0 +1,81 @@
+"""A run as an SDFormat model: torsion springs about the posture of all zeros."""
+
+from __future__ import annotations
+
+from typing import Final
+from xml.etree import ElementTree
+
+from jointstiff.service.exporting.model import PLACEHOLDERS, ExportedModel
+from jointstiff.service.exporting.xml import Element, add, add_remarks, comment, numbers, written
+from jointstiff.solver.robot import ChainJoint
+
+_VERSION: Final = "1.9"
+_NO_LIMIT: Final = 1e16  # of the format
+_SPRINGS: Final = (
+    "Each spring pulls its joint to spring_reference: the angle that the controller commands, which is zero "
+    "here. For another posture write its model angles there."
+)
+_FREE: Final = "A joint without a stiffness has no spring here and moves freely: hold it by a controller."
+
+
+def sdf(model: ExportedModel) -> bytes:
+    """Return a model whose joints have `spring_stiffness` and `spring_reference`.
+
+    Links are placed relative to the link that carries them; each joint has its child's frame. SDFormat wants
+    names unlike each other over links and joints: a link that is named as a joint is named `…_link`.
+    """
+    chain = model.chain
+    root = ElementTree.Element("sdf", version=_VERSION)
+    arm = add(root, "model", name=model.name)
+    add_remarks(arm, model, _SPRINGS, _FREE, PLACEHOLDERS)
+    taken = {joint.name for joint in chain.joints} | {"world"}
+    springs = {joint.name: stiffness for joint, _, stiffness in model.springs()}
+    parent = _link(arm, chain.base, taken)
+    add_joint(arm, _unlike("base_to_world", taken), "fixed", "world", parent)
+    for joint in chain.joints:
+        child = _link(arm, joint.child, taken, joint, parent)
+        element = add_joint(arm, joint.name, joint.kind, parent, child)
+        if joint.is_moving:
+            _axis(element, joint, springs[joint.name])
+        parent = child
+    for joint, found, _ in model.springs():
+        element = next(each for each in arm.iter("joint") if each.get("name") == joint.name)
+        comment(element, model.remark_on(found))
+    return written(root)
+
+
+def add_joint(arm: Element, name: str, kind: str, parent: str, child: str) -> Element:
+    """Add a joint between two links."""
+    element = add(arm, "joint", name=name, type=kind)
+    add(element, "parent", parent)
+    add(element, "child", child)
+    return element
+
+
+def _link(arm: Element, name: str, taken: set[str], joint: ChainJoint | None = None, parent: str = "") -> str:
+    name = _unlike(name, taken)
+    link = add(arm, "link", name=name)
+    if joint is not None:
+        add(link, "pose", numbers([*joint.translation, *joint.roll_pitch_yaw]), relative_to=parent)
+    add(link, "gravity", "false")
+    return name
+
+
+def _unlike(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name = f"{name}_link"
+    taken.add(name)
+    return name
+
+
+def _axis(element: Element, joint: ChainJoint, stiffness: float | None) -> None:
+    axis = add(element, "axis")
+    add(axis, "xyz", numbers(joint.axis))
+    limit = add(axis, "limit")
+    lower, upper = joint.limits or (-_NO_LIMIT, _NO_LIMIT)
+    add(limit, "lower", numbers([lower]))
+    add(limit, "upper", numbers([upper]))
+    if stiffness is not None:
+        dynamics = add(axis, "dynamics")
+        add(dynamics, "spring_reference", "0.0")
+        add(dynamics, "spring_stiffness", numbers([stiffness]))

@@ -1,0 +1,113 @@
+"""A run as tables: joints with their intervals, kinematics, provenance and warnings; units in the headers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from typing import Any, Final
+
+from jointstiff.schemas.run import JointResult
+from jointstiff.service.conversion import guarded
+from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
+
+Cell = str | float | None
+Table = list[dict[str, Cell]]
+"""Rows by header; all rows have the same headers."""
+
+_PLACE: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
+_AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
+
+
+def joints_table(model: ExportedModel) -> Table:
+    """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
+    budgets: list[str] = []
+    for joint in model.result.joints:
+        budgets += [name for name in _contributions(joint) if name not in budgets]
+    return [_joint_row(model, joint, budgets) for joint in model.result.joints]
+
+
+def _joint_row(model: ExportedModel, joint: JointResult, budgets: Iterable[str]) -> dict[str, Cell]:
+    bounds, contributions = joint.one_sided, _contributions(joint)
+    no_reason = stiffness_of(joint) is not None
+    return {
+        "joint": joint.name,
+        "status": joint.status,
+        "verdict": joint.verdict,
+        "reason": joint.reason if no_reason else why_no_stiffness(joint),
+        "stiffness [N.m/rad]": joint.stiffness,
+        **_ends("stiffness {} [N.m/rad]", joint.stiffness_interval),
+        "stiffness at least, one-sided [N.m/rad]": None if bounds is None else bounds.stiffness_at_least,
+        "stiffness at most, one-sided [N.m/rad]": None if bounds is None else bounds.stiffness_at_most,
+        "compliance [rad/(N.m)]": joint.compliance,
+        "compliance standard uncertainty [rad/(N.m)]": joint.standard_uncertainty,
+        **_ends("compliance {} [rad/(N.m)]", joint.compliance_interval),
+        **{f"contribution {name} [rad/(N.m)]": contributions.get(name) for name in budgets},
+        "confidence of the intervals [1]": model.run.request.confidence,
+        "run": model.run.id,
+        "input SHA-256": model.run.provenance.input_hash,
+    }
+
+
+def _contributions(joint: JointResult) -> dict[str, float]:
+    """Return the contributions to a joint's standard uncertainty, by name [rad/(N·m)]."""
+    budget = {} if joint.budget is None else joint.budget.model_dump()
+    return {name.replace("_", " "): value for name, value in budget.items() if isinstance(value, float)}
+
+
+def _ends(header: str, ends: tuple[float, float | None] | None) -> dict[str, Cell]:
+    low, high = (None, None) if ends is None else ends
+    return {header.format("low"): low, header.format("high"): high}
+
+
+def kinematics_table(model: ExportedModel) -> Table:
+    """Return a row a joint of the chain: its frame in that of the link that carries it, at angle zero."""
+    table: Table = []
+    for joint in model.chain.joints:
+        lower, upper = joint.limits or (None, None)
+        table.append(
+            {
+                "joint": joint.name,
+                "type": joint.kind,
+                "child link": joint.child,
+                **dict(zip(_PLACE, [*joint.translation.tolist(), *joint.roll_pitch_yaw], strict=True)),
+                **dict(zip(_AXIS, joint.axis.tolist() if joint.is_moving else [None] * 3, strict=True)),
+                "lower limit [rad]": lower,
+                "upper limit [rad]": upper,
+            }
+        )
+    return table
+
+
+def remarks_table(model: ExportedModel) -> Table:
+    """Return what holds for all numbers: a line a row."""
+    result = model.result
+    figures: dict[str, Any] = {
+        "compensation [1]": result.compensation,
+        "root mean square of the residuals [m]": result.rms_residual,
+        "standard uncertainty of a coordinate of a reading [m]": result.sigma,
+    }
+    return [
+        *({"remark": line, "value": None} for line in model.remarks()),
+        *({"remark": name, "value": value} for name, value in figures.items()),
+    ]
+
+
+def warnings_table(model: ExportedModel) -> Table:
+    """Return the reasons of the assessment and the warnings, a row each."""
+    result = model.result
+    rows: list[tuple[Cell, ...]] = [
+        (each.code, each.weight, each.where, each.message, each.remedy) for each in result.assessment.reasons
+    ]
+    rows += [(each.code, each.severity, each.where, each.message, each.remedy) for each in result.warnings]
+    return [dict(zip(("code", "weight", "where", "message", "remedy"), row, strict=True)) for row in rows]
+
+
+def joints_csv(model: ExportedModel) -> bytes:
+    """Return the table of the joints as CSV (RFC 4180); numbers read back the same."""
+    text = io.StringIO()
+    table = joints_table(model)
+    writer = csv.writer(text)
+    writer.writerow(guarded(header) for header in table[0])
+    writer.writerows([guarded(cell) for cell in row.values()] for row in table)
+    return text.getvalue().encode()

@@ -1,0 +1,214 @@
+"""Exports read back: kinematics by our reader, numbers by the readers of each format, statics by MuJoCo."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import openpyxl
+import pytest
+from typer.testing import CliRunner
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.run import JointResult
+from jointstiff.service.cli.app import app
+from jointstiff.service.exporting import FORMATS, ExportedModel, export_model
+from jointstiff.service.library import campaigns
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.robot import Configurations, Robot, read_urdf
+
+ARM = default_arm()
+HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'
+
+
+def model_of(document):
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    run = campaigns.identify(campaign, campaign.run)
+    return ExportedModel.of(run, campaigns.prepared_campaign(campaign).robot, campaign.robot.name)
+
+
+@pytest.fixture(scope="module")
+def document():
+    return simulate_campaign(ARM, load="pull", configurations=12, seed=1)
+
+
+@pytest.fixture(scope="module")
+def pulled(document):
+    return model_of(document)
+
+
+@pytest.fixture(scope="module")
+def weighed():
+    """Joint 1 is not observable under a dead weight; the name of the robot means harm."""
+    campaign = simulate_campaign(ARM, load="dead_weight", configurations=12, seed=2)
+    return model_of(campaign | {"robot": campaign["robot"] | {"name": HOSTILE}})
+
+
+def parsed(content):
+    return ElementTree.fromstring(content)  # noqa: S314 - our own
+
+
+def numbers_of(model):
+    return {joint.name: joint for joint in model.result.joints}
+
+
+def test_the_urdf_has_the_same_kinematics(pulled):
+    text = export_model(pulled, "urdf").decode()
+    chain = read_urdf(text, pulled.chain.base, pulled.chain.flange)
+    q = np.random.default_rng(3).uniform(-3, 3, (50, pulled.robot.n))
+    ours, theirs = (Configurations(robot, q) for robot in (pulled.robot, Robot(chain)))
+    assert chain.joint_names == pulled.robot.joint_names
+    np.testing.assert_allclose(theirs.flange_translation, ours.flange_translation, atol=1e-12)
+    np.testing.assert_allclose(theirs.flange_rotation, ours.flange_rotation, atol=1e-12)
+    assert "It has no springs" in text
+    assert "10⁶ N·m/rad (95 % interval " in text
+
+
+def cells_of(name, content):
+    if name == "csv":
+        return list(csv.reader(io.StringIO(content.decode())))
+    sheet = openpyxl.load_workbook(io.BytesIO(content))["joints"]
+    return [list(row) for row in sheet.iter_rows(values_only=True)]
+
+
+@pytest.mark.parametrize("name", ["csv", "xlsx"])
+def test_tables_have_the_very_numbers_with_units(pulled, name):
+    head, *rows = cells_of(name, export_model(pulled, name))
+    columns = [dict(zip(head, row, strict=True)) for row in rows]
+    for joint, row in zip(pulled.result.joints, columns, strict=True):
+        assert row["joint"] == joint.name
+        found = [
+            float(row[header])
+            for header in (
+                "stiffness [N.m/rad]",
+                "stiffness low [N.m/rad]",
+                "stiffness high [N.m/rad]",
+                "compliance standard uncertainty [rad/(N.m)]",
+            )
+        ]
+        expected = [joint.stiffness, *joint.stiffness_interval, joint.standard_uncertainty]
+        assert found == (expected if name == "csv" else pytest.approx(expected, rel=1e-15))  # of 16 digits
+    texts = {"joint", "status", "verdict", "reason", "run", "input SHA-256"}
+    assert all("[" in header for header in head if header not in texts)
+
+
+def test_the_workbook_has_kinematics_and_provenance(pulled):
+    book = openpyxl.load_workbook(io.BytesIO(export_model(pulled, "xlsx")))
+    assert book.sheetnames[:3] == ["joints", "kinematics", "provenance"]
+    shown = " ".join(str(cell) for row in book["provenance"].iter_rows(values_only=True) for cell in row)
+    assert pulled.run.provenance.input_hash in shown
+    head, first, *_ = book["kinematics"].iter_rows(values_only=True)
+    assert dict(zip(head, first, strict=True))["z [m]"] == pulled.chain.joints[0].translation[2]
+
+
+def test_springs_stand_where_there_is_a_number(pulled, weighed):
+    for model in (pulled, weighed):
+        known = {name: joint.stiffness for name, joint in numbers_of(model).items() if joint.stiffness}
+        arm = parsed(export_model(model, "sdf")).find("model")
+        springs = {
+            each.get("name"): each.find("axis/dynamics/spring_stiffness") for each in arm.iter("joint")
+        }
+        assert {name: float(each.text) for name, each in springs.items() if each is not None} == known
+        drives = parsed(export_model(model, "mjcf")).find("actuator")
+        assert {each.get("joint"): float(each.get("kp")) for each in drives} == known
+
+
+def test_no_number_is_invented_and_the_file_says_why(weighed):
+    assert numbers_of(weighed)["joint_1"].stiffness is None
+    for name in FORMATS:
+        content = export_model(weighed, name)
+        text = str(cells_of(name, content)) if name == "xlsx" else content.decode()
+        assert "the load never twists joint_1" in text, name
+    held = parsed(export_model(weighed, "mjcf")).find("equality")
+    assert [each.get("joint1") for each in held] == ["joint_1"]
+
+
+@pytest.mark.parametrize(
+    ("compliance", "said"), [(0.0, "cannot distinguish the joint from rigid"), (-1e-7, "no spring is")]
+)
+def test_a_rigid_or_negative_joint_has_no_spring(pulled, compliance, said):
+    stiffness = 1 / compliance if compliance else None
+    joint = pulled.result.joints[0].model_copy(update={"compliance": compliance, "stiffness": stiffness})
+    result = pulled.result.model_copy(update={"joints": [joint, *pulled.result.joints[1:]]})
+    changed = ExportedModel(pulled.run, result, pulled.robot, "arm")
+    assert isinstance(joint, JointResult)
+    for name in ("urdf", "sdf", "mjcf"):
+        text = export_model(changed, name).decode()
+        assert said in text
+        assert 'kp="-' not in text
+
+
+def test_hostile_names_are_text(weighed):
+    urdf = export_model(weighed, "urdf").decode()
+    assert read_urdf(urdf, "base_link", "flange").name == HOSTILE
+    for name, path in (("sdf", "model"), ("mjcf", ".")):
+        root = parsed(export_model(weighed, name)).find(path)
+        assert HOSTILE in (root.get("name"), root.get("model"))
+    book = openpyxl.load_workbook(io.BytesIO(export_model(weighed, "xlsx")))
+    assert not [c for sheet in book for row in sheet.iter_rows() for c in row if c.data_type == "f"]
+
+
+def test_names_of_the_sdf_differ(pulled):
+    arm = parsed(export_model(pulled, "sdf")).find("model")
+    names = [each.get("name") for each in arm]
+    names = [name for name in names if name]
+    assert len(set(names)) == len(names)
+
+
+def statics(mujoco, model, content, q, force):
+    """MuJoCo's deflection of the flange under a force on its origin [m]: its forces in balance."""
+    arm = mujoco.MjModel.from_xml_string(content.decode())
+    data = mujoco.MjData(arm)
+    body = arm.site(model.chain.flange).bodyid[0]
+    data.qpos[:] = data.ctrl[:] = q
+    mujoco.mj_forward(arm, data)
+    start = data.site(model.chain.flange).xpos.copy()
+    stiffness = np.array([joint.stiffness for joint in model.result.joints])
+    for _ in range(50):
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_applyFT(
+            arm, data, force, np.zeros(3), data.site(model.chain.flange).xpos, body, data.qfrc_applied
+        )
+        mujoco.mj_forward(arm, data)
+        rest = data.qfrc_applied + data.qfrc_actuator
+        data.qpos[:] += rest / stiffness
+        if np.abs(rest).max() < 1e-9:
+            break
+    mujoco.mj_forward(arm, data)
+    return data.site(model.chain.flange).xpos - start
+
+
+@pytest.mark.process  # MuJoCo asks one for the version of its window library
+def test_mujoco_bends_as_the_springs_do(pulled):
+    mujoco = pytest.importorskip("mujoco")
+    content = export_model(pulled, "mjcf")
+    q = np.radians([10.0, -20.0, 30.0, 5.0, 45.0, 0.0])
+    posture = Configurations(pulled.robot, q[None])
+    J = posture.jacobian_at(posture.flange_translation[:, None])[0, 0]
+    C = np.diag([joint.compliance for joint in pulled.result.joints])
+    differences = []
+    for share in (0.1, 0.01):
+        force = share * np.array([600.0, 800.0, -1118.0])
+        linear = J @ C @ J.T @ force
+        differences.append(
+            np.linalg.norm(statics(mujoco, pulled, content, q, force) - linear) / np.linalg.norm(linear)
+        )
+    assert differences[0] < 1e-2
+    assert differences[1] == pytest.approx(differences[0] / 10, rel=0.05)
+
+
+def test_the_terminal_writes_by_suffix(document, tmp_path):
+    campaign = tmp_path / "campaign.json"
+    campaign.write_text(json.dumps(document))
+    for name in ("model.mjcf", "model.xml"):
+        path = tmp_path / name
+        shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(path)])
+        assert shown.exit_code == 0, shown.output
+        assert parsed(path.read_bytes()).tag == "mujoco"
+    shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(path)])
+    assert shown.exit_code == 2
+    shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(tmp_path / "model.step")])
+    assert shown.exit_code == 2
