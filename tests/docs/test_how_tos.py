@@ -28,6 +28,7 @@ GUIDES = (
     "docs/two-encoders.md",
     "docs/import.md",
     "docs/predict.md",
+    "docs/exports.md",
     "docs/maps.md",
     "docs/elastic-links.md",
     "docs/geometry.md",

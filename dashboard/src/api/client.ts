@@ -191,6 +191,8 @@ export const api = {
   deleteComparison: (comparison: string) => call<undefined>("DELETE", `/v1/comparisons/${id(comparison)}`),
   restoreComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/restore`),
 
+  runModel: (run: string, format: "csv" | "xlsx" | "urdf" | "sdf" | "mjcf") => `/v1/runs/${id(run)}/model.${format}`,
+
   pairs: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<PairSummary>>("GET", `/v1/pairs${query(filters)}`, options(signal)),
   pair: (pair: string, signal?: AbortSignal) => call<Pair>("GET", `/v1/pairs/${id(pair)}`, options(signal)),

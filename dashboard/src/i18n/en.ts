@@ -357,6 +357,17 @@ export const en = {
     negativeDraws: "negative draws",
     infiniteDraws: "infinite draws",
   },
+  runFiles: {
+    title: "Files",
+    note: "The model for other programs. A joint without a number has no spring there, and the file says why.",
+    models: {
+      csv: ["CSV", "Joints with their intervals"],
+      xlsx: ["Excel", "Joints, kinematics and provenance, a sheet each"],
+      mjcf: ["MJCF", "MuJoCo: position actuators whose kp is the stiffness"],
+      sdf: ["SDF", "Gazebo: springs in the joints"],
+      urdf: ["URDF", "Kinematics; the stiffnesses as comments"],
+    },
+  },
   /** Words of the field: as they are called, and what they mean. */
   glossary: {
     partial_pose: ["Partial pose (PP)", "Fits the positions of the targets; needs no rotation."],

@@ -10,6 +10,7 @@ import { fixed, percent, pValue, powerOfTen, significant } from "../lib/format";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { isElastic, type RunContext } from "./run_context";
+import { RunFiles } from "./run_files";
 
 const words = text.evidence;
 
@@ -23,6 +24,7 @@ export function EvidencePart({ context, result }: { context: RunContext; result:
       <Certificate result={result} />
       {result.robust && result.robust.suspicious.length > 0 && <Suspicious result={result} />}
       <Provenance context={context} />
+      <RunFiles run={context.run.id} />
     </div>
   );
 }
