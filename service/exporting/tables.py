@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any, Final
 
 from jointstiff.schemas.run import JointResult
@@ -21,20 +21,17 @@ _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 
 def joints_table(model: ExportedModel) -> Table:
     """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
-    budgets: list[str] = []
-    for joint in model.result.joints:
-        budgets += [name for name in _contributions(joint) if name not in budgets]
-    return [_joint_row(model, joint, budgets) for joint in model.result.joints]
+    return [_joint_row(model, joint) for joint in model.result.joints]
 
 
-def _joint_row(model: ExportedModel, joint: JointResult, budgets: Iterable[str]) -> dict[str, Cell]:
-    bounds, contributions = joint.one_sided, _contributions(joint)
-    no_reason = stiffness_of(joint) is not None
+def _joint_row(model: ExportedModel, joint: JointResult) -> dict[str, Cell]:
+    bounds = joint.one_sided
+    has_number = stiffness_of(joint) is not None
     return {
         "joint": joint.name,
         "status": joint.status,
         "verdict": joint.verdict,
-        "reason": joint.reason if no_reason else why_no_stiffness(joint),
+        "reason": joint.reason if has_number else why_no_stiffness(joint),
         "stiffness [N.m/rad]": joint.stiffness,
         **_ends("stiffness {} [N.m/rad]", joint.stiffness_interval),
         "stiffness at least, one-sided [N.m/rad]": None if bounds is None else bounds.stiffness_at_least,
@@ -42,17 +39,33 @@ def _joint_row(model: ExportedModel, joint: JointResult, budgets: Iterable[str])
         "compliance [rad/(N.m)]": joint.compliance,
         "compliance standard uncertainty [rad/(N.m)]": joint.standard_uncertainty,
         **_ends("compliance {} [rad/(N.m)]", joint.compliance_interval),
-        **{f"contribution {name} [rad/(N.m)]": contributions.get(name) for name in budgets},
         "confidence of the intervals [1]": model.run.request.confidence,
+        **_budget(model, joint.name),
         "run": model.run.id,
         "input SHA-256": model.run.provenance.input_hash,
     }
 
 
-def _contributions(joint: JointResult) -> dict[str, float]:
-    """Return the contributions to a joint's standard uncertainty, by name [rad/(N·m)]."""
-    budget = {} if joint.budget is None else joint.budget.model_dump()
-    return {name.replace("_", " "): value for name, value in budget.items() if isinstance(value, float)}
+def _budget(model: ExportedModel, joint: str) -> dict[str, Cell]:
+    """Return the contributions to the uncertainty of a joint's compliance, if the run has a budget."""
+    budget = model.result.budget
+    if budget is None:
+        return {}
+    place = budget.joints.index(joint) if joint in budget.joints else None
+
+    def at(values: Sequence[float]) -> float | None:
+        return None if place is None else values[place]
+
+    return {
+        **{
+            f"contribution of {each.source.replace('_', ' ')}, type {each.evaluation}"
+            f"{'' if each.included else ', not included'} [rad/(N.m)]": at(each.contributions)
+            for each in budget.components
+        },
+        "compliance expanded uncertainty [rad/(N.m)]": at(budget.expanded_uncertainty),
+        "compliance expanded uncertainty with model error [rad/(N.m)]": at(budget.expanded_with_model_error),
+        "coverage factor [1]": budget.coverage_factor,
+    }
 
 
 def _ends(header: str, ends: tuple[float, float | None] | None) -> dict[str, Cell]:
