@@ -173,7 +173,7 @@ def timing(robot: Robot, run: Run, count: int) -> list[tuple[str, float]]:
     lap("compensate")
     _, written = rewritten(made, robot, found, ())
     lap("write and read again")
-    points = certified(made, written, found, work._model, work._inverse, None, 2.0)
+    points = certified(made, written, found, work._model, work._inverse, 2.0)
     lap("certify")
     points.table()
     lap("table")

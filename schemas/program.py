@@ -218,7 +218,12 @@ class ProgramPoint(Message):
         description="Of the deflection along itself, by the errors of the readings; null if unknown."
     )
     interval: Metres[tuple[float, float] | None] = Field(
-        description="Of the deflection, by the errors of the readings."
+        description="Of the deflection, by the errors of the readings only."
+    )
+    interval_with_model_error: Metres[tuple[float, float] | None] = Field(
+        default=None,
+        description="Likewise with model error, by the residuals of postures left out of the fit; null where "
+        "the run has no such bound.",
     )
     residual: Metres[float] = Field(
         description="Distance of the loaded tool from its target, predicted for the program as it is written."

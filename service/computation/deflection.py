@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
+from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult, LinkMass
 from jointstiff.schemas.run import Run
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel
 from jointstiff.service.conversion import (
@@ -21,7 +22,7 @@ from jointstiff.solver.deflection import ModelError, predict_deflections
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import Robot
 
-_LINEAR: Final = (
+FIRST_ORDER: Final = (
     "to first order in the load: links and joints bend linearly, own weight and complementary stiffness are "
     "left out"
 )
@@ -67,12 +68,7 @@ def _by_elastic(
     Raises:
         RequestError: masses are given, or the request does not fit the robot.
     """
-    if request.masses:
-        raise RequestError(
-            f"run '{run.id}' lets links or coupling bend, where own weight is not supported",
-            where="masses",
-            remedy="omit masses, or predict by a run with elasticity joints",
-        )
+    refuse_masses(run, request.masses)
     model, error = to_elastic_predictor(robot, stored, part)
     cases = to_load_cases(request, robot)
     found = model.predict(cases, request.confidence)
@@ -82,9 +78,23 @@ def _by_elastic(
         confidence=request.confidence,
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
-        remarks=[_LINEAR, *no_bound(error, stored.no_error, request.confidence)],
+        remarks=[FIRST_ORDER, *no_bound(error, stored.no_error, request.confidence)],
         cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
     )
+
+
+def refuse_masses(run: Run, masses: Sequence[LinkMass]) -> None:
+    """Refuse own weight with a run whose links bend.
+
+    Raises:
+        RequestError: masses are given.
+    """
+    if masses:
+        raise RequestError(
+            f"run '{run.id}' lets links or coupling bend, where own weight is not supported",
+            where="masses",
+            remedy="omit masses, or choose a run with elasticity joints",
+        )
 
 
 def model_of(run: Run) -> IdentifiedModel:

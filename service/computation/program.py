@@ -14,16 +14,31 @@ import numpy as np
 
 from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, ProgramRequest, ProgramResult
 from jointstiff.schemas.run import Run
-from jointstiff.service.computation.deflection import model_of, remarks_of
+from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.service.computation.deflection import (
+    FIRST_ORDER,
+    model_of,
+    no_bound,
+    refuse_masses,
+    remarks_of,
+)
 from jointstiff.service.computation.geometry import as_request_errors
 from jointstiff.service.computation.program_path import ProgramPath, program_path
 from jointstiff.service.computation.program_points import Corrections, WrittenPoints
 from jointstiff.service.computation.program_rewriting import cases_at, certified, rewritten
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of, pack, unpack
-from jointstiff.service.conversion import ANGLE, LENGTH, to_joint_model, to_own_weight
+from jointstiff.service.conversion import ANGLE, LENGTH, to_elastic_predictor, to_joint_model, to_own_weight
 from jointstiff.service.programs import ProgramError, read_program
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import CorrectionLimits, compensate, ramp_shares
+from jointstiff.solver.deflection import (
+    CorrectionLimits,
+    ElasticForward,
+    ForwardModel,
+    JointForward,
+    ModelError,
+    compensate,
+    ramp_shares,
+)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import InverseKinematics, Robot
 
@@ -60,9 +75,9 @@ class ProgramWork(SteppedWork[Corrections]):
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
-        self._model, _ = to_joint_model(robot, model_of(run))
+        self._stored = model_of(run)
         with as_request_errors():
-            self._weight = to_own_weight(request, robot)
+            self._model, self._error = _forward_model(robot, run, self._stored, request)
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
@@ -108,15 +123,17 @@ class ProgramWork(SteppedWork[Corrections]):
         if not len(points):
             return _NONE
         try:
-            found = compensate(
-                self._model, cases_at(path.cases, points), self._limits(), self._weight, self._ramp[points]
-            )
+            cases = cases_at(path.cases, points)
+            found = compensate(self._model, cases, self._limits(), self._ramp[points])
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
             case = int(error.where.partition("[")[2].partition("]")[0])
             raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
-        return Corrections.of(points, found)
+        bound = None
+        if self._error is not None:
+            bound = self._error.bound_of(cases, found.leverage, self._request.confidence)
+        return Corrections.of(points, found, bound)
 
     def encode(self, part: Corrections) -> str:
         """Return corrections as text."""
@@ -137,7 +154,7 @@ class ProgramWork(SteppedWork[Corrections]):
         path = self._path
         files, written = rewritten(path, self._model.robot, found, self._request.leave_alone)
         quantile = self._model.quantile(self._request.confidence)
-        points = certified(path, written, found, self._model, self._inverse, self._weight, quantile)
+        points = certified(path, written, found, self._model, self._inverse, quantile)
         names = [source.name for source in self._program.sources]
         return self._result(points, [packed(n, content) for n, content in zip(names, files, strict=True)])
 
@@ -174,15 +191,39 @@ class ProgramWork(SteppedWork[Corrections]):
             rounding=points.spread(points.rounding),
             confidence=self._request.confidence,
             worst=points.worst(),
-            remarks=self._remarks(),
+            remarks=self._remarks(found),
             files=files,
             table=packed("points.csv", points.table().encode()),
         )
 
-    def _remarks(self) -> list[str]:
+    def _remarks(self, found: Corrections) -> list[str]:
         left = [f"line {remark.line}: {remark.text}" for remark in self._program.left_alone]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
-        return [*remarks_of(self._run, weighed=self._weight is not None), *left[:_MAX_REMARKS], *more]
+        elastic, weighed = isinstance(self._model, ElasticForward), bool(self._request.masses)
+        model = [FIRST_ORDER] if elastic else remarks_of(self._run, weighed=weighed)
+        bound = no_bound(self._error, self._stored.no_error, self._request.confidence)
+        beyond = int((found.extrapolation > 1.0).sum())
+        if beyond:
+            bound.append(
+                f"{beyond} points are beyond the loads or postures of the campaign: they extrapolate"
+            )
+        return [*model, *bound, *left[:_MAX_REMARKS], *more]
+
+
+def _forward_model(
+    robot: Robot, run: Run, stored: IdentifiedModel, request: ProgramRequest
+) -> tuple[ForwardModel, ModelError | None]:
+    """Return the model of a run that predicts the loaded robot, and its error.
+
+    Raises:
+        RequestError: masses are given where links bend, or they do not fit the robot.
+    """
+    if stored.elastic is None:
+        joints, error = to_joint_model(robot, stored)
+        return JointForward(joints, to_own_weight(request, robot)), error
+    refuse_masses(run, request.masses)
+    elastic, error = to_elastic_predictor(robot, stored, stored.elastic)
+    return ElasticForward(elastic), error
 
 
 def without_contents(document: str) -> str:
@@ -215,6 +256,8 @@ _NONE: Final = Corrections(
     residual=np.zeros((0, 6)),
     uncorrected=np.zeros((0, 6)),
     uncertainty=_EMPTY,
+    model_error=_EMPTY,
+    extrapolation=_EMPTY,
     share=_EMPTY,
     uncertain=np.zeros(0, dtype=np.bool_),
     capped=np.zeros(0, dtype=np.bool_),

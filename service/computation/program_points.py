@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
 from jointstiff.service.computation.program_path import ProgramPath
 from jointstiff.service.conversion import guarded
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection import Compensation
+from jointstiff.solver.deflection import Compensation, ModelErrorBound
 
 _MM: Final = 1e3
 _MRAD: Final = 1e3
@@ -31,6 +32,10 @@ class Corrections:
         residual: (k, 6) from the wanted to the loaded place, before the program's rounding.
         uncorrected: (k, 6) the same without a correction.
         uncertainty: (k,) standard uncertainty of the deflection along itself [m]; NaN if unknown.
+        model_error: (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where
+            there is none.
+        extrapolation: (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it
+            extrapolates; NaN without a model error.
         share: (k,) of the full correction.
         uncertain: (k,) left alone, as the uncertainty exceeds the deflection.
         capped: (k,) held back by the limits.
@@ -42,14 +47,21 @@ class Corrections:
     residual: FloatArray
     uncorrected: FloatArray
     uncertainty: FloatArray
+    model_error: FloatArray
+    extrapolation: FloatArray
     share: FloatArray
     uncertain: BoolArray
     capped: BoolArray
 
     @classmethod
-    def of(cls, points: IndexArray, found: Compensation) -> Corrections:
+    def of(cls, points: IndexArray, found: Compensation, bound: ModelErrorBound | None) -> Corrections:
         """Take over what was computed."""
-        return cls(points, **{field.name: getattr(found, field.name) for field in fields(found)})
+        radius = beyond = np.full(len(points), np.nan)
+        if bound is not None:
+            radius, beyond = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
+        names = {field.name for field in fields(found)} - {"leverage"}
+        taken = {name: getattr(found, name) for name in names}
+        return cls(points, model_error=radius, extrapolation=beyond, **taken)
 
     @classmethod
     def joined(cls, parts: Sequence[Corrections]) -> Corrections:
@@ -86,6 +98,16 @@ class WrittenPoints:
         median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
         return Spread(median=median, p95=p95, greatest=greatest)
 
+    @cached_property
+    def _intervals(self) -> FloatArray:
+        """(2, k, 2) of the deflection, from the readings and with model error [m]; NaN where unknown."""
+        found = self.corrections
+        half = np.stack([self.quantile * found.uncertainty, found.model_error])
+        half = np.where(np.isfinite(half), half, np.nan)
+        half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
+        deflection = _size(found.uncorrected[:, :3])
+        return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
+
     def worst(self) -> list[ProgramPoint]:
         """Return the points with the greatest residuals, worst first."""
         order = np.argsort(-_size(self.residual[:, :3]), kind="stable")[:MAX_WORST]
@@ -95,20 +117,21 @@ class WrittenPoints:
         found, point = self.corrections, int(self.corrections.points[k])
         target = self.path.program.targets[int(self.path.targets[point])]
         u = float(found.uncertainty[k])
-        deflection = float(_size(found.uncorrected[k, :3]))
-        half = self.quantile * u
-        known = np.isfinite(u)
+        readings, with_error = (
+            (low, high) if np.isfinite(high) else None for low, high in self._intervals[:, k].tolist()
+        )
         return ProgramPoint(
             number=point + 1,
             name=_printable(target.name),
             line=target.line,
             place=tuple(self.place[point].tolist()),
-            deflection=deflection,
+            deflection=float(_size(found.uncorrected[k, :3])),
             deflection_rotation=float(_size(found.uncorrected[k, 3:])),
             correction=float(_size(found.correction[k, :3])),
             correction_rotation=float(_size(found.correction[k, 3:])),
-            standard_uncertainty=u if known else None,
-            interval=(max(deflection - half, 0.0), deflection + half) if known else None,
+            standard_uncertainty=u if np.isfinite(u) else None,
+            interval=readings,
+            interval_with_model_error=with_error,
             residual=float(_size(self.residual[k, :3])),
             residual_rotation=float(_size(self.residual[k, 3:])),
             rounding=float(self.rounding[k]),
@@ -140,7 +163,6 @@ class WrittenPoints:
 
     def _numbers(self) -> list[list[str]]:
         found = self.corrections
-        half = self.quantile * found.uncertainty
         deflection = _size(found.uncorrected[:, :3])
         columns = np.column_stack(
             [
@@ -151,8 +173,7 @@ class WrittenPoints:
                 _MM * _size(found.correction[:, :3]),
                 _MRAD * _size(found.correction[:, 3:]),
                 _MM * found.uncertainty,
-                _MM * np.maximum(deflection - half, 0.0),
-                _MM * (deflection + half),
+                *(_MM * ends for interval in self._intervals for ends in interval.T),
                 _MM * self.residual[:, :3],
                 _MM * _size(self.residual[:, :3]),
                 _MRAD * _size(self.residual[:, 3:]),
@@ -186,8 +207,10 @@ _HEADER: Final = (
     "correction [mm]",
     "correction rotation [mrad]",
     "deflection standard uncertainty [mm]",
-    "deflection low [mm]",
-    "deflection high [mm]",
+    "deflection low, readings [mm]",
+    "deflection high, readings [mm]",
+    "deflection low, with model error [mm]",
+    "deflection high, with model error [mm]",
     *(f"residual {axis} [mm]" for axis in "xyz"),
     "residual [mm]",
     "residual rotation [mrad]",

@@ -12,7 +12,7 @@ from jointstiff.service.computation.program_path import ProgramPath
 from jointstiff.service.computation.program_points import Corrections, WrittenPoints
 from jointstiff.service.programs import Orientation, Program, ProgramError, read_program
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.deflection import JointModel, LoadCases, OwnWeight, residuals
+from jointstiff.solver.deflection import ForwardModel, LoadCases, residuals
 from jointstiff.solver.robot import Configurations, InverseKinematics, Robot, flange_poses
 
 _TOLERANCE: Final = 1e-4
@@ -62,9 +62,8 @@ def certified(
     path: ProgramPath,
     written: Program,
     found: Corrections,
-    model: JointModel,
+    model: ForwardModel,
     inverse: InverseKinematics,
-    weight: OwnWeight | None,
     quantile: float,
 ) -> WrittenPoints:
     """Put what was written through inverse kinematics and the model of the loaded robot.
@@ -77,7 +76,7 @@ def certified(
     commanded = _commanded(path, written, found, inverse)
     residual = found.residual
     if len(found.points):
-        residual = residuals(model, cases_at(path.cases, found.points), commanded, weight)
+        residual = residuals(model, cases_at(path.cases, found.points), commanded)
     goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints))
     old, new = path.program.targets, written.targets
     return WrittenPoints(

@@ -11,6 +11,7 @@ from jointstiff.solver.deflection.compensation import (
     residuals,
 )
 from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
+from jointstiff.solver.deflection.forward import ElasticForward, ForwardModel, JointForward
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
@@ -28,7 +29,10 @@ __all__ = [
     "CorrectionLimits",
     "Deflection",
     "DeflectionMap",
+    "ElasticForward",
     "ElasticPredictor",
+    "ForwardModel",
+    "JointForward",
     "JointModel",
     "LoadCases",
     "LoadedPosture",

@@ -1,31 +1,27 @@
 """Command that brings the loaded tool to where it is wanted (docs/method.md section 13).
 
 The wanted posture is the *loaded* one. Its torques are known before any command is, so no iteration is
-needed: ``q_cmd = θ − c ∘ τ(θ)``. The mirror of a deflection that is computed at the wanted posture,
-``x − δ(x)``, has an error of second order.
+needed for joints: ``q_cmd = θ − c ∘ τ(θ)``. The mirror of a deflection that is computed at the wanted
+posture, ``x − δ(x)``, has an error of second order. Where links bend, Newton's method finds the command.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.forward import Bent, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import LoadedPosture, rotation_vector
-from jointstiff.solver.deflection.own_weight import OwnWeight
-from jointstiff.solver.deflection.prediction import compliance_rows
+from jointstiff.solver.deflection.loaded import rotation_vector
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import Configurations, Robot
 
 _BLOCK: Final = 4096
 """Postures worked on at a time: a few MB."""
-_WEIGHT_STEPS: Final = 8
-"""Steps in which the own weight of the commanded posture settles; each gains three digits."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +51,7 @@ class Compensation:
         uncorrected: (m, 6) from the wanted to the loaded pose without correction [m, rad].
         uncertainty: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if
             unknown.
+        leverage: (m,) the greatest of a displacement in any direction [m]; zero if unknown.
         share: (m,) of the full correction that the command carries, 0 to 1.
         uncertain: (m,) left alone, as the uncertainty of the deflection exceeds it.
         capped: (m,) held back by the limits.
@@ -65,36 +62,35 @@ class Compensation:
     residual: FloatArray
     uncorrected: FloatArray
     uncertainty: FloatArray
+    leverage: FloatArray
     share: FloatArray
     uncertain: BoolArray
     capped: BoolArray
 
 
 def compensate(
-    model: JointModel,
+    model: ForwardModel,
     wanted: LoadCases,
     limits: CorrectionLimits | None = None,
-    weight: OwnWeight | None = None,
     ramp: FloatArray | None = None,
 ) -> Compensation:
-    """Command such postures that springs and load bring the tool to the wanted ones.
+    """Command such postures that the bent robot brings the tool to the wanted places.
 
     Args:
-        model: elastic joints.
-        wanted: m postures in which the loaded robot is to stand, in the order of the path: `joints` are their
-            angles as the controller would show them, the load acts there.
+        model: of the loaded robot.
+        wanted: m postures that bring the tool to the wanted places while nothing bends, in the order of the
+            path: `joints` are their angles as the controller would show them, the load acts there.
         limits: by which corrections are held back.
-        weight: of the links; None leaves it out, as the controller's zero has it in already.
         ramp: (m,) shares of the corrections, where the cases are a part of the path (`ramp_shares`).
 
     Raises:
-        RequestError: a load twists a joint of which nothing is known, or finds no stable balance.
+        RequestError: a load twists a joint of which nothing is known, finds no stable balance, or cannot be
+            compensated.
     """
     limits = CorrectionLimits() if limits is None else limits
     ramp = ramp_shares(model.robot, wanted, limits.ramp) if ramp is None else ramp
     parts = [
-        _compensate_block(model, _rows(wanted, block), limits, ramp[block], weight)
-        for block in _blocks(len(wanted))
+        _compensate_block(model, _rows(wanted, block), limits, ramp[block]) for block in _blocks(len(wanted))
     ]
     return Compensation(
         *(
@@ -104,93 +100,76 @@ def compensate(
     )
 
 
-def command(
-    model: JointModel, wanted: LoadCases, share: FloatArray, weight: OwnWeight | None = None
-) -> FloatArray:
-    """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (m, n), angles of the model [rad].
-
-    Args:
-        model: elastic joints.
-        wanted: m loaded postures.
-        share: (m,) s.
-        weight: of the links.
-    """
-    robot = model.robot
-    theta = robot.joint_map.model_angles(wanted.joints)
-    loaded = Configurations(robot, theta)
-    torque = load_torque(wanted, loaded)
-    step = share[:, None] * model.compliance
-    if weight is None:
-        return theta - step * torque
-    own = weight.torque_and_stiffness(robot, theta, loaded)[0]
-    commanded = theta - step * torque
-    for _ in range(_WEIGHT_STEPS):
-        rest = weight.torque_and_stiffness(robot, commanded, Configurations(robot, commanded))[0]
-        commanded = theta - step * (torque + own - rest)
-    return commanded
-
-
-def load_torque(cases: LoadCases, here: Configurations) -> FloatArray:
-    """Return the torques (m, n) [N·m] of the loads in given postures."""
-    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
-    linear = np.einsum("bij,bi->bj", jacobian, cases.force)
-    torque: FloatArray = linear + np.einsum("bij,bi->bj", here.angular_jacobian, cases.moment)
-    return torque
-
-
 def _compensate_block(
-    model: JointModel, wanted: LoadCases, limits: CorrectionLimits, ramp: FloatArray, weight: OwnWeight | None
+    model: ForwardModel, wanted: LoadCases, limits: CorrectionLimits, ramp: FloatArray
 ) -> Compensation:
     robot = model.robot
     goal = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
-    bare = LoadedPosture.of(robot, model.compliance, wanted, weight)
-    uncorrected = _off(wanted, goal, bare.loaded)
-    rows = compliance_rows(bare)
-    if model.unseen(rows).any():
+    still = _Places.of(wanted, goal)
+    bare = model.bent(wanted, goal)
+    uncorrected = still.off(bare)
+    unseen, readings = bare.readings()
+    if unseen.any():
         raise RequestError(
             "the load twists a joint of which the readings say nothing",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty = _uncertainty(model, rows[:, :3], uncorrected[:, :3])
+    uncertainty, leverage = _uncertainty(readings, uncorrected[:, :3])
     uncertain = uncertainty > np.linalg.norm(uncorrected[:, :3], axis=1)
     share = np.where(uncertain, 0.0, ramp)
-    full = command(model, wanted, share, weight)
-    size = _off(wanted, goal, Configurations(robot, full))
-    cap = _cap(size, limits)
-    commanded = full
+    under = Configurations(robot, model.command(wanted, goal, share))
+    correction = still.off(_Places.of(wanted, under))
+    cap = _cap(correction, limits)
     if (cap < 1.0).any():
-        commanded = np.where(cap[:, None] < 1.0, command(model, wanted, share * cap, weight), full)
-    shown = robot.joint_map.controller_angles(commanded)
-    under = LoadedPosture.of(robot, model.compliance, replace(wanted, joints=shown), weight)
+        held = np.where(cap[:, None] < 1.0, model.command(wanted, goal, share * cap), under.q)
+        under = Configurations(robot, held)
+        correction = still.off(_Places.of(wanted, under))
     return Compensation(
-        commanded=shown,
-        correction=_off(wanted, goal, under.unloaded),
-        residual=_off(wanted, goal, under.loaded),
+        commanded=robot.joint_map.controller_angles(under.q),
+        correction=correction,
+        residual=still.off(model.bent(wanted, under, near=goal)),
         uncorrected=uncorrected,
         uncertainty=uncertainty,
+        leverage=leverage,
         share=share * cap,
         uncertain=uncertain,
         capped=cap < 1.0,
     )
 
 
-def _off(cases: LoadCases, goal: Configurations, here: Configurations) -> FloatArray:
-    """Return displacement [m] and rotation vector [rad] of the places (m, 6) from the goal to here."""
-    place = cases.place[:, None]
-    moved = (here.to_base(place) - goal.to_base(place))[:, 0]
-    turned = rotation_vector(here.flange_rotation @ goal.flange_rotation.transpose(0, 2, 1))
-    return np.concatenate([moved, turned], axis=1)
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Places (m, 3) in R0 [m] and axes (m, 3, 3) of the flange."""
+
+    place: FloatArray
+    rotation: FloatArray
+
+    @classmethod
+    def of(cls, cases: LoadCases, here: Configurations) -> _Places:
+        """Return the places of rigid postures."""
+        return cls(here.to_base(cases.place[:, None])[:, 0], here.flange_rotation)
+
+    def off(self, there: _Places | Bent) -> FloatArray:
+        """Return displacements [m] and rotation vectors [rad] (m, 6) from here to there."""
+        turned = rotation_vector(there.rotation @ self.rotation.transpose(0, 2, 1))
+        return np.concatenate([there.place - self.place, turned], axis=1)
 
 
-def _uncertainty(model: JointModel, rows: FloatArray, deflection: FloatArray) -> FloatArray:
-    """Return the standard uncertainty (m,) [m] of the deflection along itself."""
-    if model.likelihood is None:
-        return np.full(len(rows), np.nan)
+def _uncertainty(readings: FloatArray | None, deflection: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return standard uncertainties (m,), (m,) [m]: along the deflection, and the greatest of any direction.
+
+    Args:
+        readings: (m, 3, p) H, H Hᵀ the covariance [m²]; None if it is unknown.
+        deflection: (m, 3) [m].
+    """
+    if readings is None:
+        return np.full(len(deflection), np.nan), np.zeros(len(deflection))
     size = np.linalg.norm(deflection, axis=1, keepdims=True)
-    along = np.einsum("bi,bij->bj", deflection / np.where(size > 0.0, size, 1.0), rows)
-    variance: FloatArray = np.einsum("bi,ij,bj->b", along, model.covariance, along)
-    return np.sqrt(variance)
+    along = deflection / np.where(size > 0.0, size, 1.0)
+    uncertainty = np.linalg.norm((along[:, None] @ readings)[:, 0], axis=1)
+    greatest = np.linalg.eigvalsh(readings @ readings.transpose(0, 2, 1))[:, -1]
+    return uncertainty, np.sqrt(np.maximum(greatest, 0.0))
 
 
 def _cap(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
@@ -201,16 +180,13 @@ def _cap(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
     return share
 
 
-def residuals(
-    model: JointModel, wanted: LoadCases, commanded: FloatArray, weight: OwnWeight | None = None
-) -> FloatArray:
+def residuals(model: ForwardModel, wanted: LoadCases, commanded: FloatArray) -> FloatArray:
     """Return displacement [m] and rotation vector [rad] (m, 6) from the wanted to the loaded place.
 
     Args:
-        model: elastic joints.
-        wanted: m loaded postures.
+        model: of the loaded robot.
+        wanted: m postures that bring the tool to the wanted places while nothing bends.
         commanded: (m, n) angles as the controller shows them [rad].
-        weight: of the links.
 
     Raises:
         RequestError: a load finds no stable balance.
@@ -219,9 +195,11 @@ def residuals(
     found = np.empty((len(wanted), 6))
     for block in _blocks(len(wanted)):
         cases = _rows(wanted, block)
-        goal = Configurations(robot, robot.joint_map.model_angles(cases.joints))
-        under = replace(cases, joints=commanded[block].copy())
-        found[block] = _off(cases, goal, LoadedPosture.of(robot, model.compliance, under, weight).loaded)
+        goal, under = (
+            Configurations(robot, robot.joint_map.model_angles(angles))
+            for angles in (cases.joints, commanded[block])
+        )
+        found[block] = _Places.of(cases, goal).off(model.bent(cases, under, near=goal))
     return found
 
 

@@ -8,6 +8,7 @@ units. The cone is left out. What the readings leave open is bounded by how much
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -32,7 +33,7 @@ from jointstiff.solver.links import (
     elastic_residuals,
 )
 from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot import Configurations, Robot
 
 _SHARE_OF_TRACE: Final = 0.5
 """Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held
@@ -88,10 +89,27 @@ class ElasticPredictor:
             return float(special.ndtri(probability))
         return float(special.stdtrit(self.degrees_of_freedom, probability))
 
+    @cached_property
+    def compliances(self) -> FloatArray:
+        """(P,) of all columns of the richest model, zero where this one has none."""
+        compliances = np.zeros(self.columns.width)
+        compliances[self.kept] = self.entries
+        return compliances
+
+    def places(self, cases: LoadCases, unloaded: Configurations) -> ElasticPlaces:
+        """Return the places of load cases (B), by their kinematics without the load."""
+        load = cases.force, cases.moment, cases.load_point
+        return ElasticPlaces.of(self.robot, self.columns, unloaded, load, cases.place)
+
+    def unseen(self, places: ElasticPlaces) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing."""
+        twisted = np.abs(places.jacobian * places.torque[:, None]).max(axis=1) > 0.0
+        return np.asarray(twisted & ~self.seen)
+
     def predict(self, cases: LoadCases, confidence: float) -> Deflection:
         """Predict displacements and rotations, with intervals from the readings alone, and compliance."""
-        load = cases.force, cases.moment, cases.load_point
-        places = ElasticPlaces.of(self.robot, self.columns, cases.joints, load, cases.place)
+        unloaded = Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
+        places = self.places(cases, unloaded)
         rows = places.rows
         value = rows[..., self.kept] @ self.entries
         covariance = interval = None
@@ -100,19 +118,19 @@ class ElasticPredictor:
             covariance = half @ half.transpose(0, 2, 1)
             spread = self.quantile(confidence) * np.linalg.norm(half, axis=-1)
             interval = value[..., None] + spread[..., None] * np.array([-1.0, 1.0])
-        compliances = np.zeros(self.columns.width)
-        compliances[self.kept] = self.entries
         n = self.robot.n
         nothing = np.zeros((len(cases), 6, n))
-        twisted = np.abs(places.jacobian * places.torque[:, None]).max(axis=1) > 0.0
         return Deflection(
             displacement=value[:, :3],
             rotation=value[:, 3:],
             interval=interval,
             covariance=covariance,
-            unseen=twisted & ~self.seen,
+            unseen=self.unseen(places),
             compliance=CartesianCompliance(
-                places.compliance(compliances), np.ones(len(cases), dtype=np.bool_), (nothing, nothing), None
+                places.compliance(self.compliances),
+                np.ones(len(cases), dtype=np.bool_),
+                (nothing, nothing),
+                None,
             ),
             posture=LoadedPosture.of(self.robot, np.zeros(n), cases),
         )

@@ -67,6 +67,12 @@ class JointModel:
         return covariance
 
     @cached_property
+    def root(self) -> FloatArray:
+        """(n, n) matrix whose product with its transpose is the covariance."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    @cached_property
     def _unseen_directions(self) -> FloatArray:
         """(u, n) directions of the compliances that the readings do not determine, in scaled compliances."""
         joints = np.arange(self.robot.n) if self.likelihood is None else self.likelihood.joints

@@ -17,7 +17,7 @@ _STEPS = 20
 """Newton's; four suffice for the loads of machining."""
 _BALANCED = 64 * np.finfo(np.float64).eps
 """Residual, relative to the deflection by all forces at their full levers, that is rounding."""
-_LARGEST_DEFLECTION = 1.0
+LARGEST_DEFLECTION = 1.0
 """A balance further away [rad] may be on another branch."""
 
 
@@ -63,20 +63,20 @@ class LoadedPosture:
         rest = _weight(robot, q, unloaded, weight)[0]
         deflection = np.zeros(q.shape)
         for _ in range(_STEPS):
-            torque, stiffness = _load(cases, loaded)
+            torque, stiffness = load_and_stiffness(cases, loaded)
             own, own_stiffness = _weight(robot, q + deflection, loaded, weight)
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
             residual = deflection - compliance * torque
             slope = np.eye(robot.n) - compliance[:, None] * stiffness
             away = ~(np.abs(residual) <= _BALANCED * _scale(compliance, cases, loaded, own))
             if not away.any():
-                _require_stable(deflection, slope)
+                require_stable(deflection, slope)
                 softened = np.asarray(np.linalg.inv(slope), dtype=np.float64)
                 return cls(cases, deflection, torque, stiffness, softened, unloaded, loaded)
-            deflection = deflection - _solved(slope, residual)
-            _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
+            deflection = deflection - solved(slope, residual)
+            refuse_unbalanced(np.asarray(~(np.abs(deflection) <= 2.0 * LARGEST_DEFLECTION).all(axis=1)))
             loaded = Configurations(robot, q + deflection)
-        raise _no_balance(int(np.argmax(away.any(axis=1))))
+        raise no_balance(int(np.argmax(away.any(axis=1))))
 
     @property
     def displacement(self) -> FloatArray:
@@ -105,7 +105,8 @@ def rotation_vector(rotation: FloatArray) -> FloatArray:
     return sine_axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
 
 
-def _load(cases: LoadCases, configurations: Configurations) -> tuple[FloatArray, FloatArray]:
+def load_and_stiffness(cases: LoadCases, configurations: Configurations) -> tuple[FloatArray, FloatArray]:
+    """Return torques (B, n) [N·m] and K_c (B, n, n) [N·m/rad] of the loads in given postures."""
     points = configurations.to_base(cases.load_point[:, None])
     jacobian = configurations.jacobian_at(points)[:, 0]
     torque = joint_torque(configurations, jacobian, cases.force, cases.moment)
@@ -131,12 +132,14 @@ def _scale(
     return np.asarray(np.abs(compliance).max() * torque[:, None])
 
 
-def _require_stable(deflection: FloatArray, slope: FloatArray) -> None:
-    """A balance is stable where I − diag(c)(K_c + ∂g/∂q), similar to a scaled stiffness, is positive.
+def require_stable(deflection: FloatArray, slope: FloatArray) -> None:
+    """Refuse a balance that is not stable.
+
+    It is where I − diag(c)(K_c + ∂g/∂q), similar to a scaled stiffness, is positive.
 
     Rows and columns that stay close to those of the identity show it without eigenvalues (Gershgorin).
     """
-    _refuse(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
+    refuse_unbalanced(np.asarray((np.abs(deflection) > LARGEST_DEFLECTION).any(axis=1)))
     off = np.abs(slope - np.eye(slope.shape[1]))
     if off.max() * slope.shape[1] < 1.0:
         return
@@ -145,25 +148,26 @@ def _require_stable(deflection: FloatArray, slope: FloatArray) -> None:
         doubtful = slope[unstable]
         singular = np.linalg.slogdet(doubtful).sign == 0.0  # whose eigenvalue may be rounded to either side
         unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
-    _refuse(unstable)
+    refuse_unbalanced(unstable)
 
 
-def _solved(slope: FloatArray, residual: FloatArray) -> FloatArray:
+def solved(slope: FloatArray, residual: FloatArray) -> FloatArray:
     """Return ``slope⁻¹ residual`` (B, n)."""
     try:
         return np.asarray(np.linalg.solve(slope, residual[..., None])[..., 0], dtype=np.float64)
     except np.linalg.LinAlgError:
-        _refuse(np.linalg.slogdet(slope).sign == 0.0)
+        refuse_unbalanced(np.linalg.slogdet(slope).sign == 0.0)
         raise
 
 
-def _refuse(failed: BoolArray) -> None:
+def refuse_unbalanced(failed: BoolArray) -> None:
     """Raise for the first case (B,) that finds no stable balance."""
     if failed.any():
-        raise _no_balance(int(np.argmax(failed)))
+        raise no_balance(int(np.argmax(failed)))
 
 
-def _no_balance(case: int) -> RequestError:
+def no_balance(case: int) -> RequestError:
+    """Return the error of a load that finds no stable balance."""
     return RequestError(
         "the load finds no stable balance near the unloaded posture",
         where=f"cases[{case}]",

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.deflection.compensation import load_torque
+from jointstiff.solver.deflection.forward import load_torque
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.map_task import MapTask
 from jointstiff.solver.robot import Configurations, InverseKinematics, Robot

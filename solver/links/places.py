@@ -37,7 +37,7 @@ class ElasticPlaces:
         cls,
         robot: Robot,
         columns: ElasticColumns,
-        joints: FloatArray,
+        configurations: Configurations,
         load: tuple[FloatArray, FloatArray, FloatArray],
         place: FloatArray,
     ) -> ElasticPlaces:
@@ -46,15 +46,13 @@ class ElasticPlaces:
         Args:
             robot: n joints.
             columns: which links bend.
-            joints: (B, n) controller angles [rad].
+            configurations: kinematics of the B unloaded postures.
             load: force (B, 3) [N] and moment (B, 3) [N·m], axes of R0, and load point (B, 3) in the flange
                 frame [m].
             place: (B, 3) in the flange frame [m].
         """
         force, moment, load_point = load
-        q = robot.joint_map.model_angles(joints)
-        configurations = Configurations(robot, q)
-        R, origin = joint_frames(robot, q)
+        R, origin = joint_frames(robot, configurations.q)
         at, loaded = (configurations.to_base(point[:, None]) for point in (place, load_point))
         angular = configurations.angular_jacobian
         jacobian = np.concatenate([configurations.jacobian_at(at)[:, 0], angular], axis=1)
@@ -78,11 +76,24 @@ class ElasticPlaces:
             rows[..., self.columns.link(joint)] = own
         return rows
 
+    def deflection(self, compliances: FloatArray) -> FloatArray:
+        """(B, 6) displacement [m] and rotation [rad] by compliances (P,), without their rows."""
+        turned = self.torque @ self._of_joints(compliances)
+        out: FloatArray = (self.jacobian @ turned[..., None])[..., 0]
+        for joint in self.columns.links:
+            bent = self.wrench[:, joint] @ to_matrix(compliances[self.columns.link(joint)], 6)
+            out = out + (self.moves[:, joint] @ bent[..., None])[..., 0]
+        return out
+
+    def _of_joints(self, compliances: FloatArray) -> FloatArray:
+        columns = self.columns
+        coupling = to_matrix(compliances[columns.coupling], columns.n)
+        return np.asarray(np.diag(compliances[columns.joints]) + coupling)
+
     def compliance(self, compliances: FloatArray) -> FloatArray:
         """(B, 6, 6) answer of the places to a wrench at the place, by compliances (P,), axes of R0."""
         columns, J = self.columns, self.jacobian
-        joints = np.diag(compliances[columns.joints]) + to_matrix(compliances[columns.coupling], columns.n)
-        out: FloatArray = J @ joints @ J.transpose(0, 2, 1)
+        out: FloatArray = J @ self._of_joints(compliances) @ J.transpose(0, 2, 1)
         for joint in columns.links:
             moves = self.moves[:, joint]
             out = out + moves @ to_matrix(compliances[columns.link(joint)], 6) @ moves.transpose(0, 2, 1)

@@ -20,6 +20,7 @@ class Configurations:
     """Kinematics of N configurations of one robot, computed by the constructor.
 
     Attributes:
+        q: (N, n) angles of the model [rad].
         jacobian: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the
             point of the flange that passes through the origin of R0 [m/rad], the last three the
             flange's angular velocity [rad/rad].
@@ -29,6 +30,7 @@ class Configurations:
     All arrays are read-only.
     """
 
+    q: FloatArray
     jacobian: FloatArray
     flange_rotation: FloatArray
     flange_translation: FloatArray
@@ -53,8 +55,8 @@ class Configurations:
         placement = robot.flange_placement
         self.flange_translation = translation + rotation @ placement.translation
         self.flange_rotation = rotation @ placement.rotation
-        self.jacobian = jacobian
-        for array in (self.jacobian, self.flange_rotation, self.flange_translation):
+        self.jacobian, self.q = jacobian, q.view()
+        for array in (self.q, self.jacobian, self.flange_rotation, self.flange_translation):
             array.setflags(write=False)
 
     def __len__(self) -> int:

@@ -6951,9 +6951,17 @@ export interface components {
             standard_uncertainty: number | null;
             /**
              * Interval
-             * @description Of the deflection, by the errors of the readings.
+             * @description Of the deflection, by the errors of the readings only.
              */
             interval: [
+                number,
+                number
+            ] | null;
+            /**
+             * Interval With Model Error
+             * @description Likewise with model error, by the residuals of postures left out of the fit; null where the run has no such bound.
+             */
+            interval_with_model_error: [
                 number,
                 number
             ] | null;

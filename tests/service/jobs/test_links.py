@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from support.programs import path, request, tool_poses
 from typer.testing import CliRunner
 
 from jointstiff.schemas.deflection import DeflectionOptions
@@ -15,12 +16,13 @@ from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunOptions, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import carry_out, new_job, predict_by_run, run_work
+from jointstiff.service.computation import ProgramWork, carry_out, new_job, predict_by_run, run_work
 from jointstiff.service.conversion import to_joint_model
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3}
@@ -119,6 +121,21 @@ def test_deflections_are_predicted_by_the_stored_model(store, given, document):
         predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
     with pytest.raises(RequestError, match="by joints alone"):
         to_joint_model(robot, run.result.model)
+
+
+def test_a_program_is_compensated_by_links(store, set_id, given):
+    robot = Parts.of(store).sets.prepared(set_id).robot
+    text = program_text("krl", tool_poses(path(12)), 5)
+    result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
+    assert result.corrected == 12
+    assert result.residual.greatest < 1e-6 < 1e-3 < result.deflection.median  # five digits of mm and degrees
+    for point in result.worst:
+        (low, high), (wide_low, wide_high) = point.interval, point.interval_with_model_error
+        assert wide_low <= low < point.deflection < high <= wide_high
+    assert any("first order" in remark for remark in result.remarks)
+    masses = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
+    with pytest.raises(RequestError, match="own weight"):
+        ProgramWork(robot, "robot", given, request("krl", text, masses=masses))
 
 
 def test_the_selection_compares_all_models(given):

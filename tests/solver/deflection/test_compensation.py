@@ -6,16 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.campaigns import prepare
 
 from jointstiff.simulator import default_arm, equilibrium
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import CorrectionLimits, JointModel, LoadCases, compensate
-from jointstiff.solver.robot import Robot, read_urdf
+from jointstiff.solver.deflection import (
+    CorrectionLimits,
+    ElasticForward,
+    ElasticPredictor,
+    JointForward,
+    JointModel,
+    LoadCases,
+    compensate,
+)
+from jointstiff.solver.links import ElasticColumns, ElasticModel, Folds, Plan, estimate_elastic
+from jointstiff.solver.robot import Configurations, Robot, read_urdf
 
 ARM = default_arm()
 ROBOT = Robot(read_urdf(urdf_text(ARM), BASE_LINK, FLANGE_LINK))
-MODEL = JointModel(ROBOT, ARM.compliances, None, Constraints(Bounds.positive(6)))
+MODEL = JointForward(JointModel(ROBOT, ARM.compliances, None, Constraints(Bounds.positive(6))))
 COUNT = 40
 
 
@@ -97,3 +108,55 @@ def test_ramps_begin_where_the_load_sets_in():
 def test_no_load_is_no_correction():
     found = compensate(MODEL, path(force=1e-300))
     assert np.abs(found.correction).max() < 1e-15
+
+
+@pytest.fixture(scope="module")
+def links():
+    """Exact beams, read and fitted."""
+    document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
+    robot, measurements = prepare(document)
+    columns = ElasticColumns(6, tuple(range(6)))
+    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), Plan(folds=3, weights=(1e-4,)))
+    model = ElasticModel("joints_and_links", columns)
+    return ElasticForward(
+        ElasticPredictor.of(robot, estimate_elastic(robot, measurements, folds, model, 1e-4))
+    )
+
+
+def exact_beams(joints, cases):
+    """Exact places (m, 3) of beams in balance, without load and with it: code that shares nothing."""
+    places = cases.place[:1]
+    still, loaded = elastic_deflections(beam_arm(ARM), joints, cases.force, cases.load_point, places)
+    return still[:, 0], loaded[:, 0]
+
+
+def test_as_much_is_compensated_as_is_predicted(links):
+    wanted = path()
+    found = compensate(links, wanted, CorrectionLimits(1.0, 1.0))
+    assert np.abs(found.residual).max() < 1e-11
+    goal, loaded = exact_beams(wanted.joints, wanted)
+    size = np.linalg.norm(loaded - goal, axis=1).mean()
+    predicted = 1.0 - np.linalg.norm(loaded - goal - found.uncorrected[:, :3], axis=1).mean() / size
+    reached = exact_beams(found.commanded, wanted)[1]
+    compensated = 1.0 - np.linalg.norm(reached - goal, axis=1).mean() / size
+    assert predicted > 0.97
+    assert compensated == pytest.approx(predicted, abs=1e-3)
+
+
+def test_a_share_is_left(links):
+    wanted = path()
+    whole = compensate(links, wanted, CorrectionLimits(1.0, 1.0))
+    most = float(np.median(np.linalg.norm(whole.correction[:, :3], axis=1)))
+    found = compensate(links, wanted, CorrectionLimits(most, 1.0))
+    assert found.capped.sum() == COUNT // 2
+    assert np.linalg.norm(found.correction[:, :3], axis=1).max() < most * 1.01
+    assert np.linalg.norm(found.residual[~found.capped, :3], axis=1).max() < 1e-11
+
+
+def test_the_place_follows_from_rows_and_from_blocks_alike(links):
+    wanted = path()
+    unloaded = Configurations(ROBOT, ROBOT.joint_map.model_angles(wanted.joints))
+    places = links.model.places(wanted, unloaded)
+    np.testing.assert_allclose(
+        places.deflection(links.model.compliances), places.rows @ links.model.compliances, atol=1e-15
+    )
