@@ -31,6 +31,7 @@ from benchmarks import (
     fanuc,
     faults,
     geometry,
+    geometry_real,
     in_process,
     integrity,
     invariance,
@@ -88,6 +89,8 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "replication": replication.run,
     "invariance": invariance.run,
     "geometry": geometry.run,
+    "geometry_worn": geometry_real.run_worn,
+    "geometry_ur5": geometry_real.run_ur5,
     "integrity": integrity.run,
     "assessment": assessment.run,
     "links": links.run,
@@ -96,7 +99,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "links_answered": elastic_campaigns.run_answered,
     "trend": trend.run,
 }
-IN_PARTS = frozenset({"links_fanuc", "links_coverage", "links_answered"})
+IN_PARTS = frozenset({"geometry_worn", "links_fanuc", "links_coverage", "links_answered"})
 """They take some minutes, and `--part 2/4` runs the second of four parts."""
 STUDIES = frozenset(
     {
@@ -116,6 +119,7 @@ STUDIES = frozenset(
         "assessment",
         "integrity",
         "geometry",
+        "geometry_ur5",
         "plan_lists",
         "plan_promise",
         "plan_nuisance",

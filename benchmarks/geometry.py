@@ -50,9 +50,10 @@ def run(*, quick: bool) -> list[Section]:
     ]
 
 
-def sweeps_of(cell: TrackedArm, rng: np.random.Generator) -> SweepSet:
-    """Each joint turned alone, with noise."""
-    parts = [_sweep(cell, joint, _arc(joint), rng) for joint in range(6)]
+def sweeps_of(cell: TrackedArm, rng: np.random.Generator, homes: FloatArray | None = None) -> SweepSet:
+    """Each joint turned alone, with noise; the others at rest at HOME, or each sweep's home (6, 6) [rad]."""
+    rests = np.tile(HOME, (6, 1)) if homes is None else homes
+    parts = [_sweep(cell, joint, _arc(joint), rng, home=rests[joint]) for joint in range(6)]
     return SweepSet(tuple(parts), NAMES, JointMap.identity(6), SIGMA)
 
 

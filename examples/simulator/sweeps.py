@@ -6,13 +6,14 @@ Springs play no part: the arm carries no load. Units are SI; readings are in the
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointstiff.simulator.arm import FloatArray, SpringArm, default_arm
+from jointstiff.simulator.arm import FloatArray, Posture, SpringArm, default_arm
 
-__all__ = ["HOME", "SWEEPS", "SWEEP_TARGETS", "TrackedArm", "imperfect_arm", "rotation_by"]
+__all__ = ["HOME", "SWEEPS", "SWEEP_TARGETS", "TrackedArm", "WornArm", "imperfect_arm", "rotation_by"]
 
 HOME = np.radians([10.0, -25.0, 20.0, 15.0, 40.0, -30.0])
 """Controller angles [rad] of the joints that are at rest."""
@@ -85,3 +86,76 @@ class TrackedArm:
         point: FloatArray = self.rotation @ posture.axis_points[joint] + self.translation
         direction: FloatArray = self.rotation @ posture.axis_directions[joint]
         return point, direction
+
+
+@dataclass(frozen=True, eq=False)
+class WornArm(TrackedArm):
+    """A tracked arm whose gears do not turn evenly and that sags under its own weight.
+
+    A joint stands at ``q + gear sin(turns q + phase)``. Every link weighs on the joints before it, which
+    give way about all three directions, about their axes most.
+
+    Attributes:
+        gear: (6,) amplitude of each joint's error [rad].
+        turns: (6,) its periods in one turn of the joint.
+        phase: (6,) [rad].
+        sag: greatest change of a target's displacement by weight within the sweeps from HOME [m].
+    """
+
+    gear: FloatArray = field(default_factory=lambda: np.zeros(6))
+    turns: FloatArray = field(default_factory=lambda: np.ones(6))
+    phase: FloatArray = field(default_factory=lambda: np.zeros(6))
+    sag: float = 0.0
+
+    @classmethod
+    def random(cls, seed: int, *, gear: float, sag: float) -> WornArm:
+        """An imperfect arm with gear errors of about this amplitude [rad] and this sag [m]."""
+        rng = np.random.default_rng([seed, 78])
+        return cls(
+            imperfect_arm(seed),
+            gear=gear * rng.uniform(0.5, 1.5, 6),
+            turns=rng.integers(1, 60, 6).astype(float),
+            phase=rng.uniform(0.0, 2.0 * np.pi, 6),
+            sag=sag,
+        )
+
+    def readings(self, controller: FloatArray) -> FloatArray:
+        """Readings (N, T, 3) [m] at controller angles (N, 6) [rad], without noise."""
+        q = controller @ self.matrix.T
+        q = q + self.gear * np.sin(self.turns * q + self.phase)
+        posture = self.arm.posture(q)
+        in_base = posture.targets_to_base(self.targets)
+        in_base = in_base + self._compliance * _give(posture, in_base)
+        readings: FloatArray = in_base @ self.rotation.T + self.translation
+        return readings
+
+    @cached_property
+    def _compliance(self) -> float:
+        """Scale of `_give` at which the sag is the one stated."""
+        most = 0.0
+        for joint, (first, last) in enumerate(SWEEPS.tolist()):
+            posture = self.arm.posture(self.sweep(joint, np.linspace(first, last, 21)) @ self.matrix.T)
+            given = _give(posture, posture.targets_to_base(self.targets))
+            most = max(most, float(np.linalg.norm(given[:, None] - given[None], axis=-1).max()))
+        return self.sag / most
+
+
+_MASSES = np.array([300.0, 250.0, 150.0, 80.0, 40.0, 20.0])
+_ABOUT_AXIS = np.array([1.0, 1.2, 1.5, 6.0, 8.0, 10.0])
+"""Relative compliance of each joint about its axis; across it a third of that."""
+
+
+def _give(posture: Posture, places: FloatArray) -> FloatArray:
+    """Displacement of places (..., T, 3) as the joints give way to the links' weights, not to scale."""
+    points, axes = posture.axis_points, posture.axis_directions
+    ends = np.concatenate([points[..., 1:, :], posture.flange_translation[..., None, :]], axis=-2)
+    centres = 0.5 * (points + ends)
+    moved = np.zeros_like(places)
+    for j, compliance in enumerate(_ABOUT_AXIS):
+        arms = centres[..., j:, :] - points[..., j, None, :]
+        weights = _MASSES[j:, None] * np.array([0.0, 0.0, -1.0])
+        moment = np.cross(arms, weights).sum(axis=-2)
+        along = np.sum(moment * axes[..., j, :], axis=-1, keepdims=True) * axes[..., j, :]
+        turn = compliance * (along + (moment - along) / 3.0)
+        moved = moved + np.cross(turn[..., None, :], places - points[..., j, None, :])
+    return moved

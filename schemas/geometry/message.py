@@ -14,9 +14,9 @@ from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncerta
 from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
 MAX_GEOMETRY_TARGETS = 8
-MAX_GEOMETRY_POSITIONS = 600
-"""Maximum number of positions of all sweeps together: the fit takes the cube of their number."""
-MAX_GEOMETRY_READINGS = 2_000
+MAX_GEOMETRY_POSITIONS = 1_200
+"""Maximum number of positions of all sweeps together: each sweep's fit takes the cube of their number."""
+MAX_GEOMETRY_READINGS = 4_000
 
 TargetPositions = Annotated[dict[Name, Vector3], Field(min_length=1, max_length=MAX_GEOMETRY_TARGETS)]
 BasePositions = Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)]

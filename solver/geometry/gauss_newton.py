@@ -2,13 +2,14 @@
 
 The state may be anything with a `stepped` function (an axis has no global coordinates); the Jacobian is
 taken in the chart at the state itself. At the minimum the linearised fit is kept: it carries
-covariance, rank and what each reading does to each unknown.
+covariance, rank and what each reading does to each unknown. Unknowns that belong to one group of readings
+each, such as the angle of one position, are eliminated group by group: their number costs nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -39,6 +40,7 @@ class LinearFit:
         inverse: (p, k) with δ = inverse Uᵀ r; of minimum norm in scaled unknowns where J is deficient.
         unseen: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine.
         scale: (p,) norms of the columns of J; 1 for a null column.
+        own: the unknowns of single groups of readings, if there are any; they are no part of the others.
     """
 
     residual: FloatArray
@@ -46,15 +48,20 @@ class LinearFit:
     inverse: FloatArray
     unseen: FloatArray
     scale: FloatArray
+    own: OwnUnknowns | None = None
 
     @classmethod
-    def of(cls, residual: FloatArray, jacobian: FloatArray) -> LinearFit:
+    def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray | None = None) -> LinearFit:
         """Decompose, by QR first: it is cheaper for many readings.
 
         Args:
             residual: (m,) whitened.
             jacobian: (m, p) of the prediction, whitened.
+            by_own: (G, m / G) derivative of each group of readings by its own unknown, whitened.
         """
+        if by_own is not None:
+            own = OwnUnknowns.of(residual, jacobian, by_own)
+            return replace(cls.of(own.without(residual), own.without(jacobian)), own=own)
         norms = np.linalg.norm(jacobian, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
         Q, R = np.linalg.qr(jacobian / scale)
@@ -75,9 +82,21 @@ class LinearFit:
         return int(self.left.shape[1])
 
     @property
+    def unknowns(self) -> int:
+        """Number of combinations of all unknowns that are determined, those of single groups included."""
+        return self.rank + (0 if self.own is None else self.own.count)
+
+    @property
     def step(self) -> FloatArray:
-        """The least squares step δ (p,)."""
-        return np.asarray(self.inverse @ (self.left.T @ self.residual))
+        """The least squares step δ (p,), then that of the groups' own unknowns (G,)."""
+        step = self.inverse @ (self.left.T @ self.residual)
+        return np.asarray(step if self.own is None else np.concatenate([step, self.own.step(step)]))
+
+    @property
+    def explained(self) -> float:
+        """Norm of the part of the residual that the step would explain."""
+        part = float(np.linalg.norm(self.left.T @ self.residual))
+        return part if self.own is None else float(np.hypot(part, np.linalg.norm(self.own.along)))
 
     @property
     def covariance(self) -> FloatArray:
@@ -95,6 +114,48 @@ class LinearFit:
         return bool(self.determined[unknowns].all())
 
 
+@dataclass(frozen=True, eq=False)
+class OwnUnknowns:
+    """Unknowns of which each moves the readings of one group only.
+
+    Attributes:
+        directions: (G, m / G) unit vectors of the readings' derivatives; null where there is none.
+        norms: (G,) of these derivatives; 1 for a null one.
+        along: (G,) residual along the directions.
+        others: (G, p) the same part of the derivative by the other unknowns.
+    """
+
+    directions: FloatArray
+    norms: FloatArray
+    along: FloatArray
+    others: FloatArray
+
+    @classmethod
+    def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:
+        """Take the derivatives of `LinearFit.of`."""
+        norms = np.linalg.norm(by_own, axis=1)
+        norms = np.where(norms > 0.0, norms, 1.0)
+        directions = by_own / norms[:, None]
+        grouped = jacobian.reshape(*by_own.shape, -1)
+        along = np.einsum("gi,gi->g", directions, residual.reshape(by_own.shape))
+        return cls(directions, norms, along, np.einsum("gi,gip->gp", directions, grouped))
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns that the readings determine."""
+        return int(self.directions.any(axis=1).sum())
+
+    def without(self, rows: FloatArray) -> FloatArray:
+        """Project rows (m,) or (m, p) on what the own unknowns do not explain."""
+        grouped = rows.reshape(*self.directions.shape, -1)
+        along = np.einsum("gi,gip->gp", self.directions, grouped)
+        return np.asarray((grouped - self.directions[..., None] * along[:, None]).reshape(rows.shape))
+
+    def step(self, others: FloatArray) -> FloatArray:
+        """Their step (G,), beside a step (p,) of the others."""
+        return np.asarray((self.along - self.others @ others) / self.norms)
+
+
 def minimise(
     state: State,
     residual: Callable[[State], FloatArray],
@@ -102,6 +163,7 @@ def minimise(
     stepped: Callable[[State, FloatArray], State],
     *,
     where: str,
+    by_own: Callable[[State], FloatArray] | None = None,
 ) -> tuple[State, LinearFit]:
     """Minimise ``‖residual(state)‖²``, halving steps that go too far.
 
@@ -112,8 +174,9 @@ def minimise(
         state: to start from.
         residual: whitened readings minus prediction (m,).
         jacobian: derivative of the prediction (m, p) in the chart at the state.
-        stepped: the state after a step (p,).
+        stepped: the state after a step (p,), with `by_own` (p + G,).
         where: for the message.
+        by_own: derivative (G, m / G) of each group of readings by its own unknown, if there are such.
 
     Returns:
         The minimum and the linear fit there.
@@ -123,8 +186,8 @@ def minimise(
     """
     r = residual(state)
     for _ in range(MOST_STEPS):
-        linear = LinearFit.of(r, jacobian(state))
-        if np.linalg.norm(linear.left.T @ r) <= _CONVERGED * np.linalg.norm(r):
+        linear = LinearFit.of(r, jacobian(state), None if by_own is None else by_own(state))
+        if linear.explained <= _CONVERGED * np.linalg.norm(r):
             return state, linear
         for halvings in range(_MOST_HALVINGS):
             trial = stepped(state, linear.step * 0.5**halvings)

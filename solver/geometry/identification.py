@@ -34,6 +34,7 @@ from jointstiff.solver.geometry.model import (
     calibrate,
     dh_table,
     identify_model,
+    link_findings,
     link_table,
     refine_axes,
 )
@@ -48,6 +49,8 @@ from jointstiff.solver.geometry.sweeps import (
     disagree,
     geometry_findings,
     identify_axes,
+    resting_angles,
+    widened,
 )
 from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
 
@@ -75,7 +78,8 @@ def identify_from_sweeps(
         nominal: model of the robot; needed where a convention is by it.
         name: of the identified robot.
         fit: `one_by_one` asks least of the controller's repeatability; see `sweep_bundle`. Where the sweeps
-            disagree, `together` falls back to it with a finding.
+            disagree, `together` falls back to it with a finding. Where gears are uneven, uncertainties
+            include those of the angles at rest; see `resting_angles`.
         angles: see `circle_point`.
         base_targets: read before and after.
 
@@ -86,11 +90,13 @@ def identify_from_sweeps(
     alone = free if angles == "free" else trusted
     together = refine_axes(alone, angles=angles) if fit == "together" else None
     agreement = None if together is None else angle_probability(alone, together)
-    identified = alone if together is None or disagree(agreement) else together
-    _refuse_exact(identified)
-    used: SweepFit = "one_by_one" if identified is alone else "together"
-    evidence = Evidence(alone, used, angle_probability(free, trusted), agreement)
-    wrist = _wrist_of_sweeps(identified)
+    controller = angle_probability(free, trusted)
+    chosen = alone if together is None or disagree(agreement) else together
+    _refuse_exact(chosen)
+    used: SweepFit = "one_by_one" if chosen is alone else "together"
+    evidence = Evidence(alone, used, controller, agreement)
+    identified = widened(chosen, resting_angles(free, controller))
+    wrist = _wrist_of_sweeps(chosen)  # where it was in the sweeps, whatever the angles at rest
     found = geometry_findings(alone, together or alone) + agreement_findings(agreement)
     frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
     return _identified_geometry(identified, frame, wrist, found, base_targets, evidence)
@@ -146,6 +152,8 @@ def _identified_geometry(
     found += drift.findings() if drift else ()
     tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
     found += tables[0].findings()
+    links = () if nominal is None else link_table(identified, base, flange, nominal)
+    found += link_findings(links)
     return IdentifiedGeometry(
         identified=identified,
         sigma_stated=frame.stated,
@@ -154,7 +162,7 @@ def _identified_geometry(
         base=base,
         model=model,
         targets_determined=_placed_targets(identified, flange),
-        links=() if nominal is None else link_table(identified, base, flange, nominal),
+        links=links,
         wrist=wrist,
         tables=tables,
         drift=drift,

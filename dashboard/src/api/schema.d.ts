@@ -3153,7 +3153,7 @@ export interface components {
             noise?: components["schemas"]["GeometryNoise-Input"] | null;
             /**
              * Sweeps
-             * @description Sweeps, one per joint, of at most 600 positions in all.
+             * @description Sweeps, one per joint, of at most 1200 positions in all.
              */
             sweeps?: components["schemas"]["JointSweep"][] | null;
             /**
@@ -3206,7 +3206,7 @@ export interface components {
             noise: components["schemas"]["GeometryNoise-Output"] | null;
             /**
              * Sweeps
-             * @description Sweeps, one per joint, of at most 600 positions in all.
+             * @description Sweeps, one per joint, of at most 1200 positions in all.
              */
             sweeps: components["schemas"]["JointSweep"][] | null;
             /**

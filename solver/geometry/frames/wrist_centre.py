@@ -105,7 +105,8 @@ class WristCentre:
         T = base.transform_tracker_to_base
         centre = T.apply(estimate.centre)
         through_base = RigidTransform.sensitivity(centre) @ base.jacobian @ identified.influence
-        influence = T.rotation @ estimate.influence + through_base
+        influence = through_base  # may have further columns, of angles at rest
+        influence[:, : estimate.influence.shape[1]] += T.rotation @ estimate.influence
         return centre, identified.sigma**2 * influence @ influence.T
 
     def findings(self) -> tuple[GeometryFinding, ...]:

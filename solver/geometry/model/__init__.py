@@ -8,6 +8,7 @@ from jointstiff.solver.geometry.model.identified_model import (
     IdentifiedModel,
     LinkParameter,
     identify_model,
+    link_findings,
     link_table,
 )
 from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxes, calibrate
@@ -24,6 +25,7 @@ __all__ = [
     "calibrate",
     "dh_table",
     "identify_model",
+    "link_findings",
     "link_table",
     "refine_axes",
 ]

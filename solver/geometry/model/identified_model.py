@@ -10,6 +10,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
+from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames import BaseFrame, RigidTransform, chain_axes, perpendicular_frame
 from jointstiff.solver.geometry.model.link_parameters import link_geometry, near_parallel, perpendicular_signs
 from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
@@ -18,6 +19,9 @@ from jointstiff.solver.robot import ChainJoint, KinematicChain
 LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
 
 _NAME = "identified"
+
+_VAGUE = {"m": 10e-3, "rad": 10e-3}
+"""Standard uncertainty [m, rad] beyond which a data sheet knows a parameter better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,36 @@ class LinkParameter:
         """Identified less nominal; angles within ±π."""
         gap = self.identified - self.nominal
         return gap if self.unit == "m" else float(np.arctan2(np.sin(gap), np.cos(gap)))
+
+    @property
+    def is_vague(self) -> bool:
+        """Return whether the readings say less than any data sheet; False where they say nothing."""
+        return _VAGUE[self.unit] < self.standard_uncertainty < float("inf")
+
+    @property
+    def text(self) -> str:
+        """The parameter with its uncertainty, such as "a of joint 5 (± 67 mm)"."""
+        spread = self.standard_uncertainty
+        shown = f"{1e3 * spread:.2g} mm" if self.unit == "m" else f"{np.degrees(spread):.2g}°"
+        return f"{self.quantity} of joint {self.joint + 1} (± {shown})"
+
+
+def link_findings(links: Sequence[LinkParameter]) -> tuple[GeometryFinding, ...]:
+    """Report parameters that the readings leave vague."""
+    vague = [link for link in links if link.is_vague]
+    if not vague:
+        return ()
+    return (
+        GeometryFinding(
+            "parameters_not_identified",
+            "links",
+            float(len(vague)),
+            "",
+            "the readings hardly determine " + ", ".join(link.text for link in vague),
+            "read targets farther from the last axes, or turn these joints over more of their range; results "
+            "at the same targets, over the same range, do not suffer",
+        ),
+    )
 
 
 @dataclass(frozen=True, eq=False)

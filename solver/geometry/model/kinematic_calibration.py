@@ -150,7 +150,7 @@ def _readings(angles: FloatArray, poses: Poses) -> PoseReadings:
         points=np.where(present, poses.points, 0.0),
         weight=np.where(present[..., None], whitener(poses.covariance), 0.0),
         slopes=np.zeros_like(angles),
-        basis=np.zeros((len(angles), 0)),
+        free=False,
     )
 
 

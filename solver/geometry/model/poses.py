@@ -8,6 +8,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry.sweeps import refuse_other_unit
 from jointstiff.solver.robot import JointMap
 
 
@@ -25,7 +26,8 @@ class Poses:
         covariance: (3, 3) or (N, T, 3, 3) of the readings in units of sigma².
 
     Raises:
-        MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
+        MeasurementError: shapes disagree, a number is not finite, sigma is not positive, or the unit of
+            length is wrong.
     """
 
     angles: FloatArray
@@ -61,5 +63,12 @@ class Poses:
                 where="noise.sigma",
                 remedy="give a positive length",
             )
+        refuse_other_unit(self._span)
         for array in (self.angles, self.points, self.present, self.covariance):
             array.setflags(write=False)
+
+    @property
+    def _span(self) -> float:
+        """Diagonal of the box around all readings [m]."""
+        read = self.points[self.present]
+        return float(np.linalg.norm(np.ptp(read, axis=0))) if len(read) else 0.0

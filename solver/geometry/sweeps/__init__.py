@@ -14,7 +14,8 @@ from jointstiff.solver.geometry.sweeps.findings import (
 )
 from jointstiff.solver.geometry.sweeps.identified_axes import Geometry, IdentifiedAxes, posed
 from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
-from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
+from jointstiff.solver.geometry.sweeps.resting_angles import resting_angles, widened
+from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet, refuse_other_unit
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes, robust_sigma
 
 __all__ = [
@@ -39,6 +40,9 @@ __all__ = [
     "geometry_findings",
     "identify_axes",
     "posed",
+    "refuse_other_unit",
+    "resting_angles",
     "robust_sigma",
     "sweep_evidence",
+    "widened",
 ]

@@ -20,6 +20,7 @@ BEYOND_MODEL = 3.0
 """Displacement by a bump over a typical residual of all sweeps: less may be the model or a gear."""
 
 _CHI_SQUARE_ALARM = 1e-6
+_UNEVEN = 0.01
 _SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
 
 
@@ -78,6 +79,11 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
     return float(stats.f.sf(gain / (free.rss / free.dof), more, free.dof))
 
 
+def uneven(probability: float) -> bool:
+    """Return whether gears are off by more than noise, by the probability of the controller's angles."""
+    return probability < _UNEVEN
+
+
 def disagree(probability: float | None) -> bool:
     """Return whether one robot does not fit all sweeps, by the probability of the test."""
     return probability is not None and probability < _CHI_SQUARE_ALARM
@@ -97,10 +103,10 @@ def agreement_findings(probability: float | None) -> tuple[GeometryFinding, ...]
             "sweeps",
             probability,
             "",
-            "no single robot model fits all sweeps as well as separate fits do (p = "
-            f"{probability:.1g}); the axes are those of the sweeps fitted one by one",
-            "request fit one_by_one, or repeat the sweeps; also check how well the resting joints repeat, "
-            "and gear errors",
+            "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
+            f"fits all sweeps (p = {probability:.1g}), so the axes are those of the sweeps fitted one by one",
+            "use the result with its larger uncertainties; for smaller ones, rest all joints at the same "
+            "angles in all sweeps, approached from the same side",
         ),
     )
 

@@ -28,14 +28,14 @@ class PoseReadings:
         points: (N, T, 3) tracker's frame [m]; zero where absent.
         weight: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent.
         slopes: (N, n) of the model angles by the correction of a configuration.
-        basis: (N, F) the corrections that are free [rad]; F may be 0.
+        free: whether each configuration has a correction of its own.
     """
 
     angles: FloatArray
     points: FloatArray
     weight: FloatArray
     slopes: FloatArray
-    basis: FloatArray
+    free: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,9 @@ class PoseState:
 def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and free corrections.
 
-    Unknowns are in this order: charts (4 n), targets (3 T), corrections (F). Where the readings leave a
-    combination of them undetermined, it stays as it was at the start.
+    Unknowns are in this order: charts (4 n), targets (3 T); the corrections are eliminated, each from its own
+    readings. Where the readings leave a combination of the unknowns undetermined, it stays as it was at the
+    start.
 
     Args:
         readings: in at least two configurations.
@@ -74,17 +75,23 @@ def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[
         moves = step[:charts].reshape(-1, CHART_SIZE)
         axes = tuple(axis.displaced(move) for axis, move in zip(state.axes, moves, strict=True))
         targets = state.targets + step[charts:kept].reshape(-1, 3)
-        return PoseState(axes, targets, state.corrections + readings.basis @ step[kept:])
+        corrections = state.corrections + step[kept:] if readings.free else state.corrections
+        return PoseState(axes, targets, corrections)
 
     def residual(state: PoseState) -> FloatArray:
         gaps = readings.points - _Motion(state, readings).stages[0]
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
     def jacobian(state: PoseState) -> FloatArray:
-        J = readings.weight @ _Motion(state, readings).jacobian(readings)
+        J = readings.weight @ _Motion(state, readings).jacobian()
         return np.asarray(J.reshape(readings.points.size, -1))
 
-    return minimise(first, residual, jacobian, stepped, where=where)
+    def by_correction(state: PoseState) -> FloatArray:
+        spin = _Motion(state, readings).spin(readings)
+        return np.asarray((readings.weight @ spin[..., None]).reshape(len(spin), -1))
+
+    by_own = by_correction if readings.free else None
+    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own)
 
 
 class _Motion:
@@ -110,19 +117,22 @@ class _Motion:
             stage = axis.turned(turn, stage)
             self.stages.insert(0, stage)
 
-    def jacobian(self, readings: PoseReadings) -> FloatArray:
-        """Derivative (N, T, 3, 4 n + 3 T + F) of the prediction."""
-        count, targets, _ = readings.points.shape
+    def jacobian(self) -> FloatArray:
+        """Derivative (N, T, 3, 4 n + 3 T) of the prediction by charts and targets."""
+        count, targets, _ = self.stages[0].shape
         charts = CHART_SIZE * len(self.state.axes)
-        kept = charts + 3 * targets
-        J = np.zeros((count, targets, 3, kept + readings.basis.shape[1]))
-        spin = np.zeros(readings.points.shape)
+        J = np.zeros((count, targets, 3, charts + 3 * targets))
         for i, axis in enumerate(self.state.axes):
             by_chart = axis.turned_by_chart(self.turns[i], self.stages[i + 1])
             J[..., CHART_SIZE * i : CHART_SIZE * (i + 1)] = self.before[i][:, None] @ by_chart
-            swing = np.cross(axis.direction, self.stages[i] - axis.point)
-            spin += readings.slopes[:, i, None, None] * (swing @ np.swapaxes(self.before[i], -1, -2))
         for t in range(targets):
             J[:, t, :, charts + 3 * t : charts + 3 * t + 3] = self.before[-1]
-        J[..., kept:] = spin[..., None] * readings.basis[:, None, None, :]
         return J
+
+    def spin(self, readings: PoseReadings) -> FloatArray:
+        """Derivative (N, T, 3) of the prediction by each configuration's correction [m/rad]."""
+        spin = np.zeros(readings.points.shape)
+        for i, axis in enumerate(self.state.axes):
+            swing = np.cross(axis.direction, self.stages[i] - axis.point)
+            spin += readings.slopes[:, i, None, None] * (swing @ np.swapaxes(self.before[i], -1, -2))
+        return spin

@@ -24,6 +24,9 @@ SHORTEST_ARC = np.radians(5.0)
 SMALLEST_MOTION = 1e-3
 """Least displacement of the target that moves most [m]."""
 
+LEAST_REACH, MOST_REACH = 1e-2, 50.0
+"""Displacements of a target [m] that no robot's readings stay below, or exceed: the unit is wrong."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
@@ -132,7 +135,8 @@ class Sweep:
                 f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
                 f"moved by more than {way * 1e3:.3g} mm",
                 where=self.where,
-                remedy="check that readings and angles belong together, and that the targets were tracked",
+                remedy="check that readings and angles belong together, that the targets were tracked, and "
+                "units.length",
             )
 
     @property
@@ -168,6 +172,26 @@ class Sweep:
         )
 
 
+def refuse_other_unit(reach: float) -> None:
+    """Refuse readings that only make sense in another unit of length.
+
+    Args:
+        reach: largest displacement of a target [m].
+
+    Raises:
+        MeasurementError: it is not that of a robot.
+    """
+    if LEAST_REACH <= reach <= MOST_REACH:
+        return
+    shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
+    given, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
+    raise MeasurementError(
+        f"no target moves farther than {shown}" if reach < 1.0 else f"a target moves by {shown}",
+        where="units.length",
+        remedy=f"check units.length: positions in {meant} seem to be declared in {given}",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class SweepSet:
     """Sweeps of one robot by one tracker that stood still, with the same targets.
@@ -197,6 +221,7 @@ class SweepSet:
             )
         if not self.sweeps:
             raise MeasurementError("no sweep", where="sweeps", remedy="give one sweep of each joint")
+        refuse_other_unit(max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
             self._check_sweep(sweep)
         name, count = Counter(self._turning_key(sweep) for sweep in self.sweeps).most_common(1)[0]

@@ -20,6 +20,8 @@ from jointstiff.solver.geometry.sweeps.coupled_sweep import CoupledFit, fit_coup
 from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, derivative
 from jointstiff.solver.geometry.sweeps.sweep import STILL, Sweep, SweepSet
 
+_STEP = 1e-6  # of the difference quotients [rad]
+
 
 @dataclass(frozen=True, eq=False)
 class SweptAxes(IdentifiedAxes):
@@ -35,6 +37,11 @@ class SweptAxes(IdentifiedAxes):
     sweeps: SweepSet
     fits: tuple[AxisFit | CoupledFit, ...]
     robust_sigma: float
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Index of the sweep that tells the axis of each model joint (n,)."""
+        return tuple(_sweep_of_joint(self.sweeps))
 
 
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
@@ -68,6 +75,26 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     )
 
 
+def influence_of_postures(swept: SweptAxes) -> FloatArray:
+    """Return the derivative (4 n + 3 T, n · n) of axes and targets by the model angles in each joint's sweep.
+
+    Columns go by joint of the sweep, then by the angle that changes. For axes fitted one by one.
+    """
+    order = swept.order
+    at_sweep = [swept.fits[index].axis for index in order]
+    points = swept.fits[order[-1]].target_points()
+    postures = _postures(swept.sweeps, order)
+    axes, targets = _to_zero(at_sweep, points, postures)
+
+    def moved(step: FloatArray) -> FloatArray:
+        found, at = _to_zero(at_sweep, points, postures + step.reshape(postures.shape))
+        charts = [axis.chart(other) for axis, other in zip(axes, found, strict=True)]
+        return np.concatenate([*charts, (at - targets).ravel()])
+
+    steps = _STEP * np.eye(postures.size)
+    return np.stack([(moved(step) - moved(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+
+
 def robust_sigma(sweeps: SweepSet, residual: FloatArray, dof: int) -> float:
     """Return the standard uncertainty of a coordinate [m] by the median of the absolute residuals.
 
@@ -87,7 +114,7 @@ def _zeroed(
     """Axes and targets at zero, and their derivative by all whitened readings."""
     at_sweep = [fits[index].axis for index in order]
     points = fits[order[-1]].target_points()
-    postures = np.array([sweeps.model_angles(sweeps.sweeps[index]).mean(axis=0) for index in order])
+    postures = _postures(sweeps, order)
     axes, targets = _to_zero(at_sweep, points, postures)
 
     def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
@@ -96,6 +123,11 @@ def _zeroed(
         return np.concatenate([*parts, target.ravel()])
 
     return axes, targets, derivative(at_sweep, points, charts) @ _stacked_influence(fits, order)
+
+
+def _postures(sweeps: SweepSet, order: Sequence[int]) -> FloatArray:
+    """Mean model angles (n, n) [rad] in the sweep of each model joint."""
+    return np.array([sweeps.model_angles(sweeps.sweeps[index]).mean(axis=0) for index in order])
 
 
 def _sweep_of_joint(sweeps: SweepSet) -> list[int]:

@@ -773,10 +773,10 @@ def test_targets_that_say_nothing_new_are_no_fault(memory):
 
 
 def test_limits_are_stated():
-    with pytest.raises(ValueError, match="at most 600 positions"):
-        GeometryRequest.model_validate(sweeps(TrackedArm(), count=600 // 6 + 1))
+    with pytest.raises(ValueError, match="at most 1200 positions"):
+        GeometryRequest.model_validate(sweeps(TrackedArm(), count=1200 // 6 + 1))
     many = poses(TrackedArm(), count=MAX_GEOMETRY_READINGS // 3 + 1) | {"robot_id": "a"}
-    with pytest.raises(ValueError, match="at most 2000 readings"):
+    with pytest.raises(ValueError, match="at most 4000 readings"):
         GeometryRequest.model_validate(many)
 
 

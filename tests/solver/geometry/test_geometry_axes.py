@@ -10,6 +10,7 @@ from scipy import stats
 from support.geometry_truth import (
     FANUC_MAP,
     HOME,
+    NAMES,
     SIGMA,
     TARGETS,
     Cell,
@@ -20,16 +21,25 @@ from support.geometry_truth import (
 )
 
 from jointstiff.simulator import default_arm
+from jointstiff.simulator.sweeps import SWEEPS, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import Axis, RigidTransform, SweepSet
+from jointstiff.solver.geometry import (
+    Axis,
+    Conventions,
+    IdentifiedGeometry,
+    RigidTransform,
+    Sweep,
+    SweepSet,
+    identify_from_sweeps,
+)
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
 from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
 from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
 from jointstiff.solver.geometry.sweeps.findings import angle_probability, geometry_findings
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
-from jointstiff.solver.robot import read_urdf
+from jointstiff.solver.robot import JointMap, read_urdf
 
 WAYS = ["one by one", "together", "together, controller's angles"]
 
@@ -75,7 +85,8 @@ class TestSharedSweeps:
         """20 µm where the readings can do so, in the tracker's frame; in R0 the frame's part comes on top.
 
         Axis 2 fixes the direction of R0 within 20 µrad, which at 1 m from axis 1 are 20 µm: no estimator
-        is better (Cramér-Rao bound of these readings: 6, 22 and 9 µm). Measured: 34, 20.3, 17.7 µm.
+        is better (Cramér-Rao bound of these readings: 6, 22 and 9 µm). Measured: 34, 23.2, 17.7 µm; it was
+        20.3 together while the mean of the free angles was taken from the controller, which gears break.
         """
         sweeps, truth = shared_sweeps()
         found = identified(sweeps, way)
@@ -92,7 +103,7 @@ class TestSharedSweeps:
         assert wrist.findings() == ()
         assert wrist.miss.probability > 0.01
         centre, _ = wrist.in_base(wrist.combined, base, found)
-        bound = dict(zip(WAYS, (40e-6, 21e-6, 20e-6), strict=True))
+        bound = dict(zip(WAYS, (40e-6, 24e-6, 20e-6), strict=True))
         assert np.linalg.norm(centre - true) < bound[way]
 
     def test_targets(self, way: str) -> None:
@@ -128,6 +139,49 @@ def test_the_readings_say_whether_the_controllers_angles_are_good_enough() -> No
     ]
     spoilt = replace(sweeps, sweeps=tuple(worse))
     assert angle_probability(identify_axes(spoilt), identify_axes(spoilt, angles="controller")) < 1e-6
+
+
+def _worn(seed: int, *, spread: float) -> IdentifiedGeometry:
+    """Identify an arm with gear errors and sag, swept from homes that differ by up to `spread` [rad]."""
+    cell, rng = WornArm.random(seed, gear=60e-6, sag=30e-6), np.random.default_rng([seed, 9])
+    parts = []
+    for joint in range(6):
+        home = HOME + rng.uniform(-spread, spread, 6)
+        angles = cell.sweep(joint, np.linspace(*SWEEPS[joint], 15), home)
+        points = cell.readings(angles)
+        points = points + rng.normal(0.0, SIGMA, points.shape)
+        shown = np.ones(points.shape[:2], dtype=bool)
+        parts.append(Sweep(f"joint_{joint + 1}", joint, angles, points, shown))
+    sweeps = SweepSet(tuple(parts), NAMES, JointMap.identity(6), SIGMA)
+    chain = read_urdf(urdf_text(cell.arm), "base_link", "flange")
+    return identify_from_sweeps(sweeps, Conventions("nominal", "nominal"), nominal=chain)
+
+
+@pytest.mark.parametrize(("spread", "fit"), [(0.0, "together"), (0.2, "one_by_one")])
+def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread: float, fit: str) -> None:
+    """Six sets, 8 lengths each: gears of 60 µrad move axes by 0.1 mm where a fit trusts them at rest.
+
+    The links of the true chain stand for the nominal ones. Joints that rest elsewhere in each sweep make the
+    sweeps disagree; then they are fitted one by one, and the uncertainties hold the gears' errors.
+    """
+    ratios = []
+    for seed in range(6):
+        found = _worn(seed, spread=spread)
+        assert found.fit == fit
+        assert "error" not in {finding.severity for finding in found.findings}
+        assert ("sweeps_disagree" in {finding.code for finding in found.findings}) == (fit == "one_by_one")
+        ratios += [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
+    assert len(ratios) == 48
+    assert np.abs(ratios).max() < 4.0
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+@pytest.mark.parametrize("factor", [1e3, 2e-3, 1e-3], ids=["mm as m", "barely", "m as mm"])
+def test_readings_in_another_unit_are_refused(factor: float) -> None:
+    sweeps = Cell().sweeps()
+    with pytest.raises(MeasurementError) as caught:
+        replace(sweeps, sweeps=tuple(replace(one, points=one.points * factor) for one in sweeps.sweeps))
+    assert "units.length" in caught.value.remedy
 
 
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
