@@ -10,23 +10,26 @@ import numpy as np
 
 from jointstiff.schemas.map import MapOptions, MapResult
 from jointstiff.schemas.run import Run
-from jointstiff.service.computation.deflection import model_of, no_bound, remarks_of
+from jointstiff.service.computation.deflection import FIRST_ORDER, model_of, no_bound, remarks_of
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of, pack, unpack
 from jointstiff.service.conversion import (
     map_columns,
     map_csv,
     map_npz,
+    to_elastic_predictor,
     to_joint_model,
     to_map_result,
     to_map_task,
     to_places,
 )
-from jointstiff.solver.deflection import DeflectionMap, map_places
+from jointstiff.solver.deflection import DeflectionMap, ElasticPredictor, JointModel, map_places
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.robot import InverseKinematics, Robot
 
 POSES_A_STEP: Final = 10_000
 """Places times orientations of a quarter of a second."""
+_ELASTIC: Final = 5
+"""Postures in whose time and memory those with elastic links take one."""
 
 
 class MapWork(SteppedWork[DeflectionMap]):
@@ -52,13 +55,11 @@ class MapWork(SteppedWork[DeflectionMap]):
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
         self._stored = model_of(run)
-        if self._stored.elastic is not None:  # its joints alone would bend too little
-            raise RequestError(
-                f"run '{run.id}' lets links or coupling bend, and maps are by joints",
-                where="run_id",
-                remedy="map by a run of the same set with elasticity joints",
-            )
-        self._model, self._error = to_joint_model(robot, self._stored)
+        self._model: JointModel | ElasticPredictor
+        if self._stored.elastic is None:
+            self._model, self._error = to_joint_model(robot, self._stored)
+        else:
+            self._model, self._error = to_elastic_predictor(robot, self._stored, self._stored.elastic)
         self._task, self._places = to_map_task(request, robot), to_places(request)
         try:
             self._inverse = InverseKinematics(robot)
@@ -102,7 +103,7 @@ class MapWork(SteppedWork[DeflectionMap]):
             found,
             model_error_postures=0 if error is None else error.postures,
             remarks=[
-                *remarks_of(run, weighed=False),
+                *(remarks_of(run, weighed=False) if self._stored.elastic is None else [FIRST_ORDER]),
                 *no_bound(error, self._stored.no_error, self._request.confidence),
             ],
         )
@@ -123,7 +124,8 @@ class MapWork(SteppedWork[DeflectionMap]):
         return map_columns(self._request, self._robot, self._places, self._table)
 
     def _blocks(self) -> tuple[Span, ...]:
-        size = max(1, POSES_A_STEP // len(self._task.fan))
+        poses = POSES_A_STEP if self._stored.elastic is None else POSES_A_STEP // _ELASTIC
+        size = max(1, poses // len(self._task.fan))
         return tuple(
             (start, min(start + size, len(self._places))) for start in range(0, len(self._places), size)
         )

@@ -115,7 +115,7 @@ def _compensate_block(
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty, leverage = _uncertainty(readings, uncorrected[:, :3])
+    uncertainty, leverage = uncertainties(readings, uncorrected[:, :3])
     uncertain = uncertainty > np.linalg.norm(uncorrected[:, :3], axis=1)
     share = np.where(uncertain, 0.0, ramp)
     under = Configurations(robot, model.command(wanted, goal, share))
@@ -156,7 +156,7 @@ class _Places:
         return np.concatenate([there.place - self.place, turned], axis=1)
 
 
-def _uncertainty(readings: FloatArray | None, deflection: FloatArray) -> tuple[FloatArray, FloatArray]:
+def uncertainties(readings: FloatArray | None, deflection: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return standard uncertainties (m,), (m,) [m]: along the deflection, and the greatest of any direction.
 
     Args:

@@ -106,15 +106,18 @@ class ElasticPredictor:
         twisted = np.abs(places.jacobian * places.torque[:, None]).max(axis=1) > 0.0
         return np.asarray(twisted & ~self.seen)
 
+    def half(self, places: ElasticPlaces) -> FloatArray | None:
+        """(B, 6, p) H, H Hᵀ the covariance of displacement and rotation; None where it is unknown."""
+        return None if self.root is None else np.asarray(places.rows[..., self.kept] @ self.root)
+
     def predict(self, cases: LoadCases, confidence: float) -> Deflection:
         """Predict displacements and rotations, with intervals from the readings alone, and compliance."""
         unloaded = Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
         places = self.places(cases, unloaded)
-        rows = places.rows
-        value = rows[..., self.kept] @ self.entries
+        value = places.deflection(self.compliances)
         covariance = interval = None
-        if self.root is not None:
-            half = rows[..., self.kept] @ self.root
+        half = self.half(places)
+        if half is not None:
             covariance = half @ half.transpose(0, 2, 1)
             spread = self.quantile(confidence) * np.linalg.norm(half, axis=-1)
             interval = value[..., None] + spread[..., None] * np.array([-1.0, 1.0])

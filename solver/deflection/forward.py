@@ -298,9 +298,8 @@ class BentLinks:
     def readings(self) -> tuple[BoolArray, FloatArray | None]:
         """Return what the readings say of the displacements: see `Bent`."""
         unseen: BoolArray = np.asarray(self._model.unseen(self._places).any(axis=1))
-        if self._model.root is None:
-            return unseen, None
-        return unseen, self._places.rows[:, :3, self._model.kept] @ self._model.root
+        half = self._model.half(self._places)
+        return unseen, None if half is None else half[:, :3]
 
 
 def load_torque(cases: LoadCases, here: Configurations) -> FloatArray:

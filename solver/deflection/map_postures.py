@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.forward import load_torque
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.map_task import MapTask
@@ -58,7 +59,11 @@ def _turned(angles: FloatArray, robot: Robot, task: MapTask) -> FloatArray:
 
 
 def chosen_postures(
-    model: JointModel, task: MapTask, place: IndexArray, orientation: IndexArray, joints: FloatArray
+    model: JointModel | ElasticPredictor,
+    task: MapTask,
+    place: IndexArray,
+    orientation: IndexArray,
+    joints: FloatArray,
 ) -> IndexArray:
     """Return one posture of each place: the index (R,) of the nearest or the stiffest."""
     home = np.zeros(model.robot.n) if task.near is None else task.near
@@ -71,13 +76,16 @@ def chosen_postures(
 
 
 def _linear_length(
-    model: JointModel, task: MapTask, orientation: IndexArray, joints: FloatArray
+    model: JointModel | ElasticPredictor, task: MapTask, orientation: IndexArray, joints: FloatArray
 ) -> FloatArray:
-    """Return the length (K,) of ``J diag(c) τ`` [m] at unloaded postures."""
+    """Return the length (K,) of ``J diag(c) τ`` [m], or of the links' too, at unloaded postures."""
     if not len(joints):
         return np.zeros(0)
     cases = task.cases(orientation, joints)
     here = Configurations(model.robot, model.robot.joint_map.model_angles(joints))
+    if isinstance(model, ElasticPredictor):
+        moved = model.places(cases, here).deflection(model.compliances)[:, :3]
+        return np.asarray(np.linalg.norm(moved, axis=1))
     torque = load_torque(cases, here)
     moved = here.jacobian_at(here.to_base(cases.place[:, None]))[:, 0]
     return np.asarray(np.linalg.norm((moved @ (model.compliance * torque)[..., None])[..., 0], axis=1))

@@ -8,12 +8,14 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.compensation import uncertainties
+from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.map_postures import chosen_postures, postures_within_limits
 from jointstiff.solver.deflection.map_task import MapTask
-from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
 from jointstiff.solver.regression import joint_torque, wrench_stiffness
 from jointstiff.solver.robot import Configurations, InverseKinematics
 
@@ -88,7 +90,7 @@ class DeflectionMap:
 
 
 def map_places(
-    model: JointModel,
+    model: JointModel | ElasticPredictor,
     error: ModelError | None,
     task: MapTask,
     inverse: InverseKinematics,
@@ -97,10 +99,11 @@ def map_places(
     """Map some places.
 
     The posture is chosen by the deflection that is linear in the load, ``J diag(c) τ``; all numbers
-    of the chosen posture are of the exact balance of springs and load, as predictions are.
+    of the chosen posture are of the exact balance of springs and load, as predictions are. Where links bend,
+    both are linear in the load.
 
     Args:
-        model: elastic joints.
+        model: elastic joints, or links as well.
         error: of the model; None where it has none.
         task: tool, wrench and limits.
         inverse: kinematics of the same robot.
@@ -118,12 +121,16 @@ def map_places(
 
 
 def map_postures(
-    model: JointModel, error: ModelError | None, task: MapTask, orientation: IndexArray, joints: FloatArray
+    model: JointModel | ElasticPredictor,
+    error: ModelError | None,
+    task: MapTask,
+    orientation: IndexArray,
+    joints: FloatArray,
 ) -> DeflectionMap:
-    """Return what a map says of postures, by the exact balance of springs and load.
+    """Return what a map says of postures, by the exact balance of springs and load, or the elastic model.
 
     Args:
-        model: elastic joints.
+        model: elastic joints, or links as well.
         error: of the model; None where it has none.
         task: tool and wrench.
         orientation: (P,) index of the fan.
@@ -131,6 +138,9 @@ def map_postures(
     """
     found = DeflectionMap.empty(len(joints), model.robot.n)
     found.orientation[:], found.joints[:] = orientation, joints
+    if isinstance(model, ElasticPredictor):
+        _fill_elastic(found, model, error, task)
+        return found
     overloaded = _overloaded(model, task.cases(orientation, joints))
     found.status[:] = np.where(overloaded, _OVERLOADED, _REACHED)
     if not overloaded.all():
@@ -177,6 +187,34 @@ def _fill(
         column[where[seen]] = value[seen]
 
 
+def _fill_elastic(
+    found: DeflectionMap, model: ElasticPredictor, error: ModelError | None, task: MapTask
+) -> None:
+    """Write the numbers of postures (P,) by the elastic model, to first order in the load."""
+    robot, cases = model.robot, task.cases(found.orientation, found.joints)
+    places = model.places(cases, Configurations(robot, robot.joint_map.model_angles(found.joints)))
+    moved, translation = places.deflection(model.compliances), places.compliance(model.compliances)
+    overloaded = np.linalg.norm(moved[:, 3:], axis=1) > _LARGEST_TURN
+    unseen = model.unseen(places).any(axis=1)
+    found.status[:] = np.where(overloaded, _OVERLOADED, np.where(unseen, _UNSEEN, _REACHED))
+    found.displacement[:] = moved[:, :3]
+    length = found.length
+    direction = task.fan.direction[found.orientation]
+    if model.seen.all():  # an unknown joint may answer to other forces than the load
+        found.along[:] = np.einsum("bi,bij,bj->b", direction, translation[:, :3, :3], direction)
+        found.across[:] = _greatest_across(translation[:, :3, :3], direction)
+    half = model.half(places)
+    uncertainty, leverage = uncertainties(None if half is None else half[:, :3], moved[:, :3])
+    spread = model.quantile(task.confidence) * uncertainty[:, None] * np.array([-1.0, 1.0])
+    found.readings[:] = np.maximum(length[:, None] + spread, 0.0)
+    if error is not None:
+        bound = error.bound_of(cases, leverage, task.confidence)
+        found.with_model_error[:], found.extrapolation[:] = _with_model_error(bound, length, found.readings)
+    for column in vars(found).values():
+        if column.dtype.kind == "f" and column is not found.joints:
+            column[~found.reached] = np.nan
+
+
 def _intervals(
     model: JointModel,
     error: ModelError | None,
@@ -194,12 +232,18 @@ def _intervals(
     ends = np.maximum(ends, 0.0)
     if error is None:
         return ends, unknown, unknown[:, 0]
-    bound = error.bound(model, posture, task.confidence)
+    return ends, *_with_model_error(error.bound(model, posture, task.confidence), length, ends)
+
+
+def _with_model_error(
+    bound: ModelErrorBound, length: FloatArray, ends: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return intervals (R, 2) of the length with model error [m], and extrapolation (R,)."""
     half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
     lower = np.fmin(np.maximum(length - half, 0.0), np.where(np.isnan(half), np.nan, ends[:, 0]))
     upper = np.fmax(length + half, np.where(np.isnan(half), np.nan, ends[:, 1]))
     extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
-    return ends, np.stack([lower, upper], axis=1), np.where(np.isfinite(extrapolation), extrapolation, np.inf)
+    return np.stack([lower, upper], axis=1), np.where(np.isfinite(extrapolation), extrapolation, np.inf)
 
 
 def _along_and_across(

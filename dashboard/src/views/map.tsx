@@ -355,7 +355,7 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
 function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
   const runs = valueOf(
     useCached(`runs/robot/${own.set.robot_id}`, () =>
-      api.runs({ robot_id: own.set.robot_id, elasticity: "joints", state: "succeeded", limit: 100 }),
+      api.runs({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }),
     ),
   );
   const sets = useLoad(async () => {

@@ -137,15 +137,23 @@ def test_refused_with_place_and_remedy(client, run_id, changes, where, message):
     assert problem["remedy"]
 
 
-def test_a_run_of_elastic_links_is_refused(client, run_id):
+def test_a_run_of_elastic_links_maps_as_it_predicts(client, run_id):
     asked = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
-    options = {"measurement_set_id": asked, "elasticity": "coupled_joints", "link_penalty": 1e-3}
-    elastic = posted(client, "runs", options)
-    assert elastic["state"] == "succeeded", elastic["error"]
-    answer = client.request("POST", "/v1/maps", json=AREA | {"run_id": elastic["id"]})
-    assert answer.status_code == 422
-    assert answer.json()["where"] == "run_id"
-    assert "elasticity joints" in answer.json()["remedy"]
+    options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
+    elastic = posted(client, "runs", options)["id"]
+    made = posted(client, "maps", AREA | {"run_id": elastic})
+    assert "first order" in made["result"]["remarks"][0]
+    worst = made["result"]["worst"]
+    cases = [{"joints": worst["joints"], "force": AREA["force"]}]
+    units = {"length": "m", "angle": "rad", "force": "N"}
+    stated = {"run_id": elastic, "units": units, "load_point": AREA["place"], "cases": cases}
+    case = client.request("POST", "/v1/deflections", json=stated).json()["cases"][0]
+    assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
+    assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
+    radius = worst["with_model_error"][1] - worst["deflection"]
+    assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
+    low, high = worst["readings_only"]
+    assert low < worst["deflection"] < high < worst["with_model_error"][1]
 
 
 def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
