@@ -25,6 +25,7 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
+from jointstiff.schemas.run.budget import BudgetSource, Evaluation
 
 MAX_CASES = 2_000
 
@@ -163,6 +164,28 @@ class CartesianCompliance(Message):
     worst: WorstDirection
 
 
+class DeflectionComponent(Message):
+    """One source of uncertainty of a predicted displacement."""
+
+    source: BudgetSource
+    evaluation: Evaluation
+    included: bool = Field(description="Whether it is part of `readings_only`.")
+    contribution: Metres[float] = Field(description="Contribution to the standard uncertainty.")
+
+
+class DeflectionBudget(Message):
+    """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
+
+    components: list[DeflectionComponent] = Field(
+        description="Components of the run's compliances, carried with their correlations; the model "
+        "error is the radius of its ball over the coverage factor."
+    )
+    standard_uncertainty: Metres[float] = Field(description="Of the included components, combined.")
+    coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
+    expanded_uncertainty: Metres[float]
+    expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all components.")
+
+
 class CaseResult(Message):
     """One case. Where a reason is given, there are no numbers."""
 
@@ -174,6 +197,11 @@ class CaseResult(Message):
         description="Null where there is no bound: see `remarks`."
     )
     compliance: CartesianCompliance | None
+    budget: DeflectionBudget | None = Field(
+        default=None,
+        description="Null without a displacement, and where the run has no budget: elastic links, no known "
+        "uncertainty, or a run of an earlier version.",
+    )
     remarks: list[str] = Field(description="Extrapolation, by name; or why there is no number or no bound.")
 
 

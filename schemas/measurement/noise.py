@@ -88,6 +88,32 @@ class ForceUncertainty(Message):
         return self
 
 
+class AxisUncertainty(Message):
+    """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+
+    A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
+    or the greatest. One error an axis for all observations.
+    """
+
+    position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
+        default=0.0,
+        description="Of an axis's place in each direction across it, in the set's unit of length.",
+        examples=[1e-4],
+    )
+    direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.0,
+        description="Of an axis's direction about each direction across it, in rad whatever the set's unit "
+        "of angle.",
+        examples=[1e-4],
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> AxisUncertainty:
+        if self.position == 0.0 and self.direction == 0.0:
+            raise ValueError("give a positive `position` or `direction`, or leave `axes` out")
+        return self
+
+
 class Noise(Message):
     """Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
 
@@ -126,6 +152,11 @@ class Noise(Message):
         examples=[5e-4],
     )
 
+    axes: AxisUncertainty | None = Field(
+        default=None,
+        description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
+    )
+
     @model_validator(mode="after")
     def _one_kind(self) -> Noise:
         if self.sigma is not None and self.instrument is not None:
@@ -138,7 +169,9 @@ class Noise(Message):
     @property
     def states_common(self) -> bool:
         """Return whether an uncertainty is stated that all observations share."""
-        return any(value is not None for value in (self.force, self.load_point, self.target_places))
+        return any(
+            value is not None for value in (self.force, self.load_point, self.target_places, self.axes)
+        )
 
 
 def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -14,8 +14,14 @@ BudgetSource = Literal[
     "force_direction",
     "load_point",
     "target_places",
+    "axes",
     "model_error",
     "complementary_stiffness",
+]
+
+Evaluation = Annotated[
+    Literal["A", "B"],
+    Field(description="Type of evaluation: A by statistics of these readings, B as stated with them."),
 ]
 
 
@@ -23,9 +29,7 @@ class BudgetComponent(Message):
     """One source of uncertainty."""
 
     source: BudgetSource
-    evaluation: Literal["A", "B"] = Field(
-        description="Type of evaluation: A by statistics of these readings, B as stated with them."
-    )
+    evaluation: Evaluation
     included: bool = Field(
         description="Whether it is part of the joints' standard uncertainty. Model error and a neglected "
         "complementary stiffness are not: no statement of the set covers them."

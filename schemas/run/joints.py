@@ -34,6 +34,7 @@ class UncertaintyBudget(Message):
     force_direction: Compliance[float] = Field(description="Direction of the force, likewise.")
     load_point: Compliance[float] = Field(default=0.0, description="Place where the load acts, likewise.")
     target_places: Compliance[float] = Field(default=0.0, description="Places of the targets, likewise.")
+    axes: Compliance[float] = Field(default=0.0, description="Axes of the robot's model, likewise.")
 
 
 class JointResult(Message):

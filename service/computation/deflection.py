@@ -7,18 +7,27 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult, LinkMass
+from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult, LinkMass
 from jointstiff.schemas.run import Run
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel
 from jointstiff.service.conversion import (
     to_case_results,
+    to_covariances,
+    to_deflection_budgets,
     to_directions,
     to_elastic_predictor,
     to_joint_model,
     to_load_cases,
     to_own_weight,
 )
-from jointstiff.solver.deflection import ModelError, predict_deflections
+from jointstiff.solver.deflection import (
+    Deflection,
+    JointModel,
+    ModelError,
+    ModelErrorBound,
+    length_uncertainties,
+    predict_deflections,
+)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot import Robot
 
@@ -56,8 +65,27 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
             *remarks_of(run, weighed=weight is not None),
             *no_bound(error, stored.no_error, request.confidence),
         ],
-        cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
+        cases=to_case_results(
+            model,
+            found,
+            bound,
+            to_directions(request, cases),
+            labels,
+            _budgets(run, model, found, bound, request.confidence),
+        ),
     )
+
+
+def _budgets(
+    run: Run, model: JointModel, found: Deflection, bound: ModelErrorBound | None, confidence: float
+) -> Sequence[DeflectionBudget | None]:
+    """Return the budget of each case, where the run has one."""
+    budget = None if run.result is None else run.result.budget
+    if budget is None:
+        return [None] * len(found.displacement)
+    contributions = length_uncertainties(found, to_covariances(budget, model.robot.joint_names))
+    radius = None if bound is None else bound.radius
+    return to_deflection_budgets(budget, contributions, radius, model.quantile(confidence))
 
 
 def _by_elastic(
@@ -79,7 +107,9 @@ def _by_elastic(
         model_error_postures=0 if error is None else error.postures,
         postures_needed=ModelError.needed(request.confidence),
         remarks=[FIRST_ORDER, *no_bound(error, stored.no_error, request.confidence)],
-        cases=to_case_results(model, found, bound, to_directions(request, cases), labels),
+        cases=to_case_results(
+            model, found, bound, to_directions(request, cases), labels, [None] * len(labels)
+        ),
     )
 
 

@@ -8,7 +8,12 @@ from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
     from jointstiff.service.conversion.assessments import combined, to_assessment, to_joints
-    from jointstiff.service.conversion.budgets import to_budget, to_joint_budgets
+    from jointstiff.service.conversion.budgets import (
+        to_budget,
+        to_covariances,
+        to_deflection_budgets,
+        to_joint_budgets,
+    )
     from jointstiff.service.conversion.csv_table import comparison_csv, guarded
     from jointstiff.service.conversion.deflections import (
         moment_factor,
@@ -64,7 +69,7 @@ else:
     __getattr__ = names_of(
         __name__,
         assessments="combined to_assessment to_joints",
-        budgets="to_budget to_joint_budgets",
+        budgets="to_budget to_covariances to_deflection_budgets to_joint_budgets",
         csv_table="comparison_csv guarded",
         deflections="moment_factor to_directions to_elastic_model to_elastic_predictor to_identified_model "
         "to_joint_model to_load_cases to_own_weight",
@@ -118,6 +123,8 @@ __all__ = [
     "to_budget",
     "to_case_results",
     "to_conventions",
+    "to_covariances",
+    "to_deflection_budgets",
     "to_design_request",
     "to_directions",
     "to_elastic_columns",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot, isfinite
 
 import numpy as np
 
 from jointstiff.schemas import run as runs
+from jointstiff.schemas.deflection import DeflectionBudget, DeflectionComponent
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference import UncertaintyBudget
 
@@ -50,6 +52,59 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> runs.Bu
     )
 
 
+def to_covariances(budget: runs.Budget, joints: Sequence[str]) -> FloatArray:
+    """Return the covariances (K, n, n) of the components, zero for joints without an estimate."""
+    shown = [joints.index(name) for name in budget.joints]
+    covariances = np.zeros((len(budget.components), len(joints), len(joints)))
+    for k, part in enumerate(budget.components):
+        size = np.array(part.contributions)
+        covariances[np.ix_([k], shown, shown)] = np.outer(size, size) * np.array(part.correlation)
+    return covariances
+
+
+def to_deflection_budgets(
+    budget: runs.Budget, contributions: FloatArray, radius: FloatArray | None, factor: float
+) -> list[DeflectionBudget]:
+    """Return the budget of each displacement.
+
+    Args:
+        budget: of the run.
+        contributions: (B, K) of its components [m].
+        radius: (B,) of the balls of the model error [m], inf where there is no bound; None without any.
+        factor: coverage factor.
+    """
+    return [
+        _deflection_budget(budget, row, None if radius is None else float(radius[b]), factor)
+        for b, row in enumerate(contributions)
+    ]
+
+
+def _deflection_budget(
+    budget: runs.Budget, contributions: FloatArray, radius: float | None, factor: float
+) -> DeflectionBudget:
+    components = [
+        DeflectionComponent(
+            source=part.source, evaluation=part.evaluation, included=part.included, contribution=float(u)
+        )
+        for part, u in zip(budget.components, contributions, strict=True)
+        if part.source != "model_error"
+    ]
+    if radius is not None and isfinite(radius):
+        components.append(
+            DeflectionComponent(
+                source="model_error", evaluation="A", included=False, contribution=radius / factor
+            )
+        )
+    combined = hypot(*(part.contribution for part in components if part.included))
+    return DeflectionBudget(
+        components=components,
+        standard_uncertainty=combined,
+        coverage_factor=factor,
+        expanded_uncertainty=factor * combined,
+        expanded_with_model_error=factor * hypot(*(part.contribution for part in components)),
+    )
+
+
 def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[runs.UncertaintyBudget | None]:
     """Return the included contributions of each of `count` joints, where errors are stated that all share."""
     included = [] if budget is None else [part for part in budget.components if part.included]
@@ -64,6 +119,7 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[runs.
             force_direction=float(parts.get("force_direction", absent)[j]),
             load_point=float(parts.get("load_point", absent)[j]),
             target_places=float(parts.get("target_places", absent)[j]),
+            axes=float(parts.get("axes", absent)[j]),
         )
         if j in budget.joints
         else None

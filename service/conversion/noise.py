@@ -57,6 +57,8 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
         0.0 if noise.force is None else noise.force.direction,
         length * (noise.load_point or 0.0),
         length * (noise.target_places or 0.0),
+        0.0 if noise.axes is None else length * noise.axes.position,
+        0.0 if noise.axes is None else noise.axes.direction,
     )
 
 

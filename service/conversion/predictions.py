@@ -17,12 +17,16 @@ def to_case_results(
     bound: ModelErrorBound | None,
     directions: FloatArray,
     labels: Sequence[str],
+    budgets: Sequence[messages.DeflectionBudget | None],
 ) -> list[messages.CaseResult]:
     """Return each case; one that twists a joint of which nothing is known has its reason instead."""
     bounds = None if bound is None else bound.interval(deflection)
     stiffnesses = _stiffnesses(deflection, directions)
     return [
-        _case(model, deflection, bound, bounds, stiffnesses[b], b, label) for b, label in enumerate(labels)
+        _case(model, deflection, bound, bounds, stiffnesses[b], b, label).model_copy(
+            update={} if deflection.unseen[b].any() else {"budget": budgets[b]}
+        )
+        for b, label in enumerate(labels)
     ]
 
 

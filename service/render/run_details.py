@@ -45,9 +45,15 @@ _SOURCES = {
     "force_direction": "direction of the force",
     "load_point": "load point",
     "target_places": "places of the targets",
+    "axes": "axes of the robot's model",
     "model_error": "model error",
     "complementary_stiffness": "neglected K_c",
 }
+
+
+def _range(values: list[float]) -> str:
+    ends = sorted({f"{min(values):.2g}", f"{max(values):.2g}"}, key=float)
+    return " to ".join(ends)
 
 
 def _budget(result: RunResult) -> Iterator[str]:
@@ -62,7 +68,7 @@ def _budget(result: RunResult) -> Iterator[str]:
             beside = "" if part.included else ", not in the intervals"
             yield (
                 f"uncertainty from {_SOURCES[part.source]} (type {part.evaluation}{beside}): "
-                f"{min(shares):.2g} to {max(shares):.2g} % of a compliance"
+                f"{_range(shares)} % of a compliance"
             )
 
 

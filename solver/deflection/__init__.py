@@ -13,6 +13,7 @@ from jointstiff.solver.deflection.compensation import (
 from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
 from jointstiff.solver.deflection.forward import ElasticForward, ForwardModel, JointForward
 from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.length_uncertainty import length_uncertainties
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
@@ -49,6 +50,7 @@ __all__ = [
     "compensate",
     "folds_left_out",
     "leave_postures_out",
+    "length_uncertainties",
     "map_places",
     "map_postures",
     "predict_deflections",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,9 +13,9 @@ from jointstiff.solver.fitting.iteration import Iteration
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.readings import CommonUncertainty, Measurements
 from jointstiff.solver.regression import BLOCK_LENGTH, RegressorBlock, joint_torque, regressor_blocks
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot import Robot, displaced_axis
 
-CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places"]
+CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places", "axes"]
 """Source of an error that all observations share."""
 
 
@@ -60,10 +60,12 @@ def common_errors(
     """
     uncertainty = measurements.common_uncertainty or CommonUncertainty()
     joints = np.flatnonzero(~last.observability.null)
+    pairs = list(_displaced(robot, uncertainty))
     sources: tuple[CommonSource, ...] = ()
     responses = np.zeros((robot.n, 0))
     for block in _blocks(robot, measurements, last, complementary_stiffness):
         found = list(_errors(block, uncertainty, last.fit.compliance))
+        found += _axis_errors(block, pairs, last.fit.compliance, complementary_stiffness)
         sources = tuple(source for source, _ in found)
         columns = [last.method.response(other, joints, prior) for _, other in found]
         added = np.stack(columns, axis=1) if columns else np.zeros((robot.n, 0))
@@ -119,6 +121,37 @@ def _flange_axes(block: RegressorBlock) -> FloatArray:
     """Return the axes (3, B, 3) of the flange frame in R0."""
     axes: FloatArray = np.moveaxis(block.configurations.flange_rotation, -1, 0)
     return axes
+
+
+def _displaced(robot: Robot, uncertainty: CommonUncertainty) -> Iterator[tuple[Robot, Robot]]:
+    """Yield the robot with an axis off by a standard uncertainty, and by its opposite."""
+    if not (uncertainty.axis_position or uncertainty.axis_direction):
+        return
+    for j, axis in enumerate(robot.axes):
+        for across in np.linalg.svd(axis[None])[2][1:]:
+            for step, turn in (
+                (uncertainty.axis_position * across, 0.0 * across),
+                (0.0 * across, uncertainty.axis_direction * across),
+            ):
+                if step.any() or turn.any():
+                    yield displaced_axis(robot, j, step, turn), displaced_axis(robot, j, -step, -turn)
+
+
+def _axis_errors(
+    block: RegressorBlock,
+    pairs: Sequence[tuple[Robot, Robot]],
+    compliance: FloatArray,
+    complementary_stiffness: bool,
+) -> Iterator[tuple[CommonSource, RegressorBlock]]:
+    """Yield the observations with half the difference of what the two robots of each pair predict."""
+    balanced = compliance if complementary_stiffness else None
+    for pair in pairs:
+        blocks = [next(regressor_blocks(robot, block.measurements, balanced)) for robot in pair]
+        moved, bent = (
+            0.5 * (one - other)
+            for one, other in zip(*((b.A @ compliance, b.torque * compliance) for b in blocks), strict=True)
+        )
+        yield "axes", _with_deflection(block, moved, bent)
 
 
 def _with_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> RegressorBlock:

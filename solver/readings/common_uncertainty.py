@@ -21,6 +21,8 @@ class CommonUncertainty:
         direction: of each component of φ [rad].
         load_point: of each coordinate of the place where the load acts [m].
         target_places: of each coordinate of each target's place, independent of the other targets [m].
+        axis_position: of each joint axis's place in the robot's model, in each direction across it [m].
+        axis_direction: of each joint axis's direction in the model, about each direction across it [rad].
 
     Raises:
         MeasurementError: one is negative or not finite.
@@ -30,6 +32,8 @@ class CommonUncertainty:
     direction: float = 0.0
     load_point: float = 0.0
     target_places: float = 0.0
+    axis_position: float = 0.0
+    axis_direction: float = 0.0
 
     def __post_init__(self) -> None:
         for where, value in (
@@ -37,6 +41,8 @@ class CommonUncertainty:
             ("force.direction", self.direction),
             ("load_point", self.load_point),
             ("target_places", self.target_places),
+            ("axes.position", self.axis_position),
+            ("axes.direction", self.axis_direction),
         ):
             if not (np.isfinite(value) and value >= 0.0):
                 raise MeasurementError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jointstiff.solver.robot.axis_displacement import displaced_axis
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.configuration_choice import (
@@ -31,6 +32,7 @@ __all__ = [
     "Wrist",
     "choose_postures",
     "dh_chain",
+    "displaced_axis",
     "find_wrist",
     "flange_poses",
     "joint_frames",

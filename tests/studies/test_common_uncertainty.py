@@ -74,6 +74,40 @@ def test_each_error_moves_the_estimate_as_stated(options, encoders):
         )
 
 
+def off_axis(step, turn):
+    """Estimate from linear springs on an arm one of whose axes is off: (n, 3) steps and rotation vectors."""
+    directions = ARM.axis_directions + np.cross(turn, ARM.axis_directions)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    arm = replace(ARM, axis_points=ARM.axis_points + step, axis_directions=directions)
+    plan = DESIGN.experiment
+    moved = linear_deflections(arm, plan.joints, *plan.wrenches, POINTS)
+    found = replace(measured(np.zeros(ERRORS)), deflection=moved)
+    return estimate(ROBOT, found, positive=False).compliance
+
+
+def test_axes_that_are_off_move_the_estimate_as_stated():
+    stated = CommonUncertainty(axis_position=1e-4, axis_direction=1e-4)
+    right = replace(measured(np.zeros(ERRORS)), common_uncertainty=stated)
+    found = estimate(ROBOT, right, positive=False).common
+    assert set(found.sources) == {"axes"}
+    moved = []
+    for j, axis in enumerate(ARM.axis_directions):
+        for across in np.linalg.svd(axis[None])[2][1:]:
+            error = np.zeros((6, 3))
+            error[j] = 1e-4 * across
+            moved.append(0.5 * (off_axis(error, 0 * error) - off_axis(-error, 0 * error)))
+            moved.append(0.5 * (off_axis(0 * error, error) - off_axis(0 * error, -error)))
+    moved = np.array(moved).T
+    size = np.sqrt(np.diagonal(moved @ moved.T))
+    assert (size > 1e-5 * ARM.compliances).all()
+    np.testing.assert_allclose(
+        found.responses @ found.responses.T,
+        moved @ moved.T,
+        rtol=1e-5,
+        atol=1e-5 * size.min() ** 2,
+    )
+
+
 def test_the_scale_goes_one_to_one_into_every_joint():
     exact = measured(np.zeros(ERRORS))
     alone = estimate(ROBOT, exact)

@@ -1454,6 +1454,52 @@ export interface components {
             ] | null;
         };
         /**
+         * AxisUncertainty
+         * @description Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+         *
+         *     A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
+         *     or the greatest. One error an axis for all observations.
+         */
+        "AxisUncertainty-Input": {
+            /**
+             * Position
+             * @description Of an axis's place in each direction across it, in the set's unit of length.
+             * @default 0
+             * @example 0.0001
+             */
+            position?: number;
+            /**
+             * Direction
+             * @description Of an axis's direction about each direction across it, in rad whatever the set's unit of angle.
+             * @default 0
+             * @example 0.0001
+             */
+            direction?: number;
+        };
+        /**
+         * AxisUncertaintyOutput
+         * @description Standard uncertainties of the joint axes in the robot's model, each axis by itself.
+         *
+         *     A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
+         *     or the greatest. One error an axis for all observations.
+         */
+        "AxisUncertainty-Output": {
+            /**
+             * Position
+             * @description Of an axis's place in each direction across it, in the set's unit of length.
+             * @default 0
+             * @example 0.0001
+             */
+            position: number;
+            /**
+             * Direction
+             * @description Of an axis's direction about each direction across it, in rad whatever the set's unit of angle.
+             * @default 0
+             * @example 0.0001
+             */
+            direction: number;
+        };
+        /**
          * BaseFrameResult
          * @description R0 as the tracker sees it.
          */
@@ -1647,7 +1693,7 @@ export interface components {
              * Source
              * @enum {string}
              */
-            source: "readings" | "force_scale" | "force_direction" | "load_point" | "target_places" | "model_error" | "complementary_stiffness";
+            source: "readings" | "force_scale" | "force_direction" | "load_point" | "target_places" | "axes" | "model_error" | "complementary_stiffness";
             /**
              * Evaluation
              * @description Type of evaluation: A by statistics of these readings, B as stated with them.
@@ -1813,6 +1859,8 @@ export interface components {
             /** @description Null where there is no bound: see `remarks`. */
             with_model_error: components["schemas"]["ModelErrorInterval"] | null;
             compliance: components["schemas"]["CartesianCompliance"] | null;
+            /** @description Null without a displacement, and where the run has no budget: elastic links, no known uncertainty, or a run of an earlier version. */
+            budget: components["schemas"]["DeflectionBudget"] | null;
             /**
              * Remarks
              * @description Extrapolation, by name; or why there is no number or no bound.
@@ -2300,6 +2348,61 @@ export interface components {
             kind: "dead_weight";
             /** Force */
             force: number;
+        };
+        /**
+         * DeflectionBudget
+         * @description Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact.
+         */
+        DeflectionBudget: {
+            /**
+             * Components
+             * @description Components of the run's compliances, carried with their correlations; the model error is the radius of its ball over the coverage factor.
+             */
+            components: components["schemas"]["DeflectionComponent"][];
+            /**
+             * Standard Uncertainty
+             * @description Of the included components, combined.
+             */
+            standard_uncertainty: number;
+            /**
+             * Coverage Factor
+             * @description Factor for the request's confidence.
+             */
+            coverage_factor: number;
+            /** Expanded Uncertainty */
+            expanded_uncertainty: number;
+            /**
+             * Expanded With Model Error
+             * @description Expanded uncertainty of all components.
+             */
+            expanded_with_model_error: number;
+        };
+        /**
+         * DeflectionComponent
+         * @description One source of uncertainty of a predicted displacement.
+         */
+        DeflectionComponent: {
+            /**
+             * Source
+             * @enum {string}
+             */
+            source: "readings" | "force_scale" | "force_direction" | "load_point" | "target_places" | "axes" | "model_error" | "complementary_stiffness";
+            /**
+             * Evaluation
+             * @description Type of evaluation: A by statistics of these readings, B as stated with them.
+             * @enum {string}
+             */
+            evaluation: "A" | "B";
+            /**
+             * Included
+             * @description Whether it is part of `readings_only`.
+             */
+            included: boolean;
+            /**
+             * Contribution
+             * @description Contribution to the standard uncertainty.
+             */
+            contribution: number;
         };
         /**
          * DeflectionRequest
@@ -5353,6 +5456,8 @@ export interface components {
              * @example 0.0005
              */
             target_places?: number | null;
+            /** @description Uncertainty of the robot's geometry; if absent, its model counts as exact. */
+            axes?: components["schemas"]["AxisUncertainty-Input"] | null;
         };
         /**
          * NoiseOutput
@@ -5389,6 +5494,8 @@ export interface components {
              * @example 0.0005
              */
             target_places: number | null;
+            /** @description Uncertainty of the robot's geometry; if absent, its model counts as exact. */
+            axes: components["schemas"]["AxisUncertainty-Output"] | null;
         };
         /**
          * ObservabilityIndices
@@ -9195,6 +9302,12 @@ export interface components {
              * @default 0
              */
             target_places: number;
+            /**
+             * Axes
+             * @description Axes of the robot's model, likewise.
+             * @default 0
+             */
+            axes: number;
         };
         /**
          * Units

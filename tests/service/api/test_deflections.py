@@ -79,6 +79,25 @@ def test_the_answer_holds_the_truth(client, pulled):
     assert again == answer
 
 
+def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
+    """An error of the force's scale moves every compliance, and so the displacement, in proportion."""
+    campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
+    robot = post(client, "/v1/robots", campaign["robot"])
+    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
+    readings["noise"] = readings["noise"] | {"force": {"scale": 0.05}}
+    set_id = post(client, "/v1/measurement-sets", readings)["id"]
+    run_id = post(client, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    (case,) = post(client, "/v1/deflections", request(run_id), expected=200)["cases"]
+    parts = {part["source"]: part for part in case["budget"]["components"]}
+    assert parts["force_scale"]["contribution"] == pytest.approx(0.05 * np.linalg.norm(truth()), rel=0.02)
+    assert parts["model_error"]["contribution"] * case["budget"]["coverage_factor"] == pytest.approx(
+        case["with_model_error"]["radius"]
+    )
+    included = [part["contribution"] for part in parts.values() if part["included"]]
+    assert case["budget"]["standard_uncertainty"] == pytest.approx(np.linalg.norm(included))
+    assert case["budget"]["expanded_uncertainty"] == pytest.approx(1.959964 * np.linalg.norm(included))
+
+
 def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     strong = {"joints": JOINTS, "force": [0, 0, -4000.0], "moment": [0, 0, 10.0]}
     units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}

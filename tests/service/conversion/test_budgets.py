@@ -1,0 +1,111 @@
+"""Uncertainties that all observations share, from the message to the budgets of a result."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from pydantic import ValidationError
+
+import jointstiff
+from jointstiff.schemas.measurement import Noise
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+def identified(noise):
+    document = simulate_campaign(default_arm(), configurations=8, load="pull")
+    document["measurement_set"]["noise"] = noise
+    return jointstiff.identify(document)
+
+
+def test_the_budget_of_a_run_adds_up():
+    for joint in identified({"sigma": 2e-5, "force": {"scale": 0.01, "direction": 0.002}}).result.joints:
+        budget = joint.budget
+        assert budget.force_scale == pytest.approx(0.01 * joint.compliance, rel=1e-6)
+        parts = budget.readings**2 + budget.force_scale**2 + budget.force_direction**2
+        assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+
+
+ALL = {
+    "sigma": 2e-5,
+    "force": {"scale": 0.01, "direction": 0.002},
+    "load_point": 5e-4,
+    "target_places": 5e-4,
+    "axes": {"position": 1e-4, "direction": 1e-4},
+}
+
+
+def test_each_source_is_named_and_all_add_up():
+    result = identified(ALL).result
+    budget = result.budget
+    assert [(part.source, part.evaluation) for part in budget.components if part.included] == [
+        ("readings", "B"),
+        ("force_scale", "B"),
+        ("force_direction", "B"),
+        ("load_point", "B"),
+        ("target_places", "B"),
+        ("axes", "B"),
+    ]
+    beyond = {part.source: part for part in budget.components if not part.included}
+    assert set(beyond) == {"model_error", "complementary_stiffness"}
+    assert beyond["model_error"].degrees_of_freedom == 7
+    for j, joint in enumerate(result.joints):
+        parts = [part.contributions[j] ** 2 for part in budget.components if part.included]
+        assert sum(parts) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+        assert budget.expanded_uncertainty[j] == pytest.approx(
+            1.959964 * joint.standard_uncertainty, rel=1e-6
+        )
+        own = joint.budget.model_dump().values()
+        assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+
+
+def test_lengths_are_in_the_units_of_the_set():
+    metres = identified(ALL).result.budget
+    document = simulate_campaign(default_arm(), configurations=8, load="pull")
+    document["measurement_set"] = in_millimetres(document["measurement_set"], ALL)
+    millimetres = jointstiff.identify(document).result.budget
+    for one, other in zip(metres.components, millimetres.components, strict=True):
+        assert one.contributions == pytest.approx(other.contributions, rel=1e-6)
+
+
+def in_millimetres(document, noise):
+    """Return a set with its lengths in mm, and the same noise."""
+
+    def scaled(value):
+        return [scaled(item) for item in value] if isinstance(value, list) else 1e3 * value
+
+    out = json.loads(json.dumps(document))
+    out["units"] |= {"length": "mm", "moment": "N.m"}
+    for observation in out["observations"]:
+        if "load_point" in observation:
+            observation["load_point"] = scaled(observation["load_point"])
+        for reading in observation["readings"]:
+            for name in ("unloaded", "loaded", "deflection"):
+                if name in reading:
+                    reading[name] = scaled(reading[name])
+    if "load_point" in out:
+        out["load_point"] = scaled(out["load_point"])
+    places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
+    return out | {"noise": noise | {"sigma": 0.02} | places}
+
+
+def test_it_may_stand_alone():
+    run = identified({"force": {"scale": 0.01}})
+    assert run.result.goodness.sigma_source == "residuals"
+    assert run.result.joints[0].budget.force_direction == 0.0
+    assert identified({"sigma": 2e-5}).result.joints[0].budget is None
+
+
+WRONG = [
+    *({"force": force} for force in ({}, {"scale": 0.6}, {"scale": -0.1}, {"direction": 1.0})),
+    {"axes": {}},
+    {"axes": {"direction": 1.0}},
+    {"load_point": 0.0},
+    {"target_places": -1.0},
+]
+
+
+@pytest.mark.parametrize("noise", WRONG)
+def test_no_such_uncertainty(noise):
+    with pytest.raises(ValidationError):
+        Noise.model_validate(noise)
