@@ -1,6 +1,6 @@
 """Uncertainty budgets beside Monte Carlo, and their coverage where load and places are off.
 
-Exact springs. By name only: it takes two minutes.
+Exact springs. By name only: it takes five minutes.
 """
 
 from __future__ import annotations

@@ -60,6 +60,7 @@ describe("noise", () => {
       force: null,
       load_point: null,
       target_places: 0.5,
+      axes: null,
     };
     expect(noiseOf({ ...NOISE_AS_READ, forceScale: "0.5" }, before, units)).toEqual({
       sigma: 0.02,

@@ -6,6 +6,7 @@ type Schemas = components["schemas"];
 export type Action = Schemas["Action"];
 export type Advice = Schemas["Advice"];
 export type Assessment = Schemas["Assessment"];
+export type Budget = Schemas["Budget"];
 export type ComparedFit = Schemas["ComparedFit"];
 export type Comparison = Schemas["Comparison"];
 export type ComparisonSummary = Schemas["ComparisonSummary"];

@@ -12,6 +12,7 @@ import { useAction } from "../state/action";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { JointTable } from "./joint_table";
+import { BudgetCard } from "./budget";
 import { BeforeAfter } from "./before_after";
 import { Further } from "./further";
 import { isElastic, type RunContext } from "./run_context";
@@ -44,6 +45,7 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
         }
       />
       {other.problem && <ProblemNote problem={other.problem} />}
+      {result.budget && <BudgetCard budget={result.budget} joints={result.joints} />}
       {result.links && <ElementShares links={result.links} />}
       {result.selection && <ModelChoice selection={result.selection} />}
       {result.resampling && <Resampled result={result} />}
