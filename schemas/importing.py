@@ -7,25 +7,63 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from jointstiff.schemas.fields import Message, Name
-from jointstiff.schemas.measurement import MAX_TARGETS, Units
+from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit
 
 MAX_PREVIEW_ROWS = 5
 MAX_HEADER_CELLS = 256
+MAX_FAULTS = 20
 
 Delimiter = Literal["comma", "semicolon", "tab", "whitespace"]
 DecimalMark = Literal["point", "comma"]
 State = Literal["unloaded", "loaded", "deflection"]
 TableFormat = Literal["text", "xlsx"]
+MissingField = Literal[
+    "joints",
+    "force",
+    "readings",
+    "unloaded",
+    "loaded",
+    "flange_targets",
+    "load_point",
+    "encoders",
+    "units.force",
+]
 
 HeaderCell = Annotated[str, Field(max_length=256)]
 Template = Annotated[str, Field(min_length=1, max_length=100)]
 
 
+class ImportUnits(Message):
+    """Units of columns whose header has none; each as far as it is known."""
+
+    length: Literal["m", "mm", "in"] | None = Field(
+        default=None, description="Unit of positions and deflections. Inches are converted to mm."
+    )
+    angle: AngleUnit | None = Field(default=None, description="Unit of joint angles.")
+    force: Literal["N", "kN", "kgf"] | None = Field(default=None, description="Unit of forces.")
+    moment: Literal["N.m", "N.mm", "kN.m", "kgf.m"] | None = Field(
+        default=None, description="Unit of moments; force times m if lengths are in m."
+    )
+
+
 class ImportOptions(Message):
     """Options for information that is not in the files. Information in the files must agree with them."""
 
-    units: Units | None = Field(
+    units: ImportUnits | None = Field(
         default=None, description="Units of columns whose header has none; they are never guessed."
+    )
+    columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
+        default_factory=dict,
+        description="Meanings of headers: each header as the preview shows it, and the header to read it as, "
+        "such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the file stays, and must agree.",
+        examples=[{"Winkel A1": "J1 [deg]", "shift": "ignore"}],
+    )
+    layouts: Annotated[
+        list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
+    ] = Field(
+        default_factory=list,
+        description="Headers of the files that a template was made of, a list per kind of file. If given, a "
+        "file with other headers is refused, and the differences are named.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
@@ -37,7 +75,7 @@ class ImportOptions(Message):
         default=None, description="Header for files that have none, one text per column."
     )
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
-        default_factory=list, description="Headers of columns to ignore, as they are in the file."
+        default_factory=list, description="Headers of columns to ignore; blanks are collapsed."
     )
     sheet: str | None = Field(default=None, max_length=100, description="Sheet of an Excel file.")
     point_name: Template | None = Field(
@@ -53,6 +91,11 @@ class ImportOptions(Message):
     state_words: Annotated[dict[Name, State], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Additional words for the states, in names, headers and columns."
     )
+    by_order: bool = Field(
+        default=False,
+        description="Match rows of files without names by their order: the first row is the first "
+        "observation. All files must have as many rows.",
+    )
     allow_missing: bool = Field(
         default=False,
         description="Skip incomplete readings, and list them, instead of refusing the file.",
@@ -64,8 +107,16 @@ class ColumnMeaning(Message):
 
     column: int = Field(description="Number of the column, from 1.")
     header: str = Field(description="Header as it is in the file; empty without a header.")
-    meaning: str = Field(description="In words.", examples=["P10 unloaded x", "joint 1", "ignored"])
+    meaning: str = Field(
+        description="In words that `columns` takes, too; `unknown` if it was not understood.",
+        examples=["P10 unloaded x", "joint 1", "ignored"],
+    )
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
+    guessed: bool = Field(
+        default=False,
+        description="The meaning was put together (of two rows, of a comment, of a unit without brackets, "
+        "without a header): to be checked.",
+    )
 
 
 class FilePreview(Message):
@@ -83,6 +134,25 @@ class FilePreview(Message):
         description=f"First rows, at most {MAX_PREVIEW_ROWS}, as they are in the file."
     )
     assumptions: list[str] = Field(description="Assumptions made in reading the file.")
+    header_lines: list[int] = Field(
+        default_factory=list, description="Lines or rows of the file that make the header; empty without one."
+    )
+    first_lines: list[int] = Field(
+        default_factory=list, description="Line or row of the file of each of `first_rows`."
+    )
+
+
+class ImportFault(Message):
+    """Something in the files that was not understood."""
+
+    file: str | None = Field(description="Name of the file, as sent; null for all files together.")
+    line: int | None = Field(description="Line of a text file or row of a sheet, from 1.")
+    column: int | None = Field(description="Column of the table, from 1.")
+    reason: str = Field(description="Description of the fault.")
+    remedy: str = Field(description="Recommended correction.")
+    option: str | None = Field(
+        default=None, description="Option that settles it.", examples=["units.length", "decimal_mark"]
+    )
 
 
 class ImportPreview(Message):

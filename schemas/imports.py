@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Message, Name, Vector3
-from jointstiff.schemas.importing import ImportOptions, ImportPreview
-from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, Noise
+from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+from jointstiff.schemas.importing import ImportFault, ImportOptions, ImportPreview, MissingField
+from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, Noise, QualityWarning
 
 
 class ImportRequest(ImportOptions):
@@ -29,12 +29,44 @@ class ImportRequest(ImportOptions):
         default=None,
         description="Load point in the flange frame, in the files' unit of length, unless a column has it.",
     )
+    force: Vector3 | None = Field(
+        default=None,
+        description="Force on the robot in every observation, axes of R0, in units.force, unless columns "
+        "have it.",
+    )
+    robot_id: Identifier | None = Field(
+        default=None, description="Robot that was measured: then the answer has the integrity findings."
+    )
+    show_faults: bool = Field(
+        default=False,
+        description="Answer 200 with `faults` and what was understood, instead of 422, if a file is not "
+        "understood.",
+    )
+
+
+class ImportTemplate(ImportRequest):
+    """Options of an import that succeeded, to be sent with other files of the same form."""
 
 
 class ImportAnswer(Message):
     """Preview of the files, and the measurement set made from them."""
 
     preview: ImportPreview
+    faults: list[ImportFault] = Field(
+        default_factory=list, description="First twenty faults; empty unless `show_faults` is set."
+    )
+    missing_fields: list[MissingField] = Field(
+        default_factory=list, description="Missing items by field, in the order of `missing`."
+    )
+    findings: list[QualityWarning] | None = Field(
+        default=None,
+        description="Integrity findings of the measurement set with the robot `robot_id`; null without it.",
+    )
+    template: ImportTemplate | None = Field(
+        default=None,
+        description="Options by which files of the same form are read again, and others are refused; null if "
+        "something is missing.",
+    )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
     measurement_set: MeasurementSetDocument | None = Field(
         description="Measurement set, ready to be posted with `robot_id` added; null if something is missing."

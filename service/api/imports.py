@@ -15,8 +15,9 @@ from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute, large_bodies, without_collections
 from jointstiff.service.api.examples import IMPORTS
 from jointstiff.service.api.forms import MAX_FILES
-from jointstiff.service.api.parts import json_response, problems
+from jointstiff.service.api.parts import PartsOf, json_response, problems
 from jointstiff.service.importing import SourceFile
+from jointstiff.service.jobs import Parts
 from jointstiff.service.resources import import_files
 from jointstiff.solver.errors import RequestError
 
@@ -50,22 +51,27 @@ router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=
 
 
 @router.post("", dependencies=[OPERATOR], response_model=ImportAnswer, responses=problems(400, 413, 415, 422))
-async def create_import(request: Request, files: _Files, options: _Options = _DEFAULTS) -> Response:
+async def create_import(
+    request: Request, parts: PartsOf, files: _Files, options: _Options = _DEFAULTS
+) -> Response:
     """Understand files of readings, and show what was understood. Nothing is stored.
 
     Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
     `options`. The answer says what each column was taken for, what was assumed and what is missing, and has
     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
-    be understood in two ways is refused, with its place as file:line:column and the remedy.
+    be understood in two ways is refused, with its place as file:line:column and the remedy, and all other
+    faults; with `show_faults` they are in the answer, beside what was understood. With `robot_id` the set is
+    inspected. Options that are the `template` of an earlier answer refuse files of another form.
     """
     # A few bytes of Excel unpack to a great deal: all imports wait for their turn.
-    answer = await run_sync(_understood, files, options, limiter=large_bodies(request))
+    answer = await run_sync(_understood, parts, files, options, limiter=large_bodies(request))
     return json_response(answer)
 
 
-def _understood(files: list[UploadFile], options: ImportRequest) -> str:
+def _understood(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
+    robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     with without_collections():
-        return import_files([_source(file) for file in files], options).model_dump_json()
+        return import_files([_source(file) for file in files], options, robot).model_dump_json()
 
 
 def _source(file: UploadFile) -> SourceFile:

@@ -7,8 +7,10 @@ reading        files to readings: the way through
 ├── records    rows to records
 │   ├── naming     which observation, target and state a name stands for
 │   └── numbers    numbers, read strictly; the decimal mark
-├── layout     where the header is
-│   └── columns > header > units    what the columns mean
+├── layout     the rows of data below a header
+│   ├── heading    where the header is: in rows, or in a comment
+│   ├── comments   unit and frame that comments say
+│   └── columns > header > words, units    what the columns mean
 └── grid       rows of cells, of
     ├── text > encoding      delimited text
     └── workbook > sheet > archive    Excel
@@ -17,16 +19,25 @@ reading        files to readings: the way through
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.file_types import file_type
 from jointstiff.service.importing.limits import MAX_FILE_BYTES
-from jointstiff.service.importing.preview import missing_from
-from jointstiff.service.importing.reading import Imported, SourceFile, read_files
+from jointstiff.service.importing.preview import Missing, missing_from
+from jointstiff.service.importing.reading import (
+    Imported,
+    SourceFile,
+    Understood,
+    read_files,
+    understand_files,
+)
 
 __all__ = [
     "MAX_FILE_BYTES",
     "ImportFileError",
     "Imported",
+    "Missing",
     "Place",
     "SourceFile",
+    "Understood",
     "file_type",
     "missing_from",
     "read_files",
+    "understand_files",
 ]

@@ -8,7 +8,7 @@ from typing import Final
 
 from jointstiff.schemas.importing import State
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
-from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.records import Point, Record, Vector
 
@@ -41,12 +41,14 @@ class Assembly:
         targets: names, in order of appearance.
         states: that were read at all.
         assumptions: what was left out, in words.
+        sigmas: whether every reading states its own standard uncertainty.
     """
 
     observations: tuple[Gathered, ...]
     targets: tuple[str, ...]
     states: tuple[State, ...]
     assumptions: tuple[str, ...]
+    sigmas: bool = False
 
     @property
     def one_state(self) -> bool:
@@ -54,60 +56,74 @@ class Assembly:
         return set(self.states) in _HALVES
 
 
-def assemble(records: Iterable[Record], *, allow_missing: bool) -> Assembly:
+def assemble(records: Iterable[Record], faults: Faults, *, allow_missing: bool) -> Assembly | None:
     """Put records together.
 
     Args:
         records: of all files.
+        faults: where to tell what is there twice, contradicts, or is missing.
         allow_missing: leave out readings that are not complete instead of refusing them.
 
+    Returns:
+        The observations; None if there are faults, also of the files.
+
     Raises:
-        ImportFileError: something is there twice, contradicts, or is missing.
+        ImportFileError: there are too many observations or targets.
     """
     gathered: dict[str, Gathered] = {}
     whole: dict[tuple[str | None, str], Place] = {}
     for record in records:
-        if record.whole:
-            before = whole.setdefault((record.place.file, record.label), record.place)
-            if before is not record.place:
-                raise _twice(f"the label {shown(record.label)}", record.place, before)
-        _add(gathered.setdefault(record.label, Gathered(record.label, record.place)), record)
+        with faults.collected():
+            if record.whole:
+                before = whole.setdefault((record.place.file, record.label), record.place)
+                if before is not record.place:
+                    raise _twice(f"the label {shown(record.label)}", record.place, before)
+            _add(gathered.setdefault(record.label, Gathered(record.label, record.place)), record, faults)
         if len(gathered) > MAX_OBSERVATIONS:
             raise ImportFileError(
                 record.place,
                 f"there are more than {MAX_OBSERVATIONS} observations",
                 "split the campaign into several sets",
             )
+    if faults.found:
+        return None
     observations = list(gathered.values())
     targets = _targets(observations)
-    _check_values(observations)
+    _check_values(observations, faults)
     order: tuple[State, ...] = ("unloaded", "loaded", "deflection")
     present = {state for one in observations for states in one.points.values() for state in states}
     states = tuple(state for state in order if state in present)
     notes: list[str] = []
     if targets and present not in _HALVES:
-        observations, notes = _complete(observations, targets, allow_missing=allow_missing)
-    return Assembly(tuple(observations), targets, states, tuple(notes))
+        observations, notes = _complete(observations, targets, faults, allow_missing=allow_missing)
+    sigmas = _check_sigmas(observations, faults)
+    if sigmas:
+        notes.append(
+            "U(95) was taken as the expanded uncertainty of each coordinate, coverage factor 2: half of it "
+            "is the standard uncertainty of a reading, for both states the root of the mean square"
+        )
+    return None if faults.found else Assembly(tuple(observations), targets, states, tuple(notes), sigmas)
 
 
 def _twice(what: str, place: Place, before: Place) -> ImportFileError:
     return ImportFileError(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
 
 
-def _add(gathered: Gathered, record: Record) -> None:
+def _add(gathered: Gathered, record: Record, faults: Faults) -> None:
     for kind, vector in record.values.items():
         before, place = gathered.values.setdefault(kind, (vector, record.place))
         if before != vector:
-            raise ImportFileError(
+            fault = ImportFileError(
                 record.place,
                 f"the {kind} of {shown(record.label)} differs from that at {place}",
                 "give each observation a unique label, or correct one of them",
             )
+            faults.add(fault)
     for point in record.points:
         states = gathered.points.setdefault(point.target, {})
         if point.state in states:
             what = f"{point.target} {point.state} of {shown(record.label)}"
-            raise _twice(what, point.place, states[point.state].place)
+            faults.add(_twice(what, point.place, states[point.state].place))
         states[point.state] = point
 
 
@@ -125,30 +141,44 @@ def _targets(observations: Iterable[Gathered]) -> tuple[str, ...]:
     return tuple(targets)
 
 
-def _check_values(observations: list[Gathered]) -> None:
-    """Return what one observation has, all must have."""
+def _check_values(observations: list[Gathered], faults: Faults) -> None:
+    """Check that what one observation has, all have."""
     kinds = dict.fromkeys(kind for one in observations for kind in one.values)
     for kind in kinds:
         count = None
         for one in observations:
             if kind not in one.values:
-                raise ImportFileError(
+                fault = ImportFileError(
                     one.place,
                     f"{shown(one.label)} has no {kind}, but other labels have",
                     "check that labels are spelt the same in all files",
                 )
+                faults.add(fault)
+                continue
             vector, place = one.values[kind]
             count = count or len(vector)
             if len(vector) != count:
-                raise ImportFileError(
+                fault = ImportFileError(
                     place,
                     f"there are {len(vector)} joint angles here, but {count} in other observations",
                     "check the columns of joints",
                 )
+                faults.add(fault)
+
+
+def _check_sigmas(observations: list[Gathered], faults: Faults) -> bool:
+    """Return whether every point has an uncertainty; that only some have is a fault."""
+    points = [point for one in observations for states in one.points.values() for point in states.values()]
+    stated = [point for point in points if point.sigma is not None]
+    if stated and len(stated) < len(points):
+        place = next(point.place for point in points if point.sigma is None)
+        reason = "the point has no uncertainty, but others have"
+        faults.add(ImportFileError(place, reason, "add it, or skip the columns of U(95) with `ignore`"))
+    return bool(stated)
 
 
 def _complete(
-    observations: list[Gathered], targets: tuple[str, ...], *, allow_missing: bool
+    observations: list[Gathered], targets: tuple[str, ...], faults: Faults, *, allow_missing: bool
 ) -> tuple[list[Gathered], list[str]]:
     """Observations with complete readings; the rest is refused, or left out and said."""
     kept, notes = [], []
@@ -157,24 +187,24 @@ def _complete(
         points = {}
         for target in targets:
             states = one.points.get(target, {})
-            lack = _lack(one, target, states)
-            if lack is None:
-                points[target] = states
-            else:
-                place = next((point.place for point in states.values()), one.place)
-                lacks.append((not states, place, f"{one.label}: {lack}"))
+            with faults.collected():
+                lack = _lack(one, target, states)
+                if lack is None:
+                    points[target] = states
+                else:
+                    place = next((point.place for point in states.values()), one.place)
+                    lacks.append((not states, place, f"{one.label}: {lack}"))
         if points:
             kept.append(Gathered(one.label, one.place, one.values, points))
         else:
             notes.append(f"{one.label}: no reading is complete; the observation was skipped")
     if lacks and not allow_missing:
-        _, place, reason = min(lacks, key=lambda entry: entry[0])  # half a reading tells more than none
-        raise ImportFileError(
-            place, reason, "add the reading, check the spelling of names, or use `allow_missing`"
-        )
+        remedy = "add the reading, check the spelling of names, or use `allow_missing`"
+        for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):  # half a reading tells more
+            faults.add(ImportFileError(place, reason, remedy, "allow_missing"))
     notes = [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
     if not kept:
-        raise ImportFileError(observations[0].place, "no observation has a reading", "check the names")
+        faults.add(ImportFileError(observations[0].place, "no observation has a reading", "check the names"))
     return kept, notes
 
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Final, Literal
 
-from jointstiff.schemas.importing import ImportOptions, State
-from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.importing import ImportOptions, ImportUnits, State
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
-from jointstiff.service.importing.header import DIMENSIONS, Kind, Meaning, meaning_of
-from jointstiff.service.importing.units import Dimension
+from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.header import DIMENSIONS, UNKNOWN, Kind, Meaning, meaning_of, split_unit
+from jointstiff.service.importing.limits import MAX_COLUMNS
+from jointstiff.service.importing.units import FOREIGN, UNITS, Dimension, unit_named
+
+_MANY: Final = 3
+"""Unknown headers that are told one by one."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +42,14 @@ class Columns:
         texts: index of the columns that name something, by kind.
         quantities: indices of the columns of each quantity, in order of joints or axes.
         units: by dimension, for all that occur; a moment may have none, then it is force times m.
+        faulty: whether they do not make a table.
     """
 
     meanings: tuple[Meaning, ...]
     texts: Mapping[Kind, int]
     quantities: Mapping[Quantity, tuple[int, ...]]
     units: Mapping[Dimension, str]
+    faulty: bool = False
 
     @property
     def needed(self) -> frozenset[str]:
@@ -56,143 +63,280 @@ class Columns:
         return frozenset(needed)
 
 
+@dataclass(frozen=True, slots=True)
+class HeaderCell:
+    """The header of one column.
+
+    Attributes:
+        text: as it stands in the file, of several rows put together.
+        place: where it stands.
+        guessed: whether it was put together or assumed.
+        unused: whether the column has no header and no cells.
+    """
+
+    text: str
+    place: Place
+    guessed: bool = False
+    unused: bool = False
+
+
+def collapsed(text: str) -> str:
+    """Return a text with single blanks, and none at its ends."""
+    return " ".join(text.split())
+
+
 def understand(
-    headers: Sequence[str], options: ImportOptions, place: Place, unused: frozenset[int] = frozenset()
+    headers: Sequence[HeaderCell], options: ImportOptions, axes_unit: str | None, faults: Faults
 ) -> Columns:
     """Understand a header.
 
     Args:
-        headers: one text a column.
-        options: units, words for states, columns to leave out.
-        place: where the header stands.
-        unused: indices of columns that have no header and no cells.
+        headers: one a column.
+        options: units, meanings, words for states, columns to leave out.
+        axes_unit: of x, y and z, as a comment of the file says.
+        faults: where to tell what is not understood.
 
-    Raises:
-        ImportFileError: a column is not understood, or the columns do not make a table.
+    Returns:
+        The columns; if they do not make a table, with what is not understood as `unknown`.
     """
+    before = len(faults.found)
     meanings: list[Meaning] = []
-    for column, header in enumerate(headers, start=1):
-        at = Place(place.file, place.line, column)
-        meaning = Meaning("ignored") if column - 1 in unused else _meaning(header, options, at)
-        if meaning.kind != "ignored" and _bare(meaning) in map(_bare, meanings):
-            raise ImportFileError(
-                at, f"{shown(header)} is a second column for {meaning}", "correct or ignore one of them"
-            )
+    unclear = Faults(MAX_COLUMNS)
+    for header in headers:
+        meaning = Meaning("unknown")
+        with unclear.collected():
+            meaning = Meaning("ignored") if header.unused else _meaning(header, options)
+            if meaning.kind != "ignored" and _bare(meaning) in map(_bare, meanings):
+                raise ImportFileError(
+                    header.place,
+                    f"{shown(header.text)} is a second column for {meaning}",
+                    "correct or ignore one of them",
+                )
         meanings.append(meaning)
-    resolved = _with_units(meanings, options.units, place)
+    for fault in _gathered(unclear.found, headers):
+        faults.add(fault)
+    meanings = _points(meanings)
+    resolved = _with_units(meanings, headers, options, axes_unit, faults)
     texts = {meaning.kind: index for index, meaning in enumerate(meanings) if meaning.axis is None}
-    texts.pop("ignored", None)
-    quantities = _quantities(meanings, place)
-    _check_keys(texts, quantities, place)
+    for kind in ("ignored", "unknown"):
+        texts.pop(kind, None)
+    quantities: dict[Quantity, tuple[int, ...]] = {}
+    if all(meaning.kind != "unknown" for meaning in meanings):
+        quantities = _quantities(meanings, headers, faults)
+        _check_keys(texts, quantities, headers, options, faults)
     units = {
         DIMENSIONS[meaning.kind]: meaning.unit
         for meaning in resolved
         if meaning.axis is not None and meaning.unit is not None
     }
-    return Columns(tuple(resolved), texts, quantities, units)
+    return Columns(
+        tuple(resolved), texts, quantities, units, faulty=bool(unclear.found) or len(faults.found) > before
+    )
+
+
+def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> list[ImportFileError]:
+    """Return faults with one of many headers that are unknown, so that others are not hidden behind them."""
+    unknown = [fault for fault in found if fault.option == UNKNOWN]
+    if len(unknown) <= _MANY:
+        return found
+    names = ", ".join(shown(headers[(fault.place.column or 1) - 1].text) for fault in unknown)
+    reason = f"{len(unknown)} unknown column headers: {names}"
+    one = ImportFileError(unknown[0].place, reason, unknown[0].remedy, UNKNOWN)
+    return [one, *(fault for fault in found if fault.option != UNKNOWN)]
 
 
 def _bare(meaning: Meaning) -> tuple[object, ...]:
     return meaning.kind, meaning.axis, meaning.target, meaning.state
 
 
-def _meaning(header: str, options: ImportOptions, place: Place) -> Meaning:
-    if header.strip() in {text.strip() for text in options.ignore}:
+def _points(meanings: list[Meaning]) -> list[Meaning]:
+    """Return the meanings; a target of a group, in a table without names, is what others call a point."""
+    kinds = {meaning.kind for meaning in meanings}
+    if "name" in kinds or not kinds & {"collection", "group"}:
+        return meanings
+    return [Meaning("name") if meaning.kind == "target" else meaning for meaning in meanings]
+
+
+def _meaning(header: HeaderCell, options: ImportOptions) -> Meaning:
+    text = collapsed(header.text)
+    if text in map(collapsed, options.ignore):
         return Meaning("ignored")
+    stated = {collapsed(key): value for key, value in options.columns.items()}.get(text)
     try:
-        return meaning_of(header, options.state_words)
+        if stated is None:
+            found = meaning_of(header.text, options.state_words)
+            return replace(found, guessed=found.guessed or header.guessed)
+        return _stated(text, stated, options)
     except Fault as fault:
-        raise fault.at(place) from None
+        raise fault.at(header.place) from None
 
 
-def _with_units(meanings: Sequence[Meaning], given: Units | None, place: Place) -> list[Meaning]:
+def _stated(header: str, stated: str, options: ImportOptions) -> Meaning:
+    """The meaning that the caller states, with the unit of the file if it has one.
+
+    Raises:
+        Fault: they contradict.
+    """
+    found = meaning_of(stated, options.state_words)
+    if found.axis is None:
+        return found
+    text = split_unit(header)[1] or header.replace("_", " ").split(" ")[-1]
+    named, dimension = unit_named(text), DIMENSIONS[found.kind]
+    if named is None:
+        if text in FOREIGN:
+            raise Fault(
+                f"{shown(header)}: {shown(text)} is not a known unit of {dimension}",
+                f"convert to one of {', '.join(UNITS[dimension])}",
+            )
+        return found
+    if named[0] != dimension or (found.unit is not None and found.unit != named[1]):
+        raise Fault(
+            f"{shown(header)} is in {named[1]}, but {shown(stated)} by `columns`",
+            "correct one of them; a unit is never converted silently",
+        )
+    return replace(found, unit=named[1])
+
+
+def _with_units(
+    meanings: Sequence[Meaning],
+    headers: Sequence[HeaderCell],
+    options: ImportOptions,
+    axes_unit: str | None,
+    faults: Faults,
+) -> list[Meaning]:
     """The meanings, each number with its unit; one unit for each dimension."""
     seen: dict[Dimension, str] = {}
+    bare: dict[Dimension, list[int]] = {}
+    contradicted: set[Dimension] = set()
     resolved = []
-    for column, meaning in enumerate(meanings, start=1):
+    for column, meaning in enumerate(meanings):
         if meaning.axis is None:
             resolved.append(meaning)
             continue
-        at = Place(place.file, place.line, column)
         dimension = DIMENSIONS[meaning.kind]
-        unit = _unit(meaning, given, dimension, at)
-        if unit is not None and seen.setdefault(dimension, unit) != unit:
-            raise ImportFileError(
-                at,
-                f"{meaning} is in {unit}, but other columns are in {seen[dimension]}",
-                f"use one unit for every {dimension}",
-            )
-        resolved.append(Meaning(meaning.kind, meaning.axis, meaning.target, meaning.state, unit))
+        unit = None
+        told = len(faults.found)
+        with faults.collected() if dimension not in contradicted else suppress(ImportFileError):
+            of_axes = axes_unit if meaning.kind == "position" else None
+            unit = _unit(meaning, options.units, of_axes, headers[column].place)
+            if unit is None and not _may_lack(dimension, options.units):
+                bare.setdefault(dimension, []).append(column)
+            if unit is not None and seen.setdefault(dimension, unit) != unit:
+                raise ImportFileError(
+                    headers[column].place,
+                    f"{meaning} is in {unit}, but other columns are in {seen[dimension]}",
+                    f"use one unit for every {dimension}",
+                )
+        if len(faults.found) > told:
+            contradicted.add(dimension)
+        resolved.append(replace(meaning, unit=unit))
+    for dimension, columns in bare.items():
+        meaning, others = meanings[columns[0]], len(columns) - 1
+        more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
+        example = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}[dimension]
+        fault = ImportFileError(
+            headers[columns[0]].place,
+            f"{meaning} has no unit{more}",
+            f"write it in the header, such as `{meaning} [{example}]`, or give `units`",
+            f"units.{dimension}",
+        )
+        faults.add(fault)
     return resolved
 
 
-def _unit(meaning: Meaning, given: Units | None, dimension: Dimension, place: Place) -> str | None:
-    """The unit of the header, else the caller's. A moment may do without if lengths are in m."""
-    known = None if given is None else getattr(given, dimension)
-    if meaning.unit is not None:
-        if known is not None and known != meaning.unit:
+def _may_lack(dimension: Dimension, given: ImportUnits | None) -> bool:
+    """Return whether numbers of a dimension need no unit: a moment's is force times m if lengths are in m."""
+    return dimension == "moment" and given is not None and given.length == "m"
+
+
+def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, place: Place) -> str | None:
+    """The unit of the header, else of the file's comment, else the caller's.
+
+    Raises:
+        ImportFileError: they contradict.
+    """
+    known = None if given is None else getattr(given, DIMENSIONS[meaning.kind])
+    said = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
+    given_by = [(where, unit) for where, unit in said.items() if unit is not None]
+    for where, unit in given_by[1:]:
+        if unit != given_by[0][1]:
             raise ImportFileError(
                 place,
-                f"{meaning} is in {meaning.unit} by its header, but in {known} by `units`",
+                f"{meaning} is in {given_by[0][1]} by {given_by[0][0]}, but in {unit} by {where}",
                 "correct one of them",
             )
-        return meaning.unit
-    if known is None and not (dimension == "moment" and given is not None and given.length == "m"):
-        raise ImportFileError(
-            place,
-            f"{meaning} has no unit",
-            f"write it in the header, such as `{meaning} [{'mm' if dimension == 'length' else '…'}]`, "
-            "or give `units`",
-        )
-    return known
+    return given_by[0][1] if given_by else None
 
 
-def _quantities(meanings: Sequence[Meaning], place: Place) -> dict[Quantity, tuple[int, ...]]:
+def _quantities(
+    meanings: Sequence[Meaning], headers: Sequence[HeaderCell], faults: Faults
+) -> dict[Quantity, tuple[int, ...]]:
     found: dict[Quantity, dict[int, int]] = {}
     for index, meaning in enumerate(meanings):
         if meaning.axis is not None:
             key = Quantity(meaning.kind, meaning.target, meaning.state)
             found.setdefault(key, {})[meaning.axis] = index
     for quantity, axes in found.items():
-        count = max(axes) + 1 if quantity.kind == "joint" else 3
+        count = {"joint": max(axes) + 1, "uncertainty": 1}.get(quantity.kind, 3)
         absent = [axis for axis in range(count) if axis not in axes]
         if absent or count > MAX_JOINTS:
             first = Meaning(quantity.kind, absent[0] if absent else 0, quantity.target, quantity.state)
-            raise ImportFileError(
-                Place(place.file, place.line, min(axes.values()) + 1),
+            fault = ImportFileError(
+                headers[min(axes.values())].place,
                 f"column {first} is missing" if absent else f"there are more than {MAX_JOINTS} joints",
                 "add it, or correct the header of the column that holds it",
             )
+            faults.add(fault)
     return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in found.items()}
 
 
 def _check_keys(
-    texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]], place: Place
+    texts: Mapping[Kind, int],
+    quantities: Mapping[Quantity, tuple[int, ...]],
+    headers: Sequence[HeaderCell],
+    options: ImportOptions,
+    faults: Faults,
 ) -> None:
-    if "name" not in texts:
-        raise ImportFileError(
-            place, "no column names the observations or points", "add a column `label` or `name`"
+    place = replace(headers[0].place, column=None)
+
+    def add(reason: str, remedy: str, at: Place = place, option: str | None = None) -> None:
+        faults.add(ImportFileError(at, reason, remedy, option))
+
+    if "name" not in texts and not options.by_order:
+        add(
+            "no column names the observations or points",
+            "add a column `label` or `name`; only if the rows of all files are in the same order, `by_order`",
+            option="by_order",
         )
     if not quantities:
-        raise ImportFileError(place, "no column with numbers is recognised", "check the header")
-    positions = [quantity for quantity in quantities if quantity.kind == "position"]
-    if len({quantity.target is None for quantity in positions}) > 1:
-        raise ImportFileError(
-            place,
-            "some columns of positions name their target, others do not",
-            "name the target in all of them",
-        )
-    if len({quantity.state is None for quantity in positions}) > 1:
-        raise ImportFileError(
-            place,
-            "some columns of positions name their state, others do not",
-            "name the state in all of them",
-        )
-    kinds: tuple[Kind, Kind] = ("target", "state")
+        add("no column with numbers is recognised", "check the header")
+    points = [quantity for quantity in quantities if quantity.kind in ("position", "uncertainty")]
+    kinds: tuple[Literal["target", "state"], ...] = ("target", "state")
     for kind in kinds:
-        if kind in texts and any(getattr(quantity, kind) is not None for quantity in positions):
-            raise ImportFileError(
-                Place(place.file, place.line, texts[kind] + 1),
+        if len({getattr(quantity, kind) is None for quantity in points}) > 1:
+            add(
+                f"some columns of positions name their {kind}, others do not",
+                f"name the {kind} in all of them",
+            )
+        if kind in texts and any(getattr(quantity, kind) is not None for quantity in points):
+            add(
                 f"there is a column `{kind}`, but the headers of positions name it, too",
                 "keep one of them",
+                headers[texts[kind]].place,
             )
+    _check_uncertainties(points, quantities, headers, faults)
+
+
+def _check_uncertainties(
+    points: Sequence[Quantity],
+    quantities: Mapping[Quantity, tuple[int, ...]],
+    headers: Sequence[HeaderCell],
+    faults: Faults,
+) -> None:
+    """Check that every uncertainty belongs to a position."""
+    positions = [replace(quantity, kind="uncertainty") for quantity in points if quantity.kind == "position"]
+    for quantity in points:
+        if quantity.kind == "uncertainty" and quantity not in positions:
+            column = headers[quantities[quantity][0]]
+            reason = f"{shown(column.text)} belongs to no position"
+            faults.add(ImportFileError(column.place, reason, "correct its header, or use `ignore`"))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+
+from jointstiff.schemas.importing import MAX_FAULTS
 
 _MAX_SHOWN = 60
 
@@ -40,13 +44,18 @@ class ImportFileError(Exception):
         place: where, as far as it is one place.
         reason: what is wrong, in a sentence.
         remedy: how to mend it.
+        option: that settles it, if one does.
+        others: the faults found besides.
     """
 
-    def __init__(self, place: Place, reason: str, remedy: str) -> None:
+    others: tuple[ImportFileError, ...] = ()
+
+    def __init__(self, place: Place, reason: str, remedy: str, option: str | None = None) -> None:
         super().__init__(place, reason, remedy)
         self.place = place
         self.reason = reason
         self.remedy = remedy
+        self.option = option
 
     @property
     def file(self) -> str | None:
@@ -74,13 +83,46 @@ class Fault(Exception):  # noqa: N818 - it becomes an ImportFileError where the 
     Attributes:
         reason: what is wrong, in a sentence.
         remedy: how to mend it.
+        option: that settles it, if one does.
     """
 
-    def __init__(self, reason: str, remedy: str) -> None:
+    def __init__(self, reason: str, remedy: str, option: str | None = None) -> None:
         super().__init__(reason, remedy)
         self.reason = reason
         self.remedy = remedy
+        self.option = option
 
     def at(self, place: Place) -> ImportFileError:
         """The same as an error of the file."""
-        return ImportFileError(place, self.reason, self.remedy)
+        return ImportFileError(place, self.reason, self.remedy, self.option)
+
+
+class Faults:
+    """The faults of all files, collected so that one answer has all of them.
+
+    Attributes:
+        found: in their order.
+        most: how many are kept.
+    """
+
+    def __init__(self, most: int = MAX_FAULTS) -> None:
+        self.found: list[ImportFileError] = []
+        self.most = most
+
+    @property
+    def full(self) -> bool:
+        """Return whether no more are kept: to look for more is in vain."""
+        return len(self.found) >= self.most
+
+    def add(self, fault: ImportFileError) -> None:
+        """Keep a fault, if there are not as many as are shown."""
+        if not self.full:
+            self.found.append(fault)
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Keep the fault that ends the block."""
+        try:
+            yield
+        except ImportFileError as fault:
+            self.add(fault)

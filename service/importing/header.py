@@ -3,59 +3,69 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+import unicodedata
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 from jointstiff.schemas.importing import State
+from jointstiff.service.importing import words
 from jointstiff.service.importing.errors import Fault, shown
 from jointstiff.service.importing.units import UNITS, Dimension, unit_named
 
 Kind = Literal[
     "name", "collection", "group", "target", "state", "joint", "force", "moment", "load point", "position",
-    "ignored",
+    "uncertainty", "ignored", "unknown",
 ]  # fmt: skip
 
+UNKNOWN: Final = "columns"
+"""Option that settles an unknown header."""
+
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
-    {"joint": "angle", "force": "force", "moment": "moment", "load point": "length", "position": "length"}
-)
-
-_KEYS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
-        **dict.fromkeys(("label", "name", "id", "observation", "configuration", "config", "pose"), "name"),
-        **dict.fromkeys(("point", "point name", "pointname", "point id"), "name"),
-        **dict.fromkeys(("collection", "collection name"), "collection"),
-        **dict.fromkeys(("group", "group name", "point group"), "group"),
-        **dict.fromkeys(("target", "reflector", "smr"), "target"),
-        **dict.fromkeys(("state", "load state"), "state"),
-        **dict.fromkeys(("comment", "comments", "remark", "remarks", "note", "notes"), "ignored"),
-        **dict.fromkeys(("date", "time", "timestamp", "operator", "instrument", "rms"), "ignored"),
-        **dict.fromkeys(("i", "j", "k", "ignore"), "ignored"),
+        "joint": "angle",
+        "force": "force",
+        "moment": "moment",
+        "load point": "length",
+        "position": "length",
+        "uncertainty": "length",
     }
 )
-_STATES: Final[Mapping[str, State]] = MappingProxyType(
-    {
-        **dict.fromkeys(("unloaded", "unload", "noload", "ul", "u"), "unloaded"),
-        **dict.fromkeys(("loaded", "load", "ld", "l"), "loaded"),
-        **dict.fromkeys(("deflection", "defl", "displacement", "delta", "d"), "deflection"),
-    }
-)
-_NOT_TARGETS: Final = frozenset(
-    ["sigma", "std", "stdev", "uncertainty", "u95", "nominal", "nom", "theoretical", "dev", "deviation",
-     "tol", "tolerance", "error", "rms", "normal", "offset", "residual", "max", "min", "mean", "average"]
-)  # fmt: skip
-"""Words beside x, y and z that tell of something other than a target's position."""
 
-_JOINT: Final = re.compile(r"(?:j|q|joint|axis|theta|θ)[ _-]?([0-9]{1,2})", re.IGNORECASE)
-_VECTOR: Final = re.compile(r"(f|force|m|moment|torque|lp|load[ _-]?point|pw)[ _-]?([xyz])", re.IGNORECASE)
+
+def folded(text: str) -> str:
+    """Return a text by which words are compared: lower case, composed, single blanks for `_` and blanks."""
+    return " ".join(unicodedata.normalize("NFC", text).casefold().replace("_", " ").split())
+
+
+_Value = TypeVar("_Value")
+
+
+def _by_word(groups: Iterable[tuple[_Value, Iterable[str]]]) -> Mapping[str, _Value]:
+    return MappingProxyType({word: value for value, group in groups for word in group})
+
+
+_KEYS: Final[Mapping[str, Kind]] = _by_word(words.KEYS.items())
+_STATES: Final[Mapping[str, State]] = _by_word(words.STATES.items())
+_VECTORS: Final[Mapping[str, Kind]] = _by_word(words.VECTORS.items())
+
+
+def _either(texts: Iterable[str]) -> str:
+    """Return a pattern of texts, the longest first; blanks in them may be any."""
+    longest = sorted(texts, key=len, reverse=True)
+    return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
+
+
+_JOINT: Final = re.compile(rf"(?:{_either(words.JOINTS)})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
+_VECTOR: Final = re.compile(rf"({_either(_VECTORS)})[\s_-]*([xyz])", re.IGNORECASE)
+_PHRASE: Final = re.compile(
+    rf"(?<![^\s_])(?:{_either(word for word in _STATES if ' ' in word)})(?![^\s_])", re.IGNORECASE
+)
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[([^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
-_VECTOR_KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {"f": "force", "force": "force", "m": "moment", "moment": "moment", "torque": "moment"}
-)
 
 
 @dataclass(frozen=True)
@@ -64,10 +74,11 @@ class Meaning:
 
     Attributes:
         kind: of its cells.
-        axis: number of the joint, or of the axis x, y, z, from 0; None for texts.
-        target: of a position, if the header names it.
-        state: of a position, if the header names it.
+        axis: number of the joint, or of the axis x, y, z, from 0; 0 of an uncertainty; None for texts.
+        target: of a position or its uncertainty, if the header names it.
+        state: of a position or its uncertainty, if the header names it.
         unit: canonical, if the header names it.
+        guessed: whether the unit stood without brackets.
     """
 
     kind: Kind
@@ -75,15 +86,19 @@ class Meaning:
     target: str | None = None
     state: State | None = None
     unit: str | None = None
+    guessed: bool = False
 
     def __str__(self) -> str:
+        """Return words that are read as the same meaning."""
         if self.kind == "joint":
             return f"joint {(self.axis or 0) + 1}"
         if self.axis is None:
             return self.kind
-        words = [self.target, self.state] if self.kind == "position" else []
-        kind = "position" if words == [None, None] else None if words else self.kind
-        return " ".join(word for word in (*words, kind, "xyz"[self.axis]) if word)
+        if self.kind == "uncertainty":
+            return " ".join(word for word in (self.target, self.state, "U95") if word)
+        named = [self.target, self.state] if self.kind == "position" else []
+        kind = "position" if named == [None, None] else None if named else self.kind
+        return " ".join(word for word in (*named, kind, "xyz"[self.axis]) if word)
 
 
 def state_named(word: str, extra: Mapping[str, State]) -> State | None:
@@ -93,16 +108,21 @@ def state_named(word: str, extra: Mapping[str, State]) -> State | None:
         word: to look up.
         extra: the caller's words, which come before ours.
     """
-    folded = word.casefold()
+    text = folded(word)
     for key, state in extra.items():
-        if key.casefold() == folded:
+        if folded(key) == text:
             return state
-    return _STATES.get(folded)
+    return _STATES.get(text)
 
 
 def is_key(text: str) -> bool:
     """Return whether a text is the header of a column of texts."""
-    return text.strip().casefold() in _KEYS
+    return folded(text) in _KEYS
+
+
+def is_joint(text: str) -> bool:
+    """Return whether a text is a word for a joint, which needs its number."""
+    return folded(split_unit(text)[0]) in words.JOINTS
 
 
 def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
@@ -111,28 +131,44 @@ def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
     Raises:
         Fault: it is not in the grammar.
     """
-    base, unit = _split_unit(header)
-    key = _KEYS.get(" ".join(base.casefold().replace("_", " ").split()))
+    base, unit = split_unit(header)
+    key = _KEYS.get(folded(base))
     if key == "ignored":
         return Meaning(key)
     if key is not None:
         if unit is not None:
             raise Fault(f"{shown(header)} has a unit, but is a column of texts", "check the header")
         return Meaning(key)
+    suffixed = None if unit is not None else _split_suffix(base)
+    base, unit = suffixed or (base, unit)
     found = _quantity(header, base, state_words)
-    return Meaning(found.kind, found.axis, found.target, found.state, _checked_unit(header, unit, found.kind))
+    checked = _checked_unit(header, unit, found.kind)
+    return replace(found, unit=checked, guessed=suffixed is not None)
 
 
-def _split_unit(header: str) -> tuple[str, str | None]:
+def split_unit(header: str) -> tuple[str, str | None]:
     """`x [mm]`, `x (mm)` or `x/mm` as name and unit; what follows a slash must be one of ours."""
-    match = _UNIT.fullmatch(header.strip())
+    header = header.strip()
+    match = _UNIT.fullmatch(header)
     if match is None:
-        return header.strip(), None
+        return header, None
     base, bracketed, round_, slashed = match.groups()
     if slashed is not None:
         slashed = slashed.strip("() ")
-        return (base, slashed) if unit_named(slashed) else (header.strip(), None)
+        return (base, slashed) if unit_named(slashed) else (header, None)
+    if round_ is not None and folded(header).rpartition(" ")[2] in words.EXPANDED:
+        return header, None
     return base, bracketed if bracketed is not None else round_
+
+
+def _split_suffix(base: str) -> tuple[str, str] | None:
+    """`theta1_rad`, `force_x_N` as name and unit, or None."""
+    for count in (2, 1):
+        parts = _TOKEN.findall(base)
+        if len(parts) > count and unit_named(unit := " ".join(parts[-count:])):
+            start = [token.start() for token in _TOKEN.finditer(base)][-count]
+            return base[:start].rstrip(" _"), unit
+    return None
 
 
 def _checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
@@ -154,30 +190,36 @@ def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meani
             raise Fault(f"{shown(header)}: joints are numbered from 1", "number them 1, 2, …")
         return Meaning("joint", int(joint[1]) - 1)
     if vector := _VECTOR.fullmatch(base):
-        kind = _VECTOR_KINDS.get(vector[1].casefold(), "load point")
-        return Meaning(kind, "xyz".index(vector[2].casefold()))
+        return Meaning(_VECTORS[folded(vector[1].replace("-", " "))], "xyz".index(vector[2].casefold()))
     return _position(header, base, state_words)
 
 
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
     """`P10 unloaded x`, `P10_x_loaded`, `P10 dx`, `x`: words in any order, the target's in one piece."""
+    base = _PHRASE.sub(lambda found: _STATES[folded(found[0].replace("-", " "))], base)
     rest = []
-    axes, states = [], []
+    axes: list[int] = []
+    states: list[State] = []
+    expanded = 0
     for token in _TOKEN.finditer(base):
         if coordinate := _COORDINATE.fullmatch(token[0]):
             axes.append("xyz".index(coordinate[2].casefold()))
             states += ["deflection"] if coordinate[1] else []
         elif state := state_named(token[0], state_words):
             states.append(state)
-        else:
+        elif folded(token[0]) in words.EXPANDED:
+            expanded += 1
+        elif folded(token[0]) not in words.COORDINATES:
             rest.append(token)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
-    words = _TOKEN.findall(target) if target else []
-    unclear = len(axes) != 1 or len(set(states)) > 1 or len(words) != len(rest)
-    if unclear or any(word.casefold() in _NOT_TARGETS or _BRACKET.search(word) for word in words):
+    named = _TOKEN.findall(target) if target else []
+    unclear = len(axes) + expanded != 1 or len(set(states)) > 1 or len(named) != len(rest)
+    if unclear or any(folded(word) in words.NOT_TARGETS or _BRACKET.search(word) for word in named):
         raise Fault(
             f"unknown column header {shown(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
-            "[mm]`, `P10 dx [mm]`, `x [mm]`, or skip the column with `ignore`",
+            "[mm]`, `P10 dx [mm]`, `x [mm]`; say what it means with `columns`, or skip it with `ignore`",
+            UNKNOWN,
         )
-    return Meaning("position", axes[0], target, states[0] if states else None)  # type: ignore[arg-type]
+    kind: Kind = "uncertainty" if expanded else "position"
+    return Meaning(kind, 0 if expanded else axes[0], target, states[0] if states else None)

@@ -1,17 +1,19 @@
-"""Position of a table's header and of its first row of data."""
+"""A table whose header was found and understood, and its rows of data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.columns import Columns, understand
-from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.columns import Columns, HeaderCell, collapsed, understand
+from jointstiff.service.importing.comments import read_comments
+from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import CellKind, Grid, Row
-from jointstiff.service.importing.header import is_key, meaning_of
+from jointstiff.service.importing.header import is_key
+from jointstiff.service.importing.heading import Heading, find_heading
 from jointstiff.service.importing.numbers import looks_like_a_number
 
 _HEADERLESS: Final = MappingProxyType(
@@ -21,6 +23,7 @@ _HEADERLESS: Final = MappingProxyType(
         6: ("collection", "group", "point", "x", "y", "z"),
     }
 )
+_TRAILING: Final = "every row ends with a delimiter; the empty last column was ignored"
 
 
 @dataclass(frozen=True)
@@ -29,105 +32,176 @@ class Layout:
 
     Attributes:
         headers: as they stand in the file; empty texts where there is no header.
+        lines: of the file that make the header.
         columns: what they mean.
         rows: of data, at least one, as long as the header.
+        frame: of positions, as a comment of the file names it.
         assumptions: in words.
     """
 
     headers: tuple[str, ...]
+    lines: tuple[int, ...]
     columns: Columns
     rows: tuple[Row, ...]
+    frame: str | None = None
     assumptions: tuple[str, ...] = ()
 
 
-def lay_out(grid: Grid, options: ImportOptions) -> Layout:
-    """Find and understand the header: the caller's, the first row, or the last comment before the data.
+def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
+    """Find and understand the header: the caller's, one in the first rows, or one in a comment.
 
     A table without any is a list of points: `name x y z`, with `group` or `collection group` before it.
 
+    Args:
+        grid: the file.
+        options: of the caller.
+        faults: where to tell of rows and columns that are not understood.
+
     Raises:
-        ImportFileError: there is none and it is no such list, or it is not understood.
+        ImportFileError: there is none and it is no such list.
     """
-    first = grid.rows[0]
-    if options.header is not None:
-        return _with(grid, options, tuple(options.header), Place(grid.file), grid.rows)
-    if not any(looks_like_a_number(cell) for cell in first.cells):
-        if len(grid.rows) == 1:
-            raise ImportFileError(
-                grid.place(first), "the file has a header but no row of data", "check the file"
-            )
-        return _with(grid, options, first.cells, grid.place(first), grid.rows[1:])
-    if comment := _header_in_comments(grid, options):
-        note = f"the comment in line {comment.line} was used as the header"
-        return _with(grid, options, comment.cells, grid.place(comment), grid.rows, note)
-    return _headerless(grid, options)
-
-
-def _with(
-    grid: Grid,
-    options: ImportOptions,
-    headers: tuple[str, ...],
-    place: Place,
-    rows: Sequence[Row],
-    note: str | None = None,
-) -> Layout:
-    data = tuple(_fitted(grid, row, len(headers)) for row in rows)
-    unused = frozenset(
-        column
-        for column, header in enumerate(headers)
-        if not header and not any(row.cells[column] for row in data)
+    said = read_comments(grid)
+    heading, headers = _heading(grid, options, faults)
+    rows, cells, notes = _fitted(grid, heading, faults)
+    cells = tuple(
+        replace(cell, unused=not cell.text and not any(row.cells[column] for row in rows))
+        for column, cell in enumerate(cells)
     )
-    return Layout(headers, understand(headers, options, place, unused), data, (note,) if note else ())
+    shown_headers = headers[: len(cells)]
+    if options.layouts:
+        _check_template(options, shown_headers, Place(grid.file, *heading.lines[-1:]), faults)
+    columns = understand(cells, options, said.unit, faults)
+    if said.frame is not None:
+        notes = (*notes, f"positions are in the frame {shown(said.frame)}, as the file says")
+    if said.unit is not None:
+        notes = (*notes, f"positions are in {'inches' if said.unit == 'in' else said.unit}, as the file says")
+    if columns.units.get("length") == "in":
+        notes = (*notes, "lengths in inches were converted to mm; so are numbers in options")
+    return Layout(shown_headers, heading.lines, columns, rows, said.frame, (*heading.notes, *notes))
 
 
-def _fitted(grid: Grid, row: Row, width: int) -> Row:
-    """A row as long as the header: rows of a sheet end with their last cell."""
+def _heading(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[Heading, tuple[str, ...]]:
+    """The header, and its texts as they are shown: none for a header that is only assumed."""
+    if options.header is not None:
+        cells = _cells(grid, options.header, guessed=False)
+        return Heading(cells, (), 0, stated=True), tuple(options.header)
+    found = find_heading(grid, options, faults)
+    if found is not None:
+        return found, tuple(cell.text for cell in found.cells)
+    assumed = _headerless(grid, by_order=options.by_order)
+    note = f"no header found; assumed columns: {', '.join(assumed)}"
+    return Heading(_cells(grid, assumed, guessed=True), (), 0, (note,)), ("",) * len(assumed)
+
+
+def _cells(grid: Grid, texts: Sequence[str], *, guessed: bool) -> tuple[HeaderCell, ...]:
+    return tuple(
+        HeaderCell(text, Place(grid.file, None, column), guessed)
+        for column, text in enumerate(texts, start=1)
+    )
+
+
+def _fitted(
+    grid: Grid, heading: Heading, faults: Faults
+) -> tuple[tuple[Row, ...], tuple[HeaderCell, ...], tuple[str, ...]]:
+    """Rows and header of one length; what is empty at the end of all of them is left out."""
+    rows, cells = grid.rows[heading.start :], heading.cells
+    longest = max(len(row.cells) for row in rows)
+    if grid.format == "xlsx":
+        return _of_one_length(grid, rows, cells, heading, faults), cells, ()
+    width = len(cells)
+    while width > 1 and not cells[width - 1].text and not any(any(row.cells[width - 1 :]) for row in rows):
+        width -= 1
+    alike = min(len(row.cells) for row in rows) == longest
+    cut = alike and longest >= width and not any(any(row.cells[width:]) for row in rows)
+    if not cut:
+        return _of_one_length(grid, rows, cells, heading, faults), cells, ()
+    shorter = tuple(Row(row.line, row.cells[:width]) for row in rows) if longest > width else rows
+    return shorter, cells[:width], (_TRAILING,) if longest > width else ()
+
+
+def _of_one_length(
+    grid: Grid, rows: Sequence[Row], cells: Sequence[HeaderCell], heading: Heading, faults: Faults
+) -> tuple[Row, ...]:
+    """The rows as long as the header: those of a sheet end with their last cell, those of a text must fit."""
+    width = len(cells)
+    fitted = []
+    for row in rows:
+        count = len(row.cells)
+        if any(row.cells[width:]) or (count != width and row.kinds is None):
+            faults.add(_misfit(grid, row, width, heading))
+        elif row.kinds is None or count == width:
+            fitted.append(row)
+        else:
+            kind: CellKind = "text"
+            kinds = (*row.kinds[:width], *(kind,) * (width - count))
+            fitted.append(Row(row.line, (*row.cells[:width], *("",) * (width - count)), kinds))
+    return tuple(fitted)
+
+
+def _misfit(grid: Grid, row: Row, width: int, heading: Heading) -> ImportFileError:
     count = len(row.cells)
-    if any(row.cells[width:]) or (count != width and row.kinds is None):
-        raise ImportFileError(
+    if row.kinds is not None:
+        return ImportFileError(
             grid.place(row, min(width, count - 1)),
             f"the row has {count} cells, but the header {width}",
             "give every column a header, and every row the same number of cells",
         )
-    if row.kinds is None or count == width:
-        return row
-    kind: CellKind = "text"
-    kinds = (*row.kinds[:width], *(kind,) * (width - count))
-    return Row(row.line, (*row.cells[:width], *("",) * (width - count)), kinds)
+    line = heading.lines[-1] if heading.lines else grid.rows[0].line
+    than = "the header" if heading.stated else f"line {line} has"
+    return ImportFileError(
+        grid.place(row, min(count, width)),
+        f"the row has {count} cells, but {than} {width} (delimiter: {grid.delimiter})",
+        "give every row the same number of cells; check for a missing or doubled delimiter, a "
+        "decimal comma in a comma-separated file, or a blank in a name without quotation marks",
+    )
 
 
-def _header_in_comments(grid: Grid, options: ImportOptions) -> Row | None:
-    """The last comment before the data that is a header in every cell."""
-    first = grid.rows[0]
-    for comment in reversed(grid.comments):
-        if comment.line < first.line and len(comment.cells) == len(first.cells):
-            try:
-                for cell in comment.cells:
-                    meaning_of(cell, options.state_words)
-            except Fault:
-                continue
-            return comment
-    return None
+def _headerless(grid: Grid, *, by_order: bool) -> tuple[str, ...]:
+    """The columns of a list of points.
 
-
-def _headerless(grid: Grid, options: ImportOptions) -> Layout:
-    width = len(grid.rows[0].cells)
-    headers = _HEADERLESS.get(width)
+    Raises:
+        ImportFileError: it is none.
+    """
+    cells = grid.rows[0].cells
+    width = len(cells)
+    while width > 1 and not any(row.cells[width - 1] for row in grid.rows if len(row.cells) >= width):
+        width -= 1
+    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:
         raise ImportFileError(
             grid.place(grid.rows[0]),
             f"the rows have {width} cells, and there is no header",
             "add a header such as `name x y z`, or give `header`",
+            "header",
         )
     for row in grid.rows:
-        for column, cell in enumerate(row.cells[:-3]):
+        for column, cell in enumerate(row.cells[: len(headers) - 3]):
             number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if is_key(cell) or number:
                 raise ImportFileError(
                     grid.place(row, column),
                     f"{shown(cell)} is where a point's name must be, because there is no header",
                     f"give rows of {' '.join(headers)}, add a header, or give `header`",
+                    "header",
                 )
-    note = f"no header found; assumed columns: {', '.join(headers)}"
-    laid = _with(grid, options, headers, Place(grid.file), grid.rows, note)
-    return Layout(("",) * width, laid.columns, laid.rows, laid.assumptions)
+    return headers
+
+
+def _check_template(options: ImportOptions, headers: Sequence[str], place: Place, faults: Faults) -> None:
+    """Refuse headers that no file had of which the template was made."""
+    found = [collapsed(text) for text in headers]
+    known = [[collapsed(text) for text in one] for one in options.layouts]
+    if found in known:
+        return
+    nearest = max(known, key=lambda one: len(set(one) & set(found)))
+    absent = [text for text in nearest if text not in found]
+    extra = [text for text in found if text not in nearest]
+    differences = [f"missing: {shown(', '.join(absent))}"] if absent else []
+    differences += [f"not in the template: {shown(', '.join(extra))}"] if extra else []
+    reason = "; ".join(differences) or "the same columns in another order or number"
+    fault = ImportFileError(
+        place,
+        f"the file does not fit the template; {reason}",
+        "import it without the template, or correct it",
+    )
+    faults.add(fault)

@@ -102,6 +102,7 @@ def default_point(name: str, needed: frozenset[str], words: Mapping[str, State])
     raise Fault(
         f"the name {shown(name)} does not show which observation, target and state it is",
         "give a template `point_name`, such as {label}_{target}_{state}",
+        "point_name",
     )
 
 
@@ -119,6 +120,7 @@ def default_file(stem: str, needed: frozenset[str], words: Mapping[str, State]) 
             f"the {_listed(needed)} is given neither by the table nor by the names of points or the file",
             "name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or give templates "
             "`point_name` or `file_name`",
+            "point_name",
         )
     return Naming(None, target, state)
 

@@ -64,6 +64,7 @@ def decide_mark(
             f"the comma in {shown(first[','].text)} may be a decimal comma or a thousands separator, "
             "and no other number decides it",
             "give `decimal_mark`, or write a point",
+            "decimal_mark",
         )
     if "," in first:
         return "comma", "the comma was used as the decimal mark"

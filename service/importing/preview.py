@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 from jointstiff.schemas.importing import (
     MAX_PREVIEW_ROWS,
@@ -10,16 +11,23 @@ from jointstiff.schemas.importing import (
     DecimalMark,
     FilePreview,
     ImportPreview,
+    MissingField,
 )
 from jointstiff.service.importing.assembly import Assembly
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.layout import Layout
 
 
-def preview_file(grid: Grid, layout: Layout, mark: DecimalMark, notes: Sequence[str]) -> FilePreview:
+def preview_file(grid: Grid, layout: Layout, mark: DecimalMark | None, notes: Sequence[str]) -> FilePreview:
     """One file and how it was read."""
     columns = [
-        ColumnMeaning(column=column, header=header, meaning=str(meaning), unit=meaning.unit)
+        ColumnMeaning(
+            column=column,
+            header=header,
+            meaning=str(meaning),
+            unit=meaning.unit,
+            guessed=meaning.guessed and meaning.kind != "ignored",
+        )
         for column, (header, meaning) in enumerate(
             zip(layout.headers, layout.columns.meanings, strict=True), start=1
         )
@@ -35,11 +43,25 @@ def preview_file(grid: Grid, layout: Layout, mark: DecimalMark, notes: Sequence[
         row_count=len(layout.rows),
         first_rows=[list(row.cells) for row in layout.rows[:MAX_PREVIEW_ROWS]],
         assumptions=list(notes),
+        header_lines=list(layout.lines),
+        first_lines=[row.line for row in layout.rows[:MAX_PREVIEW_ROWS]],
     )
 
 
-def preview_all(files: list[FilePreview], assembly: Assembly) -> ImportPreview:
-    """All files together."""
+def preview_all(files: list[FilePreview], assembly: Assembly | None) -> ImportPreview:
+    """All files together; without an assembly as far as they were understood."""
+    if assembly is None:
+        return ImportPreview(
+            files=files,
+            observation_count=0,
+            first_labels=[],
+            joint_count=None,
+            targets=[],
+            states=[],
+            reading_count=0,
+            assumptions=[],
+            missing=[],
+        )
     observations = assembly.observations
     joints = observations[0].values.get("joint")
     return ImportPreview(
@@ -51,33 +73,52 @@ def preview_all(files: list[FilePreview], assembly: Assembly) -> ImportPreview:
         states=list(assembly.states),
         reading_count=0 if assembly.one_state else sum(len(one.points) for one in observations),
         assumptions=list(assembly.assumptions),
-        missing=missing_from(assembly),
+        missing=[item.text for item in missing_from(assembly)],
     )
 
 
+class Missing(NamedTuple):
+    """Something that a measurement set needs beyond what was read.
+
+    Attributes:
+        field: for programs.
+        text: for people.
+    """
+
+    field: MissingField
+    text: str
+
+
 def missing_from(
-    assembly: Assembly, flange_targets: Collection[str] = (), *, load_point: bool = False
-) -> list[str]:
-    """Return what a measurement set needs beyond what was read, in words.
+    assembly: Assembly, flange_targets: Collection[str] = (), *, load_point: bool = False, force: bool = False
+) -> list[Missing]:
+    """Return what a measurement set needs beyond what was read.
 
     Args:
         assembly: what was read.
         flange_targets: names of targets whose place in the flange frame is known.
         load_point: whether it is known.
+        force: whether one force of all observations is known.
     """
     values = assembly.observations[0].values
     states = set(assembly.states)
-    missing = []
+    missing: list[Missing] = []
+
+    def add(field: MissingField, text: str) -> None:
+        missing.append(Missing(field, text))
+
     if "joint" not in values:
-        missing.append("joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …")
-    if "force" not in values:
-        missing.append("the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`")
+        add("joints", "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …")
+    if "force" not in values and not force:
+        add("force", "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`")
     if not states:
-        missing.append("readings: columns such as `P10 unloaded x [mm]`, or lists of points")
+        add("readings", "readings: columns such as `P10 unloaded x [mm]`, or lists of points")
     elif assembly.one_state:
-        missing.append(f"the positions {'under load' if states == {'unloaded'} else 'without load'}")
+        field: MissingField = "loaded" if states == {"unloaded"} else "unloaded"
+        add(field, f"the positions {'under load' if field == 'loaded' else 'without load'}")
     if "deflection" in states and not set(assembly.targets) <= set(flange_targets):
-        missing.append("the targets' positions in the flange frame (`flange_targets`), for deflections")
+        text = "the targets' positions in the flange frame (`flange_targets`), for deflections"
+        add("flange_targets", text)
     if "load point" not in values and not load_point:
-        missing.append("the load point (`load_point`), in the flange frame")
+        add("load_point", "the load point (`load_point`), in the flange frame")
     return missing

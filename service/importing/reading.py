@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, cast
+from math import sqrt
+from typing import Final, Literal, TypeVar, cast
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.importing import FilePreview, ImportOptions, ImportPreview
+from jointstiff.schemas.importing import DecimalMark, FilePreview, ImportOptions, ImportPreview
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
-from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.errors import Faults, ImportFileError, Place
 from jointstiff.service.importing.file_types import file_type
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import Kind
-from jointstiff.service.importing.layout import lay_out
+from jointstiff.service.importing.layout import Layout, lay_out
 from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
 from jointstiff.service.importing.preview import preview_all, preview_file
-from jointstiff.service.importing.records import Record, read_mark, read_records
+from jointstiff.service.importing.records import labels_in_order, read_mark, read_records
 from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.units import Dimension
 from jointstiff.service.importing.workbook import XLSX_MAGIC, read_workbook
 
 _NO_OPTIONS: Final = ImportOptions()
+_Key = TypeVar("_Key", bound=str)
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,8 @@ class Imported:
     @property
     def complete(self) -> bool:
         """Return whether the files give all that only measuring can give."""
-        values = self.assembly.observations[0].values
-        return (
-            {"joint", "force"} <= set(values) and bool(self.assembly.states) and not self.assembly.one_state
+        return "joint" in self.assembly.observations[0].values and (
+            bool(self.assembly.states) and not self.assembly.one_state
         )
 
     def document(
@@ -67,6 +68,8 @@ class Imported:
         noise: Noise | None = None,
         flange_targets: Mapping[str, Vector3] | None = None,
         load_point: Vector3 | None = None,
+        force: Vector3 | None = None,
+        force_unit: str | None = None,
     ) -> MeasurementSetDocument:
         """The measurement set, with what no file tells.
 
@@ -76,11 +79,14 @@ class Imported:
             noise: of a reading, in the files' unit of length.
             flange_targets: places of targets in the flange frame, in the files' unit of length.
             load_point: where the force acts, flange frame, in the files' unit of length.
+            force: on the robot in every observation, unless columns have it.
+            force_unit: of that force.
 
         Raises:
             ImportFileError: joint angles, forces or readings are missing.
         """
-        if not self.complete:
+        stated = "force" in self.assembly.observations[0].values
+        if not self.complete or not (stated or (force is not None and force_unit is not None)):
             raise ImportFileError(
                 Place(),
                 "the files do not make a complete measurement set",
@@ -88,13 +94,28 @@ class Imported:
             )
         return MeasurementSetDocument(
             name=name,
-            units=Units.model_validate(dict(self.units)),
+            units=Units.model_validate({"force": force_unit, **self.units}),
             encoders=encoders,
             noise=noise,
             flange_targets=dict(flange_targets or {}),
             load_point=load_point,
-            observations=[_observation(one) for one in self.assembly.observations],
+            observations=[_observation(one, force) for one in self.assembly.observations],
         )
+
+
+@dataclass(frozen=True)
+class Understood:
+    """Content of files as far as it was understood.
+
+    Attributes:
+        preview: as far as they were understood.
+        faults: what was not; at most `MAX_FAULTS`.
+        imported: their content, if there are no faults.
+    """
+
+    preview: ImportPreview
+    faults: tuple[ImportFileError, ...]
+    imported: Imported | None
 
 
 def read_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Imported:
@@ -106,33 +127,87 @@ def read_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS
 
     Raises:
         ImportFileError: something is not understood, contradictory, missing or ambiguous: with file, line,
-            column and remedy.
+            column and remedy, and all further faults.
     """
-    _check_sizes(files)
-    previews: list[FilePreview] = []
-    units: dict[Dimension, str] = {}
-    records = (record for file in files for record in _records(file, options, previews, units))
-    assembly = assemble(records, allow_missing=options.allow_missing)
-    return Imported(preview_all(previews, assembly), assembly, units)
+    understood = understand_files(files, options)
+    if understood.imported is not None:
+        return understood.imported
+    first, *others = understood.faults
+    first.others = tuple(others)
+    raise first
 
 
-def _records(
-    file: SourceFile, options: ImportOptions, previews: list[FilePreview], units: dict[Dimension, str]
-) -> Iterator[Record]:
-    """Yield the records of a file; add its preview and its units to those of the files before it."""
-    grid = _grid(file, options)
-    layout = lay_out(grid, options)
-    mark, assumed = read_mark(grid, layout, options)
-    for dimension, unit in layout.columns.units.items():
-        if units.setdefault(dimension, unit) != unit:
-            raise ImportFileError(
-                Place(file.name),
-                f"the unit of {dimension} is {unit}, but {units[dimension]} in other files",
-                f"use one unit for every {dimension}",
+def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
+    """Understand files of readings as `read_files` does, and tell all faults instead of raising them."""
+    faults = Faults()
+    reader = _Reader(options, faults)
+    assembly = None
+    with faults.collected():
+        _check_sizes(files)
+        assembly = reader.read(files)
+    previews, units = reader.previews, reader.units
+    preview = preview_all(previews, assembly)
+    imported = None if assembly is None else Imported(preview, assembly, units)
+    return Understood(preview, tuple(faults.found), imported)
+
+
+class _Reader:
+    """All files of an import, one after the other.
+
+    Attributes:
+        previews: of the files whose rows were found.
+        units: by dimension, of all numbers that occur.
+    """
+
+    def __init__(self, options: ImportOptions, faults: Faults) -> None:
+        self._options, self._faults = options, faults
+        self._frames: dict[str, str] = {}
+        self.previews: list[FilePreview] = []
+        self.units: dict[Dimension, str] = {}
+
+    def read(self, files: Sequence[SourceFile]) -> Assembly | None:
+        """Read all files; None if there are faults."""
+        tables = []
+        for file in files:
+            with self._faults.collected():
+                grid = _grid(file, self._options)
+                tables.append((grid, lay_out(grid, self._options, self._faults)))
+        marks = [self._understood(*table) for table in tables]
+        sound = all(not layout.columns.faulty for _, layout in tables) and len(tables) == len(files)
+        labels = labels_in_order(tables, self._faults) if sound and self._options.by_order else []
+        records = (
+            record
+            for (grid, layout), mark in zip(tables, marks, strict=True)
+            if mark is not None and not layout.columns.faulty and (labels or "name" in layout.columns.texts)
+            for record in read_records(grid, layout, mark, self._options, labels, self._faults)
+        )
+        if self.units.get("length") == "in":
+            self.units["length"] = "mm"
+        return assemble(records, self._faults, allow_missing=self._options.allow_missing)
+
+    def _understood(self, grid: Grid, layout: Layout) -> DecimalMark | None:
+        """Return the decimal mark of a file, if it is clear; add its preview, units and frame."""
+        mark, notes = None, (*grid.assumptions, *layout.assumptions)
+        with self._faults.collected():
+            mark, assumed = read_mark(grid, layout, self._options)
+            notes += (assumed,) if assumed else ()
+        if "name" not in layout.columns.texts and self._options.by_order:
+            notes += ("rows were matched to observations by their order, as `by_order` asks",)
+        self.previews.append(preview_file(grid, layout, mark, notes))
+        for dimension, unit in layout.columns.units.items():
+            self._agree(grid, self.units, dimension, unit, f"the unit of {dimension}")
+        if layout.frame is not None:
+            self._agree(grid, self._frames, "frame", layout.frame, "the frame")
+        return mark
+
+    def _agree(self, grid: Grid, known: dict[_Key, str], key: _Key, value: str, what: str) -> None:
+        if known.setdefault(key, value) != value:
+            fault = ImportFileError(
+                Place(grid.file),
+                f"{what} is {value}, but {known[key]} in other files",
+                "use one unit for every quantity, and one frame for all positions",
             )
-    notes = (*grid.assumptions, *layout.assumptions, *((assumed,) if assumed else ()))
-    previews.append(preview_file(grid, layout, mark, notes))
-    yield from read_records(grid, layout, mark, options)
+            self._faults.add(fault)
 
 
 def _check_sizes(files: Sequence[SourceFile]) -> None:
@@ -163,14 +238,14 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     return read_text(file.name, file.content, options.delimiter)
 
 
-def _observation(one: Gathered) -> Observation:
+def _observation(one: Gathered, force: Vector3 | None) -> Observation:
     def vector(kind: Kind) -> Vector3 | None:
         return cast(Vector3, one.values[kind][0]) if kind in one.values else None
 
     return Observation(
         label=one.label,
         joints=list(one.values["joint"][0]),
-        force=cast(Vector3, vector("force")),
+        force=cast(Vector3, vector("force") or force),
         moment=vector("moment"),
         load_point=vector("load point"),
         readings=[_reading(one, target) for target in one.points],
@@ -178,9 +253,10 @@ def _observation(one: Gathered) -> Observation:
 
 
 def _reading(one: Gathered, target: str) -> Reading:
+    points = one.points[target]
     vectors = {
-        state: cast(Vector3, point.vector)
-        for state, point in one.points[target].items()
-        if point.vector is not None
+        state: cast(Vector3, point.vector) for state, point in points.items() if point.vector is not None
     }
-    return Reading(target=target, **vectors)
+    sigmas = [point.sigma for point in points.values() if point.sigma is not None]
+    sigma = sqrt(sum(value * value for value in sigmas) / len(sigmas)) if sigmas else None
+    return Reading(target=target, sigma=sigma, **vectors)

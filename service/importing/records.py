@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import PurePath
+from typing import Final
 
 from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
-from jointstiff.service.importing.errors import Fault, ImportFileError, Place, shown
+from jointstiff.service.importing.columns import Quantity
+from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import Kind, state_named
+from jointstiff.service.importing.header import DIMENSIONS, Kind, state_named
 from jointstiff.service.importing.layout import Layout
 from jointstiff.service.importing.naming import Naming, Template, check_name, default_file, default_point
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
+from jointstiff.service.importing.units import INCH, Dimension
+
+COVERAGE_FACTOR: Final = 2.0
+"""Of the expanded uncertainties that trackers write, U(95)."""
 
 Vector = tuple[float, ...]
 
@@ -24,14 +30,16 @@ class Point:
     Attributes:
         target: its name.
         state: of the robot, or `deflection` for the difference.
-        vector: x, y, z in the file's unit of length; None if the cells are empty.
+        vector: x, y, z in the unit of length; None if the cells are empty.
         place: where it stands.
+        sigma: standard uncertainty of a coordinate, in the unit of length, if the file has it.
     """
 
     target: str
     state: State
     vector: Vector | None
     place: Place
+    sigma: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,59 +79,165 @@ def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[Decim
     return decide_mark(grid.file, cells, options.decimal_mark)
 
 
-def read_records(grid: Grid, layout: Layout, mark: DecimalMark, options: ImportOptions) -> Iterator[Record]:
+def labels_in_order(tables: Sequence[tuple[Grid, Layout]], faults: Faults) -> list[str]:
+    """Return the labels of observations by row, for files without names.
+
+    Args:
+        tables: all files.
+        faults: where to tell of rows that cannot be matched.
+
+    Returns:
+        Those of the table that has a row for each observation; numbers from 1 if there is none.
+    """
+    named = [(grid, [row.cells[layout.columns.texts["name"]] for row in layout.rows])
+             for grid, layout in tables if "name" in layout.columns.texts and _is_whole(layout)]  # fmt: skip
+    unnamed = [(grid, layout) for grid, layout in tables if "name" not in layout.columns.texts]
+    if not unnamed:
+        return []
+    first, labels = named[0] if named else (unnamed[0][0], [])
+    told = len(faults.found)
+    labels = labels or [str(number) for number in range(1, 1 + len(unnamed[0][1].rows))]
+    for grid, other in named[1:]:
+        if other != labels:
+            reason = f"the labels are not those of {shown(first.file)} in their order"
+            faults.add(ImportFileError(Place(grid.file), reason, "give every table the same labels"))
+    for grid, layout in unnamed:
+        if len(layout.rows) != len(labels):
+            fault = ImportFileError(
+                Place(grid.file),
+                f"there are {len(layout.rows)} rows, but {len(labels)} in {shown(first.file)}: they cannot "
+                "be matched by their order",
+                "give every file a row for each observation, or name the points",
+            )
+            faults.add(fault)
+    return labels if len(faults.found) == told else []
+
+
+def _is_whole(layout: Layout) -> bool:
+    """Return whether a table has one row for each observation."""
+    columns = layout.columns
+    return not columns.needed and "target" not in columns.texts and "state" not in columns.texts
+
+
+def read_records(
+    grid: Grid,
+    layout: Layout,
+    mark: DecimalMark,
+    options: ImportOptions,
+    labels: Sequence[str],
+    faults: Faults,
+) -> Iterator[Record]:
     """Read all rows.
 
-    Raises:
-        ImportFileError: a cell is not what its column says, or a name is not clear.
+    Args:
+        grid: the file.
+        layout: its columns.
+        mark: its decimal mark.
+        options: of the caller.
+        labels: of the observations by row, for a file without names.
+        faults: where to tell of cells that are not what their columns say, and of unclear names.
     """
-    names = _Names(grid, layout, options)
-    columns = layout.columns
-    whole = not columns.needed and "target" not in columns.texts and "state" not in columns.texts
-    targets: set[str] = set()
-    for row in layout.rows:
-        naming = names.of(row)
+    with faults.collected():
+        rows = _Rows(grid, layout, mark, options, labels)
+        for number, row in enumerate(layout.rows):
+            if faults.full:
+                return
+            with faults.collected():
+                yield rows.record(number, row, faults)
+
+
+class _Rows:
+    """The rows of a file, read by the meanings of its columns."""
+
+    def __init__(
+        self, grid: Grid, layout: Layout, mark: DecimalMark, options: ImportOptions, labels: Sequence[str]
+    ) -> None:
+        self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
+        self._names = _Names(grid, layout, options)
+        self._named = "name" in layout.columns.texts
+        self._whole = _is_whole(layout) and self._named
+        units = layout.columns.units
+        self._length = INCH if units.get("length") == "in" else 1.0
+        self._targets: set[str] = set()
+
+    def record(self, number: int, row: Row, faults: Faults) -> Record:
+        """Read one row; faults in its cells are told, all of them."""
+        naming = self._names.of(row)
         values: dict[Kind, Vector] = {}
-        points = []
-        for quantity, indices in columns.quantities.items():
-            vector = _vector(grid, row, indices, mark)
-            place = grid.place(row, indices[0])
+        points: list[Point] = []
+        for quantity, indices in self._columns.quantities.items():
+            if quantity.kind == "uncertainty":
+                continue
+            vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
+            place = self._grid.place(row, indices[0])
             if quantity.kind == "position":
-                target, state = quantity.target or naming.target, quantity.state or naming.state
-                if target is None or state is None:  # excluded by _Names
-                    raise ImportFileError(
-                        place, "the position has no target or no state", "give `point_name`"
-                    )
-                if target not in targets:
-                    _check_target(target, place)
-                    targets.add(target)
-                points.append(Point(target, state, vector, place))
+                points.append(self._point(row, quantity, naming, vector, faults))
             elif vector is None:
-                raise ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells")
+                fault = ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells")
+                faults.add(fault)
             else:
                 values[quantity.kind] = vector
-        yield Record(naming.label or "", grid.place(row), values, tuple(points), whole)
+        label = (naming.label or "") if self._named else self._labels[number]
+        return Record(label, self._grid.place(row), values, tuple(points), self._whole)
 
+    def _point(
+        self, row: Row, quantity: Quantity, naming: Naming, vector: Vector | None, faults: Faults
+    ) -> Point:
+        place = self._grid.place(row, self._columns.quantities[quantity][0])
+        target, state = quantity.target or naming.target, quantity.state or naming.state
+        if target is None or state is None:  # excluded by _Names
+            raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
+        if target not in self._targets:
+            _check_target(target, place)
+            self._targets.add(target)
+        expanded = self._columns.quantities.get(replace(quantity, kind="uncertainty"))
+        sigma = None if expanded is None or vector is None else self._sigma(row, expanded, state, faults)
+        return Point(target, state, vector, place, sigma)
 
-def _vector(grid: Grid, row: Row, indices: tuple[int, ...], mark: DecimalMark) -> Vector | None:
-    """The numbers of some columns; None if all of these cells are empty."""
-    if not any(row.cells[index] for index in indices):
+    def _sigma(self, row: Row, indices: tuple[int, ...], state: State, faults: Faults) -> float | None:
+        """Half of an expanded uncertainty, which has the coverage factor 2."""
+        found = self._vector(row, indices, faults, "length")
+        if found is not None and found[0] > 0.0 and state != "deflection":
+            return found[0] / COVERAGE_FACTOR
+        if found is None or len(found):
+            reason = "an uncertainty must be positive"
+            if state == "deflection":
+                reason = "an uncertainty of a deflection is not taken: those of its two positions are needed"
+            fault = ImportFileError(
+                self._grid.place(row, indices[0]), reason, "correct it, or skip the column with `ignore`"
+            )
+            faults.add(fault)
         return None
-    numbers = []
-    for index in indices:
+
+    def _vector(
+        self, row: Row, indices: tuple[int, ...], faults: Faults, dimension: Dimension
+    ) -> Vector | None:
+        """The numbers of some columns; None if all of their cells are empty, () if one is faulty."""
+        if not any(row.cells[index] for index in indices):
+            return None
+        numbers = []
+        for index in indices:
+            with faults.collected():
+                numbers.append(self._number(row, index))
+        if len(numbers) < len(indices):
+            return ()
+        if dimension == "length" and self._length != 1.0:
+            return tuple(self._length * number for number in numbers)
+        return tuple(numbers)
+
+    def _number(self, row: Row, index: int) -> float:
         kind = "number" if row.kinds is None or not row.cells[index] else row.kinds[index]
         if kind != "number":
             raise ImportFileError(
-                grid.place(row, index),
+                self._grid.place(row, index),
                 f"a number is needed, but the cell has type {kind}: {shown(row.cells[index])}",
                 "enter a number, and format the cell as a number; replace a formula without a stored value "
                 "by its value",
             )
         try:
-            numbers.append(read_number(row.cells[index], mark))
+            return read_number(row.cells[index], self._mark)
         except Fault as fault:
-            raise fault.at(grid.place(row, index)) from None
-    return tuple(numbers)
+            raise fault.at(self._grid.place(row, index)) from None
 
 
 def _check_target(target: str, place: Place) -> None:
@@ -140,7 +254,8 @@ class _Names:
         self._grid = grid
         self._texts = layout.columns.texts
         self._needed = layout.columns.needed
-        self._wanted = ("label", *sorted(self._needed))
+        self._named = "name" in self._texts
+        self._wanted = (*(("label",) if self._named else ()), *sorted(self._needed))
         kinds: tuple[Kind, ...] = ("collection", "group", "name")
         self._kinds = [kind for kind in kinds if kind in self._texts]
         self._words = options.state_words
@@ -164,7 +279,9 @@ class _Names:
         """
         name, columns = self._joined(row), self._in_columns(row)
         try:
-            if self._point is not None:
+            if not self._named:
+                naming = Naming()
+            elif self._point is not None:
                 naming = self._point.parse(name, self._words)
             else:
                 naming = default_point(name, self._needed, self._words)
@@ -172,9 +289,10 @@ class _Names:
             lacking = frozenset(kind for kind in self._wanted if getattr(naming, kind) is None)
             if lacking:
                 naming = _merged(naming, self._default(lacking))
-            check_name(naming.label or "")
+            if self._named:
+                check_name(naming.label or "")
         except Fault as fault:
-            raise fault.at(self._grid.place(row, self._texts["name"])) from None
+            raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
         return naming
 
     def _default(self, lacking: frozenset[str]) -> Naming:
@@ -204,6 +322,7 @@ class _Names:
                 self._grid.place(row, self._texts["state"]),
                 f"{shown(word)} is not a known state",
                 "use `unloaded`, `loaded` or `deflection`, or give `state_words`",
+                "state_words",
             )
         return Naming(None, target, state)
 

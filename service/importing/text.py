@@ -22,6 +22,10 @@ _LINE_END: Final = re.compile(r"\r\n|\n|\r")
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
 _LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
+_LAST: Final = 10
+"""Lines at the end of a file that tell its delimiter."""
+_MOST_ABOVE: Final = 20
+"""Lines above the header."""
 
 Line = tuple[int, str]
 
@@ -51,12 +55,8 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     rows = [_row(file, line, delimiter) for line in lines]
     rows = [row for row in rows if any(row.cells)]
     check_size(file, rows)
-    rows, trailing = _without_trailing(rows)
-    if trailing:
-        assumptions.append("every row ends with a delimiter; the empty last column was ignored")
-    _check_widths(file, rows, delimiter)
     remarks = _comment_rows(comments, delimiter)
-    assumptions += _notes_on_comments(comments, remarks, len(rows[0].cells))
+    assumptions += _notes_on_comments(comments, remarks, len(rows[-1].cells))
     return Grid(
         file,
         "text",
@@ -83,13 +83,13 @@ def _sorted_lines(text: str) -> tuple[list[Line], list[Line]]:
 
 
 def _found(file: str, lines: Sequence[Line]) -> Delimiter:
-    """The delimiter: a tab or a semicolon if the first line has one; else comma or whitespace."""
-    first = lines[0][1].strip(" ")
-    if "\t" in first:
-        return "tab"
-    if ";" in first:
-        return "semicolon"
-    if "," not in first:
+    """The delimiter: a tab or a semicolon if most of the last lines have one; else comma or whitespace."""
+    last = [text.strip(" ") for _, text in lines[-_LAST:]]
+    marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
+    for mark in marks:
+        if 2 * sum(_CHARACTERS[mark] in text for text in last) > len(last):
+            return mark
+    if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
         return "whitespace"
     comma, whitespace = _splits_at_commas(file, lines), _splits_at_blanks(file, lines)
     if comma and whitespace:
@@ -97,6 +97,7 @@ def _found(file: str, lines: Sequence[Line]) -> Delimiter:
             Place(file, lines[0][0]),
             "the comma may be the delimiter or, between cells separated by blanks, the decimal mark",
             "give `delimiter`, or use semicolons as delimiter",
+            "delimiter",
         )
     return "whitespace" if whitespace else "comma"
 
@@ -114,16 +115,18 @@ def _splits_at_blanks(file: str, lines: Sequence[Line]) -> bool:
 
 
 def _attempt(file: str, lines: Sequence[Line], delimiter: Delimiter) -> list[Row]:
-    """All rows if they have the same length of at least two, else none."""
+    """All rows from a header on if they have the same length of at least two, else none; titles go before."""
     rows = []
     for line in lines:
         try:
             rows.append(_row(file, line, delimiter))
         except ImportFileError:
             return []
-        if len(rows[-1].cells) != len(rows[0].cells):
-            return []
-    return rows if len(rows[0].cells) > 1 else []
+    width = len(rows[-1].cells)
+    first = next((index for index, row in enumerate(rows) if len(row.cells) == width), 0)
+    body = rows[first:]
+    alike = first <= _MOST_ABOVE and all(len(row.cells) == width for row in body)
+    return body if alike and width > 1 else []
 
 
 def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
@@ -153,27 +156,6 @@ def _row(file: str, line: Line, delimiter: Delimiter) -> Row:
                 "remove it",
             )
     return Row(number, stripped)
-
-
-def _without_trailing(rows: list[Row]) -> tuple[list[Row], bool]:
-    if any(len(row.cells) < 2 or row.cells[-1] for row in rows):
-        return rows, False
-    if len({len(row.cells) for row in rows}) > 1:
-        return rows, False
-    return [Row(row.line, row.cells[:-1]) for row in rows], True
-
-
-def _check_widths(file: str, rows: Sequence[Row], delimiter: Delimiter) -> None:
-    width = len(rows[0].cells)
-    for row in rows:
-        if len(row.cells) != width:
-            raise ImportFileError(
-                Place(file, row.line, min(len(row.cells), width) + 1),
-                f"the row has {len(row.cells)} cells, but line {rows[0].line} has {width} (delimiter: "
-                f"{delimiter})",
-                "give every row the same number of cells; check for a missing or doubled delimiter, a "
-                "decimal comma in a comma-separated file, or a blank in a name without quotation marks",
-            )
 
 
 def _notes_on_comments(comments: Sequence[Line], rows: Sequence[Row], width: int) -> list[str]:

@@ -7,50 +7,121 @@ from pathlib import PurePath
 
 from pydantic import ValidationError
 
-from jointstiff.schemas.imports import ImportAnswer, ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.importing import FilePreview, ImportFault
+from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
+from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning
+from jointstiff.service.computation import check_set
 from jointstiff.service.importing import (
     Imported,
     ImportFileError,
+    Missing,
     Place,
     SourceFile,
     missing_from,
-    read_files,
+    understand_files,
 )
 from jointstiff.service.problems import FilesError, reworded
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.robot import Robot
 
 
-def import_files(files: Sequence[SourceFile], request: ImportRequest) -> ImportAnswer:
+class ImportRefusedError(FilesError):
+    """Raise when files were not understood; nothing of them is taken then.
+
+    Attributes:
+        faults: the first ones, in their order.
+    """
+
+    def __init__(self, faults: Sequence[ImportFileError]) -> None:
+        first = faults[0]
+        self.faults = tuple(faults)
+        super().__init__(first.reason, remedy=first.remedy, where=_where(first.place))
+
+    @property
+    def items(self) -> tuple[tuple[str, str, str], ...]:
+        """Place, reason and remedy of each fault."""
+        return tuple((_where(fault.place), fault.reason, fault.remedy) for fault in self.faults)
+
+
+def import_files(
+    files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None = None
+) -> ImportAnswer:
     """Understand files of readings, and make a measurement set of them if nothing is missing.
 
     Args:
         files: text or Excel, in any order.
         request: what they do not say themselves.
+        robot: that was measured: then the set is inspected.
 
     Raises:
-        FilesError: something in them is not understood, contradictory or ambiguous.
+        ImportRefusedError: something in them is not understood, contradictory or ambiguous, and the request
+            does not ask to be shown it.
     """
-    try:
-        imported = read_files(files, request)
-        missing = missing_from(
-            imported.assembly, request.flange_targets, load_point=request.load_point is not None
-        )
-        if request.encoders is None:
-            missing.append("the encoders that close the position loop (`encoders`): motor or secondary")
-        document = None if missing else _document(imported, request, files[0].name)
-    except ImportFileError as error:
-        raise FilesError(error.reason, remedy=error.remedy, where=_where(error.place)) from error
-    return ImportAnswer(preview=imported.preview, missing=missing, measurement_set=document)
+    understood = understand_files(files, request)
+    preview, imported = understood.preview, understood.imported
+    faults = list(understood.faults)
+    missing = [] if imported is None else _missing(imported, request)
+    document, findings, template = None, None, None
+    if imported is not None and not missing:
+        try:
+            document = _document(imported, request, files[0].name)
+            findings = None if robot is None else _findings(document, robot)
+            template = template_of(request, preview.files, imported)
+        except ImportFileError as fault:
+            document = None
+            faults.append(fault)
+    if faults and not request.show_faults:
+        raise ImportRefusedError(faults)
+    return ImportAnswer(
+        preview=preview,
+        faults=[_fault(fault) for fault in faults],
+        missing_fields=[item.field for item in missing],
+        missing=[item.text for item in missing],
+        measurement_set=document,
+        findings=findings,
+        template=template,
+    )
+
+
+def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
+    missing = missing_from(
+        imported.assembly,
+        request.flange_targets,
+        load_point=request.load_point is not None,
+        force=request.force is not None,
+    )
+    if request.force is not None and "force" not in imported.units and _force_unit(request) is None:
+        missing.append(Missing("units.force", "the unit of `force` (`units`): N, kN or kgf"))
+    if request.encoders is None:
+        text = "the encoders that close the position loop (`encoders`): motor or secondary"
+        missing.append(Missing("encoders", text))
+    return missing
+
+
+def _force_unit(request: ImportRequest) -> str | None:
+    return None if request.units is None else request.units.force
 
 
 def _document(imported: Imported, request: ImportRequest, first: str) -> MeasurementSetDocument:
     """The measurement set.
 
     Raises:
-        FilesError: it would break a limit that the files do not have.
+        ImportFileError: it would break a limit that the files do not have.
     """
     if request.encoders is None:
         raise ValueError("which encoders close the loop is not known")
+    stated = request.noise is not None and request.noise.sigma is not None
+    if imported.assembly.sigmas and (stated or (request.noise is not None and request.noise.instrument)):
+        raise ImportFileError(
+            Place(),
+            "the files state the uncertainty of each reading, and `noise` states another",
+            "omit `noise`, or skip the columns of U(95) with `ignore`",
+            "noise",
+        )
+    if request.force is not None and "force" in imported.assembly.observations[0].values:
+        raise ImportFileError(
+            Place(), "the files have forces, and `force` states another", "omit `force`", "force"
+        )
     try:
         return imported.document(
             name=request.name or PurePath(first).stem.strip(),
@@ -58,14 +129,77 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
             noise=request.noise,
             flange_targets=request.flange_targets,
             load_point=request.load_point,
+            force=request.force,
+            force_unit=_force_unit(request),
         )
     except ValidationError as error:
         fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
         path = ".".join(map(str, fault["loc"]))
-        raise FilesError(
+        raise ImportFileError(
+            Place(),
             f"the readings do not make a valid measurement set: {path} {reworded(fault)}",
-            remedy="check the limits of measurement sets",
+            "check the limits of measurement sets",
         ) from error
+
+
+def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWarning]:
+    """Inspect a set.
+
+    Raises:
+        ImportFileError: it cannot be one of this robot.
+    """
+    try:
+        return check_set(document, robot, None, []).warnings
+    except MeasurementError as error:
+        where = f" ({error.where})" if error.where else ""
+        reason = f"the readings do not fit the robot{where}: {error.reason}"
+        raise ImportFileError(Place(), reason, error.remedy or "check robot and readings") from error
+
+
+def template_of(request: ImportRequest, files: Sequence[FilePreview], imported: Imported) -> ImportTemplate:
+    """Return the options by which files of the same form are read again, and others are refused.
+
+    Args:
+        request: by which they were read now.
+        files: as they were read.
+        imported: their content.
+    """
+    texts = [file for file in files if file.format == "text"]
+    delimiters, marks = {file.delimiter for file in texts}, {file.decimal_mark for file in texts}
+    columns = {
+        column.header: column.meaning + (f" [{column.unit}]" if column.unit else "")
+        for file in files
+        for column in file.columns
+        if column.header
+    }
+    inches = any(column.unit == "in" for file in files for column in file.columns)
+    found = dict(imported.units) | ({"length": "in"} if inches else {})
+    known = {} if request.units is None else request.units.model_dump(exclude_none=True)
+    layouts = {tuple(column.header for column in file.columns): None for file in files}
+    changes = {
+        "units": known | found,
+        "columns": columns,
+        "layouts": [list(layout) for layout in layouts],
+        "ignore": [],
+        "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
+        "decimal_mark": marks.pop() if len(marks) == 1 else None,
+        "name": None,
+        "robot_id": None,
+        "show_faults": False,
+    }
+    return ImportTemplate.model_validate(request.model_dump() | changes)
+
+
+def _fault(fault: ImportFileError) -> ImportFault:
+    place = fault.place
+    return ImportFault(
+        file=place.file,
+        line=place.line,
+        column=place.column,
+        reason=fault.reason,
+        remedy=fault.remedy,
+        option=fault.option,
+    )
 
 
 def _where(place: Place) -> str:

@@ -198,7 +198,9 @@ export interface paths {
          *     Send the files as fields `files` of a form, and what they do not say themselves as JSON in a field
          *     `options`. The answer says what each column was taken for, what was assumed and what is missing, and has
          *     the measurement set once nothing is: add `robot_id` and post it to /v1/measurement-sets. A file that can
-         *     be understood in two ways is refused, with its place as file:line:column and the remedy.
+         *     be understood in two ways is refused, with its place as file:line:column and the remedy, and all other
+         *     faults; with `show_faults` they are in the answer, beside what was understood. With `robot_id` the set is
+         *     inspected. Options that are the `template` of an earlier answer refuse files of another form.
          */
         post: operations["createImport"];
         delete?: never;
@@ -1910,7 +1912,7 @@ export interface components {
             header: string;
             /**
              * Meaning
-             * @description In words.
+             * @description In words that `columns` takes, too; `unknown` if it was not understood.
              * @example P10 unloaded x
              * @example joint 1
              * @example ignored
@@ -1921,6 +1923,12 @@ export interface components {
              * @description Unit of the numbers; null if there are none.
              */
             unit: string | null;
+            /**
+             * Guessed
+             * @description The meaning was put together (of two rows, of a comment, of a unit without brackets, without a header): to be checked.
+             * @default false
+             */
+            guessed: boolean;
         };
         /**
          * ComparedFit
@@ -2859,6 +2867,16 @@ export interface components {
              * @description Assumptions made in reading the file.
              */
             assumptions: string[];
+            /**
+             * Header Lines
+             * @description Lines or rows of the file that make the header; empty without one.
+             */
+            header_lines: number[];
+            /**
+             * First Lines
+             * @description Line or row of the file of each of `first_rows`.
+             */
+            first_lines: number[];
         };
         /**
          * FlangeRule
@@ -3693,12 +3711,67 @@ export interface components {
         ImportAnswer: {
             preview: components["schemas"]["ImportPreview"];
             /**
+             * Faults
+             * @description First twenty faults; empty unless `show_faults` is set.
+             */
+            faults: components["schemas"]["ImportFault"][];
+            /**
+             * Missing Fields
+             * @description Missing items by field, in the order of `missing`.
+             */
+            missing_fields: ("joints" | "force" | "readings" | "unloaded" | "loaded" | "flange_targets" | "load_point" | "encoders" | "units.force")[];
+            /**
+             * Findings
+             * @description Integrity findings of the measurement set with the robot `robot_id`; null without it.
+             */
+            findings: components["schemas"]["QualityWarning"][] | null;
+            /** @description Options by which files of the same form are read again, and others are refused; null if something is missing. */
+            template: components["schemas"]["ImportTemplate"] | null;
+            /**
              * Missing
              * @description Missing items of a measurement set; empty if complete.
              */
             missing: string[];
             /** @description Measurement set, ready to be posted with `robot_id` added; null if something is missing. */
             measurement_set: components["schemas"]["MeasurementSetDocument"] | null;
+        };
+        /**
+         * ImportFault
+         * @description Something in the files that was not understood.
+         */
+        ImportFault: {
+            /**
+             * File
+             * @description Name of the file, as sent; null for all files together.
+             */
+            file: string | null;
+            /**
+             * Line
+             * @description Line of a text file or row of a sheet, from 1.
+             */
+            line: number | null;
+            /**
+             * Column
+             * @description Column of the table, from 1.
+             */
+            column: number | null;
+            /**
+             * Reason
+             * @description Description of the fault.
+             */
+            reason: string;
+            /**
+             * Remedy
+             * @description Recommended correction.
+             */
+            remedy: string;
+            /**
+             * Option
+             * @description Option that settles it.
+             * @example units.length
+             * @example decimal_mark
+             */
+            option: string | null;
         };
         /**
          * ImportPreview
@@ -3757,7 +3830,23 @@ export interface components {
          */
         ImportRequest: {
             /** @description Units of columns whose header has none; they are never guessed. */
-            units?: components["schemas"]["Units-Input"] | null;
+            units?: components["schemas"]["ImportUnits-Input"] | null;
+            /**
+             * Columns
+             * @description Meanings of headers: each header as the preview shows it, and the header to read it as, such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the file stays, and must agree.
+             * @example {
+             *       "Winkel A1": "J1 [deg]",
+             *       "shift": "ignore"
+             *     }
+             */
+            columns?: {
+                [key: string]: string;
+            };
+            /**
+             * Layouts
+             * @description Headers of the files that a template was made of, a list per kind of file. If given, a file with other headers is refused, and the differences are named.
+             */
+            layouts?: string[][];
             /**
              * Delimiter
              * @description Delimiter between cells; detected if absent.
@@ -3775,7 +3864,7 @@ export interface components {
             header?: string[] | null;
             /**
              * Ignore
-             * @description Headers of columns to ignore, as they are in the file.
+             * @description Headers of columns to ignore; blanks are collapsed.
              */
             ignore?: string[];
             /**
@@ -3802,6 +3891,12 @@ export interface components {
             state_words?: {
                 [key: string]: "unloaded" | "loaded" | "deflection";
             };
+            /**
+             * By Order
+             * @description Match rows of files without names by their order: the first row is the first observation. All files must have as many rows.
+             * @default false
+             */
+            by_order?: boolean;
             /**
              * Allow Missing
              * @description Skip incomplete readings, and list them, instead of refusing the file.
@@ -3840,6 +3935,210 @@ export interface components {
                 number,
                 number
             ] | null;
+            /**
+             * Force
+             * @description Force on the robot in every observation, axes of R0, in units.force, unless columns have it.
+             */
+            force?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Robot Id
+             * @description Robot that was measured: then the answer has the integrity findings.
+             */
+            robot_id?: string | null;
+            /**
+             * Show Faults
+             * @description Answer 200 with `faults` and what was understood, instead of 422, if a file is not understood.
+             * @default false
+             */
+            show_faults?: boolean;
+        };
+        /**
+         * ImportTemplate
+         * @description Options of an import that succeeded, to be sent with other files of the same form.
+         */
+        ImportTemplate: {
+            /** @description Units of columns whose header has none; they are never guessed. */
+            units: components["schemas"]["ImportUnits-Output"] | null;
+            /**
+             * Columns
+             * @description Meanings of headers: each header as the preview shows it, and the header to read it as, such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the file stays, and must agree.
+             * @example {
+             *       "Winkel A1": "J1 [deg]",
+             *       "shift": "ignore"
+             *     }
+             */
+            columns: {
+                [key: string]: string;
+            };
+            /**
+             * Layouts
+             * @description Headers of the files that a template was made of, a list per kind of file. If given, a file with other headers is refused, and the differences are named.
+             */
+            layouts: string[][];
+            /**
+             * Delimiter
+             * @description Delimiter between cells; detected if absent.
+             */
+            delimiter: ("comma" | "semicolon" | "tab" | "whitespace") | null;
+            /**
+             * Decimal Mark
+             * @description Decimal mark of text files; detected if absent and unambiguous.
+             */
+            decimal_mark: ("point" | "comma") | null;
+            /**
+             * Header
+             * @description Header for files that have none, one text per column.
+             */
+            header: string[] | null;
+            /**
+             * Ignore
+             * @description Headers of columns to ignore; blanks are collapsed.
+             */
+            ignore: string[];
+            /**
+             * Sheet
+             * @description Sheet of an Excel file.
+             */
+            sheet: string | null;
+            /**
+             * Point Name
+             * @description Template of point names, of `{label}`, `{target}`, `{state}` and `{any}`.
+             * @example {label}_{target}_{state}
+             */
+            point_name: string | null;
+            /**
+             * File Name
+             * @description Template of file names, without the extension.
+             * @example {target}_{state}
+             */
+            file_name: string | null;
+            /**
+             * State Words
+             * @description Additional words for the states, in names, headers and columns.
+             */
+            state_words: {
+                [key: string]: "unloaded" | "loaded" | "deflection";
+            };
+            /**
+             * By Order
+             * @description Match rows of files without names by their order: the first row is the first observation. All files must have as many rows.
+             * @default false
+             */
+            by_order: boolean;
+            /**
+             * Allow Missing
+             * @description Skip incomplete readings, and list them, instead of refusing the file.
+             * @default false
+             */
+            allow_missing: boolean;
+            /**
+             * Name
+             * @description Name of the measurement set; default: that of the first file.
+             */
+            name: string | null;
+            /**
+             * Encoders
+             * @description Encoders that close the position loop; never guessed.
+             */
+            encoders: ("motor" | "secondary") | null;
+            /** @description Noise of the readings, as in a measurement set. */
+            noise: components["schemas"]["Noise-Output"] | null;
+            /**
+             * Flange Targets
+             * @description Targets in the flange frame, in the files' unit of length; needed for deflections.
+             */
+            flange_targets: {
+                [key: string]: [
+                    number,
+                    number,
+                    number
+                ];
+            };
+            /**
+             * Load Point
+             * @description Load point in the flange frame, in the files' unit of length, unless a column has it.
+             */
+            load_point: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Force
+             * @description Force on the robot in every observation, axes of R0, in units.force, unless columns have it.
+             */
+            force: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Robot Id
+             * @description Robot that was measured: then the answer has the integrity findings.
+             */
+            robot_id: string | null;
+            /**
+             * Show Faults
+             * @description Answer 200 with `faults` and what was understood, instead of 422, if a file is not understood.
+             * @default false
+             */
+            show_faults: boolean;
+        };
+        /**
+         * ImportUnits
+         * @description Units of columns whose header has none; each as far as it is known.
+         */
+        "ImportUnits-Input": {
+            /**
+             * Length
+             * @description Unit of positions and deflections. Inches are converted to mm.
+             */
+            length?: ("m" | "mm" | "in") | null;
+            /**
+             * Angle
+             * @description Unit of joint angles.
+             */
+            angle?: ("rad" | "deg") | null;
+            /**
+             * Force
+             * @description Unit of forces.
+             */
+            force?: ("N" | "kN" | "kgf") | null;
+            /**
+             * Moment
+             * @description Unit of moments; force times m if lengths are in m.
+             */
+            moment?: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
+        };
+        /**
+         * ImportUnitsOutput
+         * @description Units of columns whose header has none; each as far as it is known.
+         */
+        "ImportUnits-Output": {
+            /**
+             * Length
+             * @description Unit of positions and deflections. Inches are converted to mm.
+             */
+            length: ("m" | "mm" | "in") | null;
+            /**
+             * Angle
+             * @description Unit of joint angles.
+             */
+            angle: ("rad" | "deg") | null;
+            /**
+             * Force
+             * @description Unit of forces.
+             */
+            force: ("N" | "kN" | "kgf") | null;
+            /**
+             * Moment
+             * @description Unit of moments; force times m if lengths are in m.
+             */
+            moment: ("N.m" | "N.mm" | "kN.m" | "kgf.m") | null;
         };
         /**
          * Instrument
