@@ -28,7 +28,7 @@ KINDS = {
     "scale 5 %": CommonUncertainty(scale=0.05),
     "direction 5 mrad": CommonUncertainty(direction=5e-3),
     "scale 1 %, targets 1 mm": CommonUncertainty(scale=0.01, target_places=1e-3),
-    "and direction 5 mrad, load point 2 mm": CommonUncertainty(0.01, 5e-3, 2e-3, 1e-3),
+    "scale 1 %, direction 5 mrad, load point 2 mm, targets 1 mm": CommonUncertainty(0.01, 5e-3, 2e-3, 1e-3),
 }
 _STREAM = 21
 _POINTS: FloatArray = np.array(list(TARGETS.values()))
