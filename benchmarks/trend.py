@@ -22,7 +22,7 @@ U: Final = 0.02
 """Standard uncertainty of ln k of one campaign."""
 DRIFT: Final = 0.3
 """Of one joint, in units of U a campaign."""
-_CHUNK: Final = 1_000
+_CHUNK: Final = 250
 _CLASSICAL_LIMIT: Final = 2.859
 """Of an EWMA with λ = 0.2 for one false alarm in 500 campaigns, where the mean is known (Lucas and
 Saccucci, Technometrics 32, 1990)."""

@@ -38,6 +38,7 @@ from jointstiff.service.api import (
     programs,
     robots,
     sessions,
+    trends,
 )
 from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
 from jointstiff.service.api.gate import Gate
@@ -119,6 +120,7 @@ def create_app(
     app.add_middleware(BodyLimits)
     for module in (
         robots,
+        trends,
         kinematics,
         measurement_sets,
         imports,

@@ -20,7 +20,7 @@ from jointstiff.schemas.measurement.measurement_set import (
     Units,
     WarningCode,
 )
-from jointstiff.schemas.measurement.metadata import Moment, SetChange, SetMetadata
+from jointstiff.schemas.measurement.metadata import Moment, Notes, SetChange, SetMetadata
 from jointstiff.schemas.measurement.noise import (
     ForceUncertainty,
     Instrument,
@@ -47,6 +47,7 @@ __all__ = [
     "MeasurementSetSummary",
     "Moment",
     "Noise",
+    "Notes",
     "Observation",
     "QualityWarning",
     "Reading",

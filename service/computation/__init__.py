@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     )
     from jointstiff.service.computation.program import ProgramWork, packed, unpacked, without_contents
     from jointstiff.service.computation.run import run_hash, run_work
+    from jointstiff.service.computation.trend import Campaign, TrendInput, trend_of
     from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
 else:
     __getattr__ = names_of(
@@ -44,10 +45,12 @@ else:
         prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
         program="ProgramWork packed unpacked without_contents",
         run="run_hash run_work",
+        trend="Campaign TrendInput trend_of",
         work="QuickWork Span SteppedWork Work hash_of",
     )
 
 __all__ = [
+    "Campaign",
     "ComparisonWork",
     "MapWork",
     "Planned",
@@ -58,6 +61,7 @@ __all__ = [
     "Side",
     "Span",
     "SteppedWork",
+    "TrendInput",
     "Work",
     "as_request_errors",
     "build_robot",
@@ -76,6 +80,7 @@ __all__ = [
     "prepare_set",
     "run_hash",
     "run_work",
+    "trend_of",
     "unexpected_failure",
     "unpacked",
     "without_contents",

@@ -26,7 +26,7 @@ from jointstiff.service.computation import without_contents
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
 from jointstiff.service.jobs.life import Enqueue, Jobs
-from jointstiff.service.resources import MeasurementSets, Resources, Robots
+from jointstiff.service.resources import MeasurementSets, Resources, Robots, Trends
 from jointstiff.service.store import Store
 
 _OPTIONS_BYTES: Final = 64 * 1024
@@ -149,16 +149,18 @@ class Parts:
         robots: its robots.
         sets: its measurement sets.
         jobs: its jobs, by the name of their kind.
+        trends: of its robots.
     """
 
     store: Store
     robots: Robots
     sets: MeasurementSets
     jobs: Mapping[str, Jobs]
+    trends: Trends
 
     @classmethod
     def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:
         """Compose the parts on a store; without `enqueue` every job is carried out at once."""
         resources = Resources.of(store)
         jobs = {kind.name: Jobs(kind, resources, enqueue) for kind in KINDS}
-        return cls(store, resources.robots, resources.sets, jobs)
+        return cls(store, resources.robots, resources.sets, jobs, Trends(store))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
     from jointstiff.service.resources.robots import Robots, described
     from jointstiff.service.resources.stored_jobs import read_job, stored_job
+    from jointstiff.service.resources.trends import Trends
 else:
     __getattr__ = names_of(
         __name__,
@@ -20,12 +21,14 @@ else:
         measurement_sets="MeasurementSets assembled",
         robots="Robots described",
         stored_jobs="read_job stored_job",
+        trends="Trends",
     )
 
 __all__ = [
     "MeasurementSets",
     "Resources",
     "Robots",
+    "Trends",
     "assembled",
     "described",
     "import_files",

@@ -24,10 +24,13 @@ from jointstiff.service.store.records import (
     AccessKey,
     AuditEntry,
     IdempotencyKey,
+    JobEntry,
     JobRecord,
+    MeasurementSetEntry,
     MeasurementSetRecord,
     RobotRecord,
     SessionRecord,
+    TrendNote,
 )
 from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 
@@ -49,9 +52,11 @@ __all__ = [
     "IdempotencyConflictError",
     "IdempotencyKey",
     "Inspection",
+    "JobEntry",
     "JobRecord",
     "JobStatus",
     "Manifest",
+    "MeasurementSetEntry",
     "MeasurementSetRecord",
     "NotEndedError",
     "NotFoundError",
@@ -63,6 +68,7 @@ __all__ = [
     "StoreError",
     "StoreUnavailableError",
     "TooManyJobsError",
+    "TrendNote",
     "back_up",
     "restore",
 ]

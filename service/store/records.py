@@ -145,6 +145,20 @@ class AuditEntry:
     status: int
 
 
+@dataclass(frozen=True, slots=True)
+class TrendNote:
+    """What somebody noted in a trend: a new baseline, or that an alarm was seen."""
+
+    robot_id: str
+    kind: str
+    """`baseline` or `acknowledgement`."""
+    noted_at: datetime
+    key_id: str | None
+    key_name: str | None
+    document: str
+    """JSON text of the request, with what identifies the campaign."""
+
+
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)

@@ -26,6 +26,7 @@ from jointstiff.service.store.records import (
     RobotRecord,
 )
 from jointstiff.service.store.tables import jobs, measurement_sets, robots
+from jointstiff.service.store.trend_notes import TrendNotes
 
 SESSION_IDLE: Final = timedelta(hours=8)
 """A session that is not used for so long has ended."""
@@ -47,6 +48,7 @@ class Store:
         keys: that let their holders in.
         sessions: of browsers that signed in with a key.
         audit: who tried to change what.
+        trend_notes: new baselines and acknowledged alarms.
     """
 
     def __init__(self, database: Database, most_bytes: int | None = None) -> None:
@@ -60,6 +62,7 @@ class Store:
         self.keys = AccessKeys(database)
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
         self.audit = Audit(database)
+        self.trend_notes = TrendNotes(database, self.quota)
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:

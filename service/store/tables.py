@@ -238,3 +238,21 @@ audit = Table(
     Column("status", Integer, nullable=False),
 )
 Index(None, audit.c.key_id, audit.c.sequence)
+
+trend_notes = Table(
+    "trend_notes",
+    metadata,
+    Column(
+        "sequence",
+        BigInteger().with_variant(Integer, "sqlite"),
+        Identity(always=True),
+        primary_key=True,
+    ),
+    Column("robot_id", String, nullable=False),  # no reference: they outlive the robot, as the audit does
+    Column("kind", String, nullable=False),
+    Column("noted_at", UtcDateTime, nullable=False),
+    Column("key_id", String, nullable=True),
+    Column("key_name", String, nullable=True),
+    Column("document", String, nullable=False),
+)
+Index(None, trend_notes.c.robot_id, trend_notes.c.sequence)

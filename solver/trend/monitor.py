@@ -114,8 +114,7 @@ def _chance(
     deviation: FloatArray, readings: FloatArray, between: FloatArray, tau: FloatArray, probability: FloatArray
 ) -> FloatArray:
     """Return the probability of a larger deviation (..., N), averaged over τ."""
-    total = np.zeros_like(deviation)
-    for g in range(tau.shape[-1]):
-        spread = np.sqrt(readings + between * tau[..., g, None] ** 2)
-        total += probability[..., g, None] * 2.0 * special.ndtr(-deviation / spread)
-    return total
+    spread = np.sqrt(readings[..., None] + between[..., None] * tau[..., None, :] ** 2)
+    tails = special.ndtr(-deviation[..., None] / spread)
+    chance: FloatArray = 2.0 * (probability[..., None, :] * tails).sum(-1)
+    return chance

@@ -1,0 +1,223 @@
+"""Trend of a robot's joints over its campaigns: points, charts, alarms; baselines and acknowledgements."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
+from jointstiff.schemas.job import Requester
+from jointstiff.schemas.measurement import Notes
+from jointstiff.schemas.run import Method, Weighting
+
+LEAST_BASELINE = 3
+MOST_BASELINE = 20
+
+Encoders = Literal["motor", "secondary"]
+JointState = Literal["alarm", "acknowledged", "in_control", "unjudged"]
+
+
+class TrendQuery(Message):
+    """Which campaigns of a robot a trend is made of; what is left out is that of the newest run."""
+
+    serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
+    method: Method | None = Field(default=None, description="Method of the runs.")
+    weighting: Weighting | None = Field(default=None, description="Weighting of the runs.")
+    positive: bool | None = Field(
+        default=None, description="Whether compliances are constrained to be zero or more."
+    )
+    encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
+
+
+class TrendSelection(Message):
+    """Common ground of the runs of a trend."""
+
+    serial_number: str | None = Field(description="Serial number of the robot; null where sets state none.")
+    method: Method
+    weighting: Weighting
+    positive: bool = Field(description="Whether compliances are constrained to be zero or more.")
+    encoders: Encoders
+    complementary_stiffness: Literal["neglected", "included"]
+
+
+class TrendCampaign(Message):
+    """One campaign: a measurement set, by its newest run that is comparable."""
+
+    run_id: Identifier
+    measurement_set_id: Identifier
+    name: Name = Field(description="Name of the measurement set.")
+    at: Timestamp
+    time_source: Literal["measured_at", "created_at"] = Field(
+        description="Source of `at`: time of the measurement, or, if the set does not state it, of storing."
+    )
+    baseline: int = Field(description="Index in `baselines` of the one that it is compared with.")
+
+
+class TrendBaseline(Message):
+    """A baseline: the campaigns with which later ones are compared."""
+
+    run_id: Identifier | None = Field(description="Run of its first campaign; null if that is gone.")
+    starts_at: Timestamp
+    campaigns: int = Field(description="Campaigns of each joint that it takes.")
+    reason: str | None = Field(description="Reason for a new baseline; null for the first campaigns.")
+    set_by: Requester | None = Field(description="Key that asked for it; null if there was none.")
+    set_at: Timestamp | None = Field(description="When; null for the first campaigns.")
+
+
+class TrendChange(Message):
+    """A change of stiffness with its standard uncertainty."""
+
+    relative: Dimensionless[float] = Field(
+        description="Relative change: -0.1 for a joint that is 10 % softer."
+    )
+    standard_uncertainty: Dimensionless[float] = Field(
+        description="Its standard uncertainty: readings, baseline and scatter between campaigns."
+    )
+
+
+class TrendPoint(Message):
+    """One joint in one campaign."""
+
+    stiffness: Stiffness[float | None] = Field(description="Stiffness of the run; null if it has none.")
+    interval: Stiffness[tuple[float, float | None] | None] = Field(
+        description="Interval of the stiffness at the run's confidence; an upper end of null: no upper limit."
+    )
+    role: Literal["baseline", "monitored", "not_charted"] = Field(
+        description="`baseline`: part of the baseline; `monitored`: compared with it; `not_charted`: see "
+        "`reason`."
+    )
+    reason: str | None = Field(description="Reason why it is not charted.")
+    smoothed: Stiffness[float | None] = Field(description="EWMA after this campaign.")
+    lower_limit: Stiffness[float | None] = Field(description="Lower limit of the EWMA.")
+    upper_limit: Stiffness[float | None] = Field(description="Upper limit of the EWMA.")
+    exceeded: bool = Field(description="Whether the EWMA is beyond a limit.")
+    change: TrendChange | None = Field(description="Change of this campaign against the baseline.")
+
+
+class TrendChart(Message):
+    """Chart of one joint against one baseline."""
+
+    baseline: int = Field(description="Index in `baselines`.")
+    stiffness: Stiffness[float] = Field(description="Stiffness of the baseline.")
+    relative_uncertainty: Dimensionless[float] = Field(
+        description="Standard uncertainty of the baseline's ln k, scatter between campaigns included."
+    )
+    between: Dimensionless[float] = Field(
+        description="Scatter between campaigns beyond the readings' noise (τ, DerSimonian and Laird), in "
+        "ln k; 0 where the baseline's campaigns agree."
+    )
+
+
+class Acknowledgement(Message):
+    """An alarm that somebody has seen."""
+
+    note: str
+    acknowledged_by: Requester | None = Field(description="Key that acknowledged it; null if there was none.")
+    acknowledged_at: Timestamp
+
+
+class TrendAlarm(Message):
+    """Campaigns in a row whose EWMA is beyond a limit."""
+
+    run_id: Identifier = Field(description="Run of the first campaign, by which the alarm is acknowledged.")
+    since: Timestamp
+    until: Timestamp | None = Field(description="Last campaign of the alarm; null while it lasts.")
+    change: TrendChange = Field(description="Change of the EWMA against the baseline at its last campaign.")
+    message: str = Field(description="Which joint, direction, size, limit, and since when.")
+    acknowledgement: Acknowledgement | None = Field(description="Latest acknowledgement.")
+
+
+class TrendPair(Message):
+    """Test of the latest campaign against the first, where there are too few for a chart."""
+
+    change: TrendChange = Field(description="Change, its uncertainty from the readings alone.")
+    p_value: Dimensionless[float] = Field(
+        description="Probability of a change at least as large if the stiffness is the same (two-sided)."
+    )
+
+
+class TrendJoint(Message):
+    """One joint over the campaigns."""
+
+    name: Name
+    state: JointState = Field(
+        description="State at its latest campaign; `unjudged`: no campaign after a whole baseline yet."
+    )
+    points: list[TrendPoint] = Field(description="One for each of `campaigns`.")
+    charts: list[TrendChart] = Field(description="Its charts, oldest first.")
+    alarms: list[TrendAlarm] = Field(description="Oldest first.")
+    latest: TrendChange | None = Field(description="Change of its latest campaign against the baseline.")
+    pair: TrendPair | None = Field(description="Test of two campaigns, where there is no chart.")
+
+
+class LeftOut(Message):
+    """A campaign that is not in the trend."""
+
+    measurement_set_id: Identifier
+    name: Name
+    reason: str
+
+
+class FalseAlarms(Message):
+    """Rate of false alarms that the limits keep."""
+
+    probability: Dimensionless[float] = Field(
+        description="Probability of any false alarm of the robot, at most, over all joints counted."
+    )
+    campaigns: int = Field(description="Campaigns after a baseline for which that holds.")
+    joints: int = Field(description="Joints counted: those with a chart against the latest baseline.")
+
+
+class Trend(Message):
+    """Trend of a robot's joints."""
+
+    robot_id: Identifier
+    selection: TrendSelection | None = Field(description="What the runs share; null without any run.")
+    serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
+    campaigns: list[TrendCampaign] = Field(description="Oldest first.")
+    baselines: list[TrendBaseline] = Field(description="Oldest first; the last one is in force.")
+    joints: list[TrendJoint]
+    false_alarms: FalseAlarms
+    left_out: list[LeftOut] = Field(description="Campaigns that do not enter, with the reason.")
+    note: str | None = Field(description="What the trend cannot say yet, and what is missing for it.")
+
+
+class BaselineRequest(Message):
+    """A new baseline."""
+
+    run_id: Identifier = Field(description="Run of its first campaign.")
+    reason: Name = Field(description="Reason.", examples=["gearbox of joint 3 replaced"])
+    campaigns: Annotated[int, Field(strict=True, ge=LEAST_BASELINE, le=MOST_BASELINE)] = Field(
+        default=LEAST_BASELINE, description="Campaigns that it takes."
+    )
+
+
+class AcknowledgementRequest(Message):
+    """Acknowledgement of an alarm."""
+
+    run_id: Identifier = Field(description="`run_id` of the alarm.")
+    joint: Name
+    note: Notes = Field(description="What was found or decided.", examples=["belt checked, order 4711"])
+
+
+class FleetRow(Message):
+    """One robot, or one serial number of it."""
+
+    robot_id: Identifier
+    name: Name
+    serial_number: str | None
+    state: JointState = Field(description="The worst of its joints.")
+    joint: str | None = Field(description="Joint of that state which changed most against its uncertainty.")
+    change: TrendChange | None = Field(description="Its latest change against the baseline, or in the pair.")
+    alarm: str | None = Field(description="Message of its alarm.")
+    measured_at: Timestamp | None = Field(description="Time of the latest campaign; null without any.")
+    campaigns: int = Field(description="Campaigns in its trend.")
+    missing: str | None = Field(description="What its trend cannot say yet.")
+
+
+class Fleet(Message):
+    """All robots, those in alarm first."""
+
+    items: list[FleetRow]
+    is_whole: bool = Field(description="Whether these are all robots: no more than 200 are shown.")

@@ -1,0 +1,275 @@
+"""Trend of a robot: campaigns put into charts by the numerical core, and its answers as messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from math import exp
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.schemas import trend as messages
+from jointstiff.schemas.run import JointResult
+from jointstiff.solver.trend import (
+    FALSE_ALARMS,
+    LIFE,
+    Alarm,
+    Change,
+    Chart,
+    Series,
+    alarms_of,
+    change_between,
+    charts_of,
+    log_stiffness,
+)
+
+_OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign that enters a trend.
+
+    Attributes:
+        joints: its run's results by name.
+    """
+
+    run_id: str
+    set_id: str
+    name: str
+    at: datetime
+    time_source: Literal["measured_at", "created_at"]
+    joints: Mapping[str, JointResult]
+
+
+@dataclass(frozen=True)
+class TrendInput:
+    """What a trend is made of.
+
+    Attributes:
+        names: joints of the robot.
+        campaigns: oldest first.
+        baselines: that were asked for, oldest first; the first campaigns are one by themselves.
+        acknowledgements: latest of each alarm, by its first measurement set and joint.
+    """
+
+    names: Sequence[str]
+    campaigns: Sequence[Campaign]
+    baselines: Sequence[messages.TrendBaseline] = ()
+    acknowledgements: Mapping[tuple[str, str], messages.Acknowledgement] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TrendNumbers:
+    """The part of a trend that is computed."""
+
+    campaigns: list[messages.TrendCampaign]
+    baselines: list[messages.TrendBaseline]
+    joints: list[messages.TrendJoint]
+    false_alarms: messages.FalseAlarms
+    note: str | None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A joint's campaigns that are compared with one baseline.
+
+    Attributes:
+        baseline: its index.
+        campaigns: indices of the campaigns in the series.
+        chart: None where they are too few.
+    """
+
+    baseline: int
+    campaigns: list[int]
+    series: Series
+    chart: Chart | None
+
+
+def trend_of(given: TrendInput) -> TrendNumbers:
+    """Chart all joints of a robot against each baseline."""
+    baselines = _baselines(given)
+    chosen = [_baseline_of(campaign.at, baselines) for campaign in given.campaigns]
+    parts: dict[str, list[_Part]] = {name: [] for name in given.names}
+    for index, baseline in enumerate(baselines):
+        inside = [i for i, one in enumerate(chosen) if one == index]
+        series = [_series(given, name, inside) for name in given.names]
+        charts = charts_of([one for _, one in series], baseline.campaigns)
+        for name, (kept, one), chart in zip(given.names, series, charts, strict=True):
+            parts[name].append(_Part(index, kept, one, chart))
+    joints = [_joint(given, name, parts[name], baselines) for name in given.names]
+    counted = sum(1 for one in parts.values() if one and one[-1].chart is not None)
+    return TrendNumbers(
+        campaigns=[
+            messages.TrendCampaign(
+                run_id=one.run_id,
+                measurement_set_id=one.set_id,
+                name=one.name,
+                at=one.at,
+                time_source=one.time_source,
+                baseline=index,
+            )
+            for one, index in zip(given.campaigns, chosen, strict=True)
+        ],
+        baselines=baselines,
+        joints=joints,
+        false_alarms=messages.FalseAlarms(probability=FALSE_ALARMS, campaigns=LIFE, joints=counted),
+        note=_note(chosen, baselines),
+    )
+
+
+def _baselines(given: TrendInput) -> list[messages.TrendBaseline]:
+    """Return the first campaigns, unless a baseline begins there, then what was asked for."""
+    if not given.campaigns:
+        return list(given.baselines)
+    first = given.campaigns[0]
+    if any(one.starts_at <= first.at for one in given.baselines):
+        return list(given.baselines)
+    implicit = messages.TrendBaseline(
+        run_id=first.run_id,
+        starts_at=first.at,
+        campaigns=messages.LEAST_BASELINE,
+        reason=None,
+        set_by=None,
+        set_at=None,
+    )
+    return [implicit, *given.baselines]
+
+
+def _baseline_of(at: datetime, baselines: Sequence[messages.TrendBaseline]) -> int:
+    return max(i for i, one in enumerate(baselines) if i == 0 or one.starts_at <= at)
+
+
+def _series(given: TrendInput, name: str, inside: Sequence[int]) -> tuple[list[int], Series]:
+    found = [(i, number) for i in inside if (number := _number(given.campaigns[i].joints.get(name)))]
+    values, uncertainties = np.array([number for _, number in found]).reshape(-1, 2).T
+    return [i for i, _ in found], Series(values, uncertainties)
+
+
+def _number(joint: JointResult | None) -> tuple[float, float] | None:
+    if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
+        return None
+    return log_stiffness(joint.compliance, joint.standard_uncertainty)
+
+
+def _joint(
+    given: TrendInput, name: str, parts: Sequence[_Part], baselines: Sequence[messages.TrendBaseline]
+) -> messages.TrendJoint:
+    points = [_bare_point(campaign.joints.get(name)) for campaign in given.campaigns]
+    for part in parts:
+        for place, i in enumerate(part.campaigns):
+            points[i] = _point(points[i], part, place, baselines[part.baseline].campaigns)
+    alarms = [alarm for part in parts for alarm in _alarms(given, name, part)]
+    last = parts[-1] if parts else None
+    chart = None if last is None else last.chart
+    judged = chart is not None and last is not None and len(last.campaigns) > chart.size
+    state: messages.JointState = "in_control" if judged else "unjudged"
+    if last is not None and judged and alarms and alarms[-1].until is None:
+        state = "alarm" if alarms[-1].acknowledgement is None else "acknowledged"
+    return messages.TrendJoint(
+        name=name,
+        state=state,
+        points=points,
+        charts=[_chart(part.baseline, part.chart) for part in parts if part.chart is not None],
+        alarms=alarms,
+        latest=_change(chart.change(len(last.campaigns) - 1)) if chart and last and judged else None,
+        pair=_pair(last) if last is not None and chart is None else None,
+    )
+
+
+def _bare_point(joint: JointResult | None) -> messages.TrendPoint:
+    return messages.TrendPoint(
+        stiffness=None if joint is None else joint.stiffness,
+        interval=None if joint is None else joint.stiffness_interval,
+        role="not_charted",
+        reason=_why_not(joint),
+        smoothed=None,
+        lower_limit=None,
+        upper_limit=None,
+        exceeded=False,
+        change=None,
+    )
+
+
+def _why_not(joint: JointResult | None) -> str | None:
+    if joint is None:
+        return "the run has no such joint"
+    if joint.status != "identified":
+        return joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
+    if joint.verdict == "do_not_use":
+        return joint.reason or "the number is not to be used"
+    return None if _number(joint) else _OPEN_INTERVAL
+
+
+def _point(bare: messages.TrendPoint, part: _Part, place: int, size: int) -> messages.TrendPoint:
+    chart = part.chart
+    if place < size:
+        return bare.model_copy(update={"role": "baseline"})
+    if chart is None:
+        return bare
+    t = place - chart.size
+    mean, limit = float(chart.baseline.mean), float(chart.limits[t])
+    return bare.model_copy(
+        update={
+            "role": "monitored",
+            "smoothed": exp(mean + float(chart.monitored.deviation[t])),
+            "lower_limit": exp(mean - limit),
+            "upper_limit": exp(mean + limit),
+            "exceeded": bool(chart.monitored.exceeded[t]),
+            "change": _change(chart.change(place)),
+        }
+    )
+
+
+def _chart(baseline: int, chart: Chart) -> messages.TrendChart:
+    return messages.TrendChart(
+        baseline=baseline,
+        stiffness=exp(float(chart.baseline.mean)),
+        relative_uncertainty=chart.baseline_uncertainty,
+        between=float(chart.baseline.between),
+    )
+
+
+def _alarms(given: TrendInput, name: str, part: _Part) -> list[messages.TrendAlarm]:
+    found = [] if part.chart is None else alarms_of(part.chart)
+    return [_alarm(given, name, part, alarm) for alarm in found]
+
+
+def _alarm(given: TrendInput, name: str, part: _Part, alarm: Alarm) -> messages.TrendAlarm:
+    first, last = (given.campaigns[part.campaigns[i]] for i in (alarm.first, alarm.last))
+    return messages.TrendAlarm(
+        run_id=first.run_id,
+        since=first.at,
+        until=None if alarm.is_open else last.at,
+        change=_change(alarm.change),
+        message=alarm.in_words(name, f"{first.at:%Y-%m-%d}"),
+        acknowledgement=given.acknowledgements.get((first.set_id, name)),
+    )
+
+
+def _change(change: Change) -> messages.TrendChange:
+    return messages.TrendChange(relative=change.relative, standard_uncertainty=change.relative_uncertainty)
+
+
+def _pair(part: _Part) -> messages.TrendPair | None:
+    if len(part.campaigns) < 2:
+        return None
+    change = change_between(part.series, 0, len(part.campaigns) - 1)
+    return messages.TrendPair(change=_change(change), p_value=change.p_value)
+
+
+def _note(chosen: Sequence[int], baselines: Sequence[messages.TrendBaseline]) -> str | None:
+    """Return what the charts cannot say yet; None where they compare."""
+    if not chosen:
+        return "no campaign enters: identify measurement sets of this robot by the same method"
+    size, have = baselines[-1].campaigns, sum(1 for one in chosen if one == len(baselines) - 1)
+    if have < size:
+        return (
+            f"the baseline takes {size} campaigns and has {have}: no chart yet, only the test of the latest "
+            "campaign against the first"
+        )
+    if have == size:
+        return "the baseline is whole; the next campaign is the first that is compared with it"
+    return None

@@ -1,0 +1,204 @@
+"""Trends over HTTP: exact springs of which one softens, alarms, acknowledgements and new baselines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from support.in_process import Client
+
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+DAYS = [f"2026-{month:02d}-10T08:00:00Z" for month in range(1, 9)]
+SOFT = 3
+"""Campaign with which joint 3 has lost a tenth of its stiffness."""
+
+
+@pytest.fixture(scope="module")
+def store():
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def client(store):
+    return Client(store)
+
+
+def post(client, path, body, status=201):
+    answer = client.request("POST", path, json=body)
+    assert answer.status_code == status, answer.text
+    return answer.json()
+
+
+def campaign_of(seed, *, soft=False):
+    arm = default_arm()
+    stiffnesses = arm.stiffnesses.copy()
+    if soft:
+        stiffnesses[2] *= 0.9
+    return simulate_campaign(replace(arm, stiffnesses=stiffnesses), load="pull", configurations=10, seed=seed)
+
+
+def measured(client, robot, seed, *, soft=False, options=None, **metadata):
+    """Post a set and its run; return the run."""
+    document = campaign_of(seed, soft=soft)["measurement_set"]
+    posted = post(client, "/v1/measurement-sets", document | {"robot_id": robot} | metadata)
+    return post(client, "/v1/runs", {"measurement_set_id": posted["id"]} | (options or {}))
+
+
+@pytest.fixture(scope="module")
+def robot(client):
+    return post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "worn"})["id"]
+
+
+@pytest.fixture(scope="module")
+def runs(client, robot):
+    """Five campaigns of one arm, posted in another order than measured; joint 3 softens."""
+    found = {}
+    for index in (1, 0, 2, 4, 3):
+        found[index] = measured(
+            client,
+            robot,
+            index + 1,
+            soft=index >= SOFT,
+            measured_at=DAYS[index],
+            serial_number="A",
+            name=f"campaign {index}",
+        )
+    return [found[index] for index in range(5)]
+
+
+def trend_of(client, robot, **query):
+    answer = client.get(f"/v1/robots/{robot}/trend", params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def joint(trend, name="joint_3"):
+    return next(one for one in trend["joints"] if one["name"] == name)
+
+
+def test_campaigns_are_in_the_order_of_their_measurement(client, robot, runs):
+    trend = trend_of(client, robot)
+    assert [one["run_id"] for one in trend["campaigns"]] == [run["id"] for run in runs]
+    assert {one["time_source"] for one in trend["campaigns"]} == {"measured_at"}
+    assert trend["selection"] | {"serial_number": "A", "method": "partial_pose"} == trend["selection"]
+    assert trend["false_alarms"] == {"probability": 0.05, "campaigns": 20, "joints": 6}
+
+
+def test_a_joint_that_softens_raises_an_alarm_with_its_reason(client, robot, runs):
+    found = joint(trend_of(client, robot))
+    assert found["state"] == "alarm"
+    (alarm,) = found["alarms"]
+    assert alarm["run_id"] == runs[SOFT]["id"]
+    assert alarm["until"] is None
+    assert "joint_3 is" in alarm["message"]
+    assert "softer" in alarm["message"]
+    assert alarm["message"].endswith("since 2026-04-10")
+    latest = found["latest"]
+    assert latest["relative"] == pytest.approx(-0.1, abs=4 * latest["standard_uncertainty"])
+    assert [point["role"] for point in found["points"]] == ["baseline"] * 3 + ["monitored"] * 2
+    last = found["points"][-1]
+    assert last["smoothed"] < last["lower_limit"] < found["charts"][0]["stiffness"] < last["upper_limit"]
+
+
+def test_other_joints_stay_in_control(client, robot, runs):
+    others = [one for one in trend_of(client, robot)["joints"] if one["name"] != "joint_3"]
+    assert {one["state"] for one in others} == {"in_control"}
+    assert not any(one["alarms"] for one in others)
+
+
+def test_what_is_not_comparable_is_left_out_and_said(client, robot, runs):
+    noted = {"measured_at": DAYS[5], "serial_number": "A"}
+    measured(client, robot, 20, encoders="secondary", name="secondary", **noted)
+    measured(
+        client,
+        robot,
+        21,
+        **noted,
+        name="with prior",
+        options={"priors": {"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}},
+    )
+    bare = campaign_of(22)["measurement_set"] | {"robot_id": robot, "serial_number": "A", "name": "no run"}
+    post(client, "/v1/measurement-sets", bare)
+    trend = trend_of(client, robot, encoders="motor", serial_number="A")
+    assert [one["run_id"] for one in trend["campaigns"]] == [run["id"] for run in runs]
+    reasons = {one["name"]: one["reason"] for one in trend["left_out"]}
+    assert reasons == {
+        "secondary": "encoders: secondary",
+        "with prior": "it was identified with priors, which draw the numbers together",
+        "no run": "it has no run with numbers",
+    }
+    assert len(trend_of(client, robot, encoders="secondary")["campaigns"]) == 1
+
+
+def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
+    address = f"/v1/robots/{robot}/trend/acknowledgements"
+    body = {"run_id": runs[SOFT]["id"], "joint": "joint_3", "note": "gearbox ordered"}
+    problem = post(client, address, body | {"joint": "joint_1"}, status=422)
+    assert problem["where"] == "run_id"
+    assert "no alarm of 'joint_1'" in problem["detail"]
+    assert post(client, address, body)["note"] == "gearbox ordered"
+    found = joint(trend_of(client, robot, encoders="motor"))
+    assert found["state"] == "acknowledged"
+    assert found["alarms"][0]["acknowledgement"]["note"] == "gearbox ordered"
+
+
+def test_the_fleet_has_a_row_for_each_serial_number(client, robot, runs):
+    other = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "new"})["id"]
+    measured(client, robot, 30, serial_number="B", measured_at=DAYS[0])
+    fleet = client.get("/v1/fleet").json()
+    rows = {(row["name"], row["serial_number"]): row for row in fleet["items"]}
+    assert fleet["is_whole"]
+    assert set(rows) == {("worn", "A"), ("worn", "B"), ("new", None)}
+    assert rows["worn", "B"]["state"] == "unjudged"
+    assert rows["worn", "B"]["missing"].startswith("the baseline takes 3 campaigns and has 1")
+    assert rows["new", None]["measured_at"] is None
+    assert rows["new", None]["robot_id"] == other
+
+
+def test_below_three_campaigns_there_is_only_the_pair(client):
+    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "young"})["id"]
+    measured(client, robot, 1)
+    measured(client, robot, 2, soft=True)
+    trend = trend_of(client, robot)
+    assert "no chart yet, only the test" in trend["note"]
+    assert {one["time_source"] for one in trend["campaigns"]} == {"created_at"}
+    found = joint(trend)
+    assert found["charts"] == []
+    assert found["pair"]["p_value"] < 1e-3
+    assert found["pair"]["change"]["relative"] == pytest.approx(-0.1, abs=0.05)
+    assert joint(trend, "joint_2")["pair"]["p_value"] > 1e-3
+
+
+def test_a_new_baseline_begins_new_charts(client):
+    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "repaired"})["id"]
+    runs = [
+        measured(client, robot, 40 + index, soft=index >= SOFT, measured_at=DAYS[index]) for index in range(7)
+    ]
+    assert joint(trend_of(client, robot))["state"] == "alarm"
+    address = f"/v1/robots/{robot}/trend/baselines"
+    body = {"run_id": runs[SOFT]["id"], "reason": "gearbox of joint 3 replaced"}
+    made = post(client, address, body)
+    assert made["campaigns"] == 3
+    trend = trend_of(client, robot)
+    assert [one["reason"] for one in trend["baselines"]] == [None, "gearbox of joint 3 replaced"]
+    assert [one["baseline"] for one in trend["campaigns"]] == [0] * 3 + [1] * 4
+    found = joint(trend)
+    assert found["state"] == "in_control"
+    assert found["alarms"] == []
+    first, second = found["charts"]
+    assert second["stiffness"] / first["stiffness"] == pytest.approx(0.9, abs=0.03)
+    assert post(client, address, body | {"run_id": "none"}, status=422)["where"] == "run_id"
+    assert post(client, address, body | {"campaigns": 2}, status=422)["where"] == "campaigns"
+
+
+def test_a_robot_without_runs_says_what_is_missing(client):
+    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "bare"})["id"]
+    trend = trend_of(client, robot)
+    assert trend["selection"] is None
+    assert trend["note"].startswith("no campaign enters")
+    assert {one["state"] for one in trend["joints"]} == {"unjudged"}
+    assert client.get("/v1/robots/nobody/trend").status_code == 404
+    assert client.get(f"/v1/robots/{robot}/trend", params={"methode": "x"}).status_code == 422
