@@ -46,7 +46,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class TrendInput:
-    """What a trend is made of.
+    """Input of a trend.
 
     Attributes:
         names: joints of the robot.

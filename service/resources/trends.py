@@ -67,7 +67,7 @@ class _Candidate:
 
     @property
     def selection(self) -> messages.TrendSelection:
-        """What it must share with the others of a trend."""
+        """Common ground that it must share with the others of a trend."""
         asked = self.run.request
         return messages.TrendSelection(
             serial_number=self.measured.serial_number,

@@ -147,7 +147,7 @@ class AuditEntry:
 
 @dataclass(frozen=True, slots=True)
 class TrendNote:
-    """What somebody noted in a trend: a new baseline, or that an alarm was seen."""
+    """Note in a trend: a new baseline, or that an alarm was seen."""
 
     robot_id: str
     kind: str

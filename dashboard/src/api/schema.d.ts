@@ -81,6 +81,93 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/robots/{robot_id}/trend": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Trend
+         * @description Get the trend of a robot: each joint's campaigns against its baseline, with alarms and their reasons.
+         *
+         *     A campaign is a measurement set, by its newest run that shares method, weighting, constraint, encoders and
+         *     serial number with the others; what is left out stands in `left_out`. The limits hold the noise of the
+         *     readings, scatter between campaigns and the baseline's own uncertainty. A baseline takes three campaigns;
+         *     with fewer there is only the test of two.
+         */
+        get: operations["getTrend"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/robots/{robot_id}/trend/baselines": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Create Trend Baseline
+         * @description Begin a new baseline, as after a repair. It counts for all trends of the same serial number.
+         *
+         *     Campaigns before it keep their charts. Of two baselines from the same campaign on, the later one counts.
+         */
+        post: operations["createTrendBaseline"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/robots/{robot_id}/trend/acknowledgements": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Acknowledge Alarm
+         * @description Acknowledge an alarm with a note. The alarm stays in the trend; its joint counts as seen.
+         */
+        post: operations["acknowledgeAlarm"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/fleet": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Fleet
+         * @description Get one row for each robot and serial number, with its worst joint; those in alarm first.
+         */
+        get: operations["getFleet"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/kinematics": {
         parameters: {
             query?: never;
@@ -1212,6 +1299,41 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * Acknowledgement
+         * @description An alarm that somebody has seen.
+         */
+        Acknowledgement: {
+            /** Note */
+            note: string;
+            /** @description Key that acknowledged it; null if there was none. */
+            acknowledged_by: components["schemas"]["Requester"] | null;
+            /**
+             * Acknowledged At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            acknowledged_at: string;
+        };
+        /**
+         * AcknowledgementRequest
+         * @description Acknowledgement of an alarm.
+         */
+        AcknowledgementRequest: {
+            /**
+             * Run Id
+             * @description `run_id` of the alarm.
+             */
+            run_id: string;
+            /** Joint */
+            joint: string;
+            /**
+             * Note
+             * @description What was found or decided.
+             * @example belt checked, order 4711
+             */
+            note: string;
+        };
+        /**
          * Action
          * @description Action that a program can offer at a click; it changes only what is named here.
          */
@@ -1609,6 +1731,29 @@ export interface components {
                     number
                 ];
             } | null;
+        };
+        /**
+         * BaselineRequest
+         * @description A new baseline.
+         */
+        BaselineRequest: {
+            /**
+             * Run Id
+             * @description Run of its first campaign.
+             */
+            run_id: string;
+            /**
+             * Reason
+             * @description Reason.
+             * @example gearbox of joint 3 replaced
+             */
+            reason: string;
+            /**
+             * Campaigns
+             * @description Campaigns that it takes.
+             * @default 3
+             */
+            campaigns?: number;
         };
         /** Body_createImport */
         Body_createImport: {
@@ -2812,6 +2957,27 @@ export interface components {
             residual: number;
         };
         /**
+         * FalseAlarms
+         * @description Rate of false alarms that the limits keep.
+         */
+        FalseAlarms: {
+            /**
+             * Probability
+             * @description Probability of any false alarm of the robot, at most, over all joints counted.
+             */
+            probability: number;
+            /**
+             * Campaigns
+             * @description Campaigns after a baseline for which that holds.
+             */
+            campaigns: number;
+            /**
+             * Joints
+             * @description Joints counted: those with a chart against the latest baseline.
+             */
+            joints: number;
+        };
+        /**
          * FilePreview
          * @description One file and how it was read.
          */
@@ -2954,6 +3120,64 @@ export interface components {
                     number
                 ]
             ] | null;
+        };
+        /**
+         * Fleet
+         * @description All robots, those in alarm first.
+         */
+        Fleet: {
+            /** Items */
+            items: components["schemas"]["FleetRow"][];
+            /**
+             * Is Whole
+             * @description Whether these are all robots: no more than 200 are shown.
+             */
+            is_whole: boolean;
+        };
+        /**
+         * FleetRow
+         * @description One robot, or one serial number of it.
+         */
+        FleetRow: {
+            /** Robot Id */
+            robot_id: string;
+            /** Name */
+            name: string;
+            /** Serial Number */
+            serial_number: string | null;
+            /**
+             * State
+             * @description The worst of its joints.
+             * @enum {string}
+             */
+            state: "alarm" | "acknowledged" | "in_control" | "unjudged";
+            /**
+             * Joint
+             * @description Joint of that state which changed most against its uncertainty.
+             */
+            joint: string | null;
+            /** @description Its latest change against the baseline, or in the pair. */
+            change: components["schemas"]["TrendChange"] | null;
+            /**
+             * Alarm
+             * @description Message of its alarm.
+             */
+            alarm: string | null;
+            /**
+             * Measured At
+             * @description Time of the latest campaign; null without any.
+             */
+            measured_at: string | null;
+            /**
+             * Campaigns
+             * @description Campaigns in its trend.
+             */
+            campaigns: number;
+            /**
+             * Missing
+             * @description What its trend cannot say yet.
+             */
+            missing: string | null;
         };
         /**
          * ForceUncertainty
@@ -4378,6 +4602,18 @@ export interface components {
              * @description Joint angles as displayed by the controller, one list per configuration; default: all zeros.
              */
             joints?: number[][];
+        };
+        /**
+         * LeftOut
+         * @description A campaign that is not in the trend.
+         */
+        LeftOut: {
+            /** Measurement Set Id */
+            measurement_set_id: string;
+            /** Name */
+            name: string;
+            /** Reason */
+            reason: string;
         };
         /**
          * LinkCertificate
@@ -9552,6 +9788,317 @@ export interface components {
             transverse: components["schemas"]["Uncertainty"];
         };
         /**
+         * Trend
+         * @description Trend of a robot's joints.
+         */
+        Trend: {
+            /** Robot Id */
+            robot_id: string;
+            /** @description What the runs share; null without any run. */
+            selection: components["schemas"]["TrendSelection"] | null;
+            /**
+             * Serial Numbers
+             * @description Serial numbers that the robot's sets state.
+             */
+            serial_numbers: string[];
+            /**
+             * Campaigns
+             * @description Oldest first.
+             */
+            campaigns: components["schemas"]["TrendCampaign"][];
+            /**
+             * Baselines
+             * @description Oldest first; the last one is in force.
+             */
+            baselines: components["schemas"]["TrendBaseline"][];
+            /** Joints */
+            joints: components["schemas"]["TrendJoint"][];
+            false_alarms: components["schemas"]["FalseAlarms"];
+            /**
+             * Left Out
+             * @description Campaigns that do not enter, with the reason.
+             */
+            left_out: components["schemas"]["LeftOut"][];
+            /**
+             * Note
+             * @description What the trend cannot say yet, and what is missing for it.
+             */
+            note: string | null;
+        };
+        /**
+         * TrendAlarm
+         * @description Campaigns in a row whose EWMA is beyond a limit.
+         */
+        TrendAlarm: {
+            /**
+             * Run Id
+             * @description Run of the first campaign, by which the alarm is acknowledged.
+             */
+            run_id: string;
+            /**
+             * Since
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            since: string;
+            /**
+             * Until
+             * @description Last campaign of the alarm; null while it lasts.
+             */
+            until: string | null;
+            /** @description Change of the EWMA against the baseline at its last campaign. */
+            change: components["schemas"]["TrendChange"];
+            /**
+             * Message
+             * @description Which joint, direction, size, limit, and since when.
+             */
+            message: string;
+            /** @description Latest acknowledgement. */
+            acknowledgement: components["schemas"]["Acknowledgement"] | null;
+        };
+        /**
+         * TrendBaseline
+         * @description A baseline: the campaigns with which later ones are compared.
+         */
+        TrendBaseline: {
+            /**
+             * Run Id
+             * @description Run of its first campaign; null if that is gone.
+             */
+            run_id: string | null;
+            /**
+             * Starts At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            starts_at: string;
+            /**
+             * Campaigns
+             * @description Campaigns of each joint that it takes.
+             */
+            campaigns: number;
+            /**
+             * Reason
+             * @description Reason for a new baseline; null for the first campaigns.
+             */
+            reason: string | null;
+            /** @description Key that asked for it; null if there was none. */
+            set_by: components["schemas"]["Requester"] | null;
+            /**
+             * Set At
+             * @description When; null for the first campaigns.
+             */
+            set_at: string | null;
+        };
+        /**
+         * TrendCampaign
+         * @description One campaign: a measurement set, by its newest run that is comparable.
+         */
+        TrendCampaign: {
+            /** Run Id */
+            run_id: string;
+            /** Measurement Set Id */
+            measurement_set_id: string;
+            /**
+             * Name
+             * @description Name of the measurement set.
+             */
+            name: string;
+            /**
+             * At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            at: string;
+            /**
+             * Time Source
+             * @description Source of `at`: time of the measurement, or, if the set does not state it, of storing.
+             * @enum {string}
+             */
+            time_source: "measured_at" | "created_at";
+            /**
+             * Baseline
+             * @description Index in `baselines` of the one that it is compared with.
+             */
+            baseline: number;
+        };
+        /**
+         * TrendChange
+         * @description A change of stiffness with its standard uncertainty.
+         */
+        TrendChange: {
+            /**
+             * Relative
+             * @description Relative change: -0.1 for a joint that is 10 % softer.
+             */
+            relative: number;
+            /**
+             * Standard Uncertainty
+             * @description Its standard uncertainty: readings, baseline and scatter between campaigns.
+             */
+            standard_uncertainty: number;
+        };
+        /**
+         * TrendChart
+         * @description Chart of one joint against one baseline.
+         */
+        TrendChart: {
+            /**
+             * Baseline
+             * @description Index in `baselines`.
+             */
+            baseline: number;
+            /**
+             * Stiffness
+             * @description Stiffness of the baseline.
+             */
+            stiffness: number;
+            /**
+             * Relative Uncertainty
+             * @description Standard uncertainty of the baseline's ln k, scatter between campaigns included.
+             */
+            relative_uncertainty: number;
+            /**
+             * Between
+             * @description Scatter between campaigns beyond the readings' noise (τ, DerSimonian and Laird), in ln k; 0 where the baseline's campaigns agree.
+             */
+            between: number;
+        };
+        /**
+         * TrendJoint
+         * @description One joint over the campaigns.
+         */
+        TrendJoint: {
+            /** Name */
+            name: string;
+            /**
+             * State
+             * @description State at its latest campaign; `unjudged`: no campaign after a whole baseline yet.
+             * @enum {string}
+             */
+            state: "alarm" | "acknowledged" | "in_control" | "unjudged";
+            /**
+             * Points
+             * @description One for each of `campaigns`.
+             */
+            points: components["schemas"]["TrendPoint"][];
+            /**
+             * Charts
+             * @description Its charts, oldest first.
+             */
+            charts: components["schemas"]["TrendChart"][];
+            /**
+             * Alarms
+             * @description Oldest first.
+             */
+            alarms: components["schemas"]["TrendAlarm"][];
+            /** @description Change of its latest campaign against the baseline. */
+            latest: components["schemas"]["TrendChange"] | null;
+            /** @description Test of two campaigns, where there is no chart. */
+            pair: components["schemas"]["TrendPair"] | null;
+        };
+        /**
+         * TrendPair
+         * @description Test of the latest campaign against the first, where there are too few for a chart.
+         */
+        TrendPair: {
+            /** @description Change, its uncertainty from the readings alone. */
+            change: components["schemas"]["TrendChange"];
+            /**
+             * P Value
+             * @description Probability of a change at least as large if the stiffness is the same (two-sided).
+             */
+            p_value: number;
+        };
+        /**
+         * TrendPoint
+         * @description One joint in one campaign.
+         */
+        TrendPoint: {
+            /**
+             * Stiffness
+             * @description Stiffness of the run; null if it has none.
+             */
+            stiffness: number | null;
+            /**
+             * Interval
+             * @description Interval of the stiffness at the run's confidence; an upper end of null: no upper limit.
+             */
+            interval: [
+                number,
+                number | null
+            ] | null;
+            /**
+             * Role
+             * @description `baseline`: part of the baseline; `monitored`: compared with it; `not_charted`: see `reason`.
+             * @enum {string}
+             */
+            role: "baseline" | "monitored" | "not_charted";
+            /**
+             * Reason
+             * @description Reason why it is not charted.
+             */
+            reason: string | null;
+            /**
+             * Smoothed
+             * @description EWMA after this campaign.
+             */
+            smoothed: number | null;
+            /**
+             * Lower Limit
+             * @description Lower limit of the EWMA.
+             */
+            lower_limit: number | null;
+            /**
+             * Upper Limit
+             * @description Upper limit of the EWMA.
+             */
+            upper_limit: number | null;
+            /**
+             * Exceeded
+             * @description Whether the EWMA is beyond a limit.
+             */
+            exceeded: boolean;
+            /** @description Change of this campaign against the baseline. */
+            change: components["schemas"]["TrendChange"] | null;
+        };
+        /**
+         * TrendSelection
+         * @description Common ground of the runs of a trend.
+         */
+        TrendSelection: {
+            /**
+             * Serial Number
+             * @description Serial number of the robot; null where sets state none.
+             */
+            serial_number: string | null;
+            /**
+             * Method
+             * @enum {string}
+             */
+            method: "complete_pose" | "partial_pose" | "decoupled_partial_pose";
+            /**
+             * Weighting
+             * @enum {string}
+             */
+            weighting: "covariance" | "characteristic_length" | "uniform";
+            /**
+             * Positive
+             * @description Whether compliances are constrained to be zero or more.
+             */
+            positive: boolean;
+            /**
+             * Encoders
+             * @enum {string}
+             */
+            encoders: "motor" | "secondary";
+            /**
+             * Complementary Stiffness
+             * @enum {string}
+             */
+            complementary_stiffness: "neglected" | "included";
+        };
+        /**
          * Uncertainty
          * @description Standard uncertainty ``constant + per_distance · d`` at the distance d from the instrument.
          */
@@ -10420,6 +10967,390 @@ export interface operations {
             };
             /** @description The resource does not exist. */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getTrend: {
+        parameters: {
+            query?: {
+                /** @description Serial number of the robot. */
+                serial_number?: string | null;
+                /** @description Method of the runs. */
+                method?: ("complete_pose" | "partial_pose" | "decoupled_partial_pose") | null;
+                /** @description Weighting of the runs. */
+                weighting?: ("covariance" | "characteristic_length" | "uniform") | null;
+                /** @description Whether compliances are constrained to be zero or more. */
+                positive?: boolean | null;
+                /** @description Encoders that closed the position loop. */
+                encoders?: ("motor" | "secondary") | null;
+            };
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Trend"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    createTrendBaseline: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BaselineRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrendBaseline"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    acknowledgeAlarm: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                robot_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AcknowledgementRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Acknowledgement"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getFleet: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Fleet"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };
