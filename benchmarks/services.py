@@ -77,7 +77,8 @@ class Service:
     def workers(self) -> list[int]:
         """Process ids of its workers."""
         tasks = Path(f"/proc/{self.process.pid}/task").glob("*/children")
-        return [int(pid) for task in tasks for pid in task.read_text().split()]
+        children = [int(pid) for task in tasks for pid in task.read_text().split()]
+        return [pid for pid in children if b"service.workers" in _command(pid)]
 
     def kill_worker(self) -> None:
         """Kill one worker with SIGKILL, as soon as there is one."""
@@ -129,6 +130,13 @@ def numbers(run: dict[str, Any]) -> dict[str, Any]:
     return {"request": request, "input_hash": hashed} | {
         name: run[name] for name in ("state", "progress", "result", "error")
     }
+
+
+def _command(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (FileNotFoundError, ProcessLookupError):
+        return b""
 
 
 def running(pid: int) -> bool:

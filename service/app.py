@@ -112,6 +112,7 @@ def create_app(
     app.state.gate = gate = Gate(store, keyring, watch, posture.access)
     app.state.access = posture.access
     app.state.parts = Parts.of(store, enqueue)
+    app.state.limited_child = None
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())

@@ -23,6 +23,7 @@ from uvicorn.config import LOGGING_CONFIG
 from jointstiff.service.access import Keyring, KeysFileError
 from jointstiff.service.api import Metrics, Posture
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
+from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.render import console
@@ -123,6 +124,7 @@ def run_server(
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
         app = create_app(store, queue.enqueue, posture, keyring)
+        app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
         config = uvicorn.Config(
             app,

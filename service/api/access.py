@@ -40,7 +40,8 @@ ANONYMOUS_ENTRIES: Final = 60
 _LONGEST_PATH: Final = 200
 _LONGEST_ADDRESS: Final = 64
 _LONGEST_METHOD: Final = 16
-_ASKED: Final = "jointstiff.asked"
+ASKED: Final = "jointstiff.asked"
+"""Who asks, in the scope of a request; a process that forwards it has found out."""
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; `jointstiff keys create` makes keys"
 )
@@ -120,7 +121,7 @@ class Asked:
 
 def asked_of(connection: HTTPConnection) -> Asked:
     """Return who asks."""
-    asked: Asked = connection.scope[_ASKED]
+    asked: Asked = connection.scope[ASKED]
     return asked
 
 
@@ -140,7 +141,7 @@ class AccessRoute(APIRoute):
         """Answer, or refuse before the body is read."""
         if scope["method"] in (self.methods or ()):  # else it will not be this route that answers
             role = role_of(self)
-            asked: Asked = scope[_ASKED] if role else scope.get(_ASKED, Asked(None, True, ""))
+            asked: Asked = scope[ASKED] if role else scope.get(ASKED, Asked(None, True, ""))
             asked.operation = operation_id(self)
             try:
                 asked.require(role)
@@ -213,10 +214,10 @@ class AccessGuard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on with who asks, or refuse it."""
-        if scope["type"] != "http":
+        if scope["type"] != "http" or ASKED in scope:
             await self._app(scope, receive, send)
             return
-        asked = scope[_ASKED] = Asked(None, self._gate.is_open, _address(scope))
+        asked = scope[ASKED] = Asked(None, self._gate.is_open, _address(scope))
         if asked.is_open or scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:

@@ -17,6 +17,7 @@ from starlette.datastructures import FormData
 
 from jointstiff.service.api.access import AccessRoute
 from jointstiff.service.api.forms import read_form
+from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.api.limits import SMALL_BYTES, refuse_structure
 from jointstiff.service.conversion import MalformedError, parse
 from jointstiff.service.store import IdempotencyKey
@@ -42,6 +43,8 @@ class BodyRoute(AccessRoute):
 
             async def handle_form(request: Request) -> Response:
                 _require(request, "multipart/form-data", "a form")
+                if (answer := await _answered_elsewhere(request)) is not None:
+                    return answer
                 return await handle(_FormRequest(request, await read_form(request)))
 
             return handle_form
@@ -50,6 +53,8 @@ class BodyRoute(AccessRoute):
         async def handle_json(request: Request) -> Response:
             _require(request, "application/json", "JSON")
             parsed = _JsonRequest(request.scope, request.receive)
+            if (answer := await _answered_elsewhere(parsed)) is not None:
+                return answer
             await parsed.read(message)
             return await handle(parsed)
 
@@ -86,6 +91,12 @@ class _FormRequest(Request):
     def __init__(self, request: Request, form: FormData) -> None:
         super().__init__(request.scope, request.receive)
         self._form = form
+
+
+async def _answered_elsewhere(request: Request) -> Response | None:
+    """Return the answer of the child to a large body; None if it is ours to answer."""
+    child: LimitedChild | None = request.app.state.limited_child
+    return None if child is None else await child.answer(request)
 
 
 def large_bodies(request: Request) -> CapacityLimiter:

@@ -15,6 +15,8 @@ from jointstiff.service.api.metrics import Metrics
 from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
 
 REQUEST_ID_HEADER: Final = "X-Request-Id"
+KNOWN_ID: Final = "jointstiff.request_id"
+"""Identifier in the scope of a request that another process forwards, which counts and logs it."""
 _METHODS: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
 
 _logger = logging.getLogger(ACCESS_LOGGER)
@@ -36,6 +38,10 @@ class Observed:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
         if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        if KNOWN_ID in scope:
+            REQUEST_ID.set(scope[KNOWN_ID])
             await self._app(scope, receive, send)
             return
         identifier = secrets.token_hex(8)

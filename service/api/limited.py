@@ -1,0 +1,141 @@
+"""Large bodies are answered by a child process of limited memory and time, and keep nobody else waiting.
+
+A parser lets no other thread of its process run, and what it makes of a body is many times as large. The
+child composes the same application; who asks was found out before. Between them goes JSON, nothing that runs.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Final
+
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
+from fastapi import HTTPException, Request, Response
+from pydantic import TypeAdapter
+
+from jointstiff.service.api.access import Asked, asked_of
+from jointstiff.service.logs import REQUEST_ID
+
+LIMITED_BYTES: Final = 256 * 1024
+"""Larger bodies, and workbooks and archives of any size, are the child's."""
+LIMITED_SECONDS: Final = 60.0
+"""Time that a body may take in the child, and processor time."""
+LIMITED_MEMORY: Final = 512 * 1024 * 1024
+"""Memory that the child may take for a body [bytes]."""
+_PATHS: Final = frozenset(
+    f"/v1/{name}"
+    for name in ("robots", "kinematics", "measurement-sets", "imports", "geometries", "plans", "deflections")
+)
+"""Addresses whose answer does not wait for workers."""
+_ARCHIVE: Final = b"PK\x03\x04"
+_START_SECONDS: Final = 60.0
+
+
+@dataclass
+class Forwarded:
+    """A request for the child, without its body."""
+
+    method: str
+    path: str
+    query: str
+    headers: list[tuple[str, str]]
+    request_id: str | None
+    asked: Asked
+
+
+FORWARDED: Final = TypeAdapter(Forwarded)
+
+
+class LimitedChild:
+    """A child process that answers one request at a time; it is started with the first one."""
+
+    def __init__(self, database: str, quota: int | None = None, memory: int = LIMITED_MEMORY) -> None:
+        """Answer from a database.
+
+        Args:
+            database: its URL.
+            quota: size that it may have [bytes]; None for any.
+            memory: that it may take beyond what it has when it is idle [bytes].
+        """
+        self._opening = json.dumps([database, quota, memory]).encode()
+        self._seconds, self._memory = LIMITED_SECONDS, memory
+        self._turns = CapacityLimiter(1)
+        self._connection: Connection[bytes, bytes] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+
+    async def answer(self, request: Request) -> Response | None:
+        """Answer a request if it is one for the child; None if it is not.
+
+        Raises:
+            HTTPException: it took too much memory or time (413), or the child does not start (503).
+        """
+        content = await request.body()
+        is_large = len(content) > LIMITED_BYTES or _ARCHIVE in content
+        if request.url.path not in _PATHS or not is_large:
+            return None
+        forwarded = Forwarded(
+            request.method,
+            request.url.path,
+            request.url.query,
+            [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers.raw],
+            REQUEST_ID.get(),
+            asked_of(request),
+        )
+        head, body = await run_sync(self._answer, forwarded, content, limiter=self._turns)
+        status, headers = json.loads(head)
+        response = Response(body, status)
+        response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
+        return response
+
+    def close(self) -> None:
+        """End the child, whatever it does."""
+        if self._connection is not None and self._process is not None:
+            self._connection.close()
+            self._process.kill()
+            self._process.wait()
+        self._connection = self._process = None
+
+    def _answer(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
+        connection = self._running()
+        try:
+            connection.send_bytes(FORWARDED.dump_json(forwarded))
+            connection.send_bytes(content)
+            if not connection.poll(self._seconds):
+                raise TimeoutError
+            return connection.recv_bytes(), connection.recv_bytes()
+        except (OSError, EOFError):  # the child was too slow, or its limits ended it
+            self.close()
+            raise HTTPException(
+                413, f"the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; split it"
+            ) from None
+
+    def _running(self) -> Connection[bytes, bytes]:
+        if self._connection is not None and self._process is not None and self._process.poll() is None:
+            return self._connection
+        self.close()
+        self._connection, theirs = Pipe()
+        try:
+            with theirs:
+                self._process = subprocess.Popen(  # noqa: S603 - of our own words
+                    [sys.executable, "-m", "jointstiff.service.limited_child", str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno()],
+                    process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+                )
+            self._connection.send_bytes(self._opening)
+            if not self._connection.poll(_START_SECONDS):
+                raise TimeoutError
+            self._connection.recv_bytes()
+        except (OSError, EOFError):
+            self.close()
+            raise HTTPException(
+                503, "the process for large bodies does not start; send it again later"
+            ) from None
+        return self._connection

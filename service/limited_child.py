@@ -1,0 +1,95 @@
+"""The child that answers large bodies: `python -m jointstiff.service.limited_child DESCRIPTOR`."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import resource
+import sys
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import anyio
+from fastapi import FastAPI
+from starlette.types import Message
+
+from jointstiff.service.api import Posture
+from jointstiff.service.api.access import ASKED
+from jointstiff.service.api.limited import FORWARDED, LIMITED_SECONDS, Forwarded
+from jointstiff.service.api.observed import KNOWN_ID
+from jointstiff.service.app import create_app
+from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
+from jointstiff.service.store import Store
+
+
+def main() -> None:
+    """Answer what comes, until the service ends or closes the pipe."""
+    set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
+    connection: Connection[bytes, bytes] = Connection(int(sys.argv[1]))
+    database, quota, memory = json.loads(connection.recv_bytes())
+    with Store.open(database, quota) as store, suppress(EOFError, BrokenPipeError):
+        app = create_app(store, posture=Posture(hosts=None))
+        _limit_memory(memory)
+        gc.freeze()  # libraries stay to the end
+        connection.send_bytes(b"ready")
+        while True:
+            forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
+            _limit_time(LIMITED_SECONDS)
+            start, body = anyio.run(_answered, app, forwarded, content)
+            headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
+            connection.send_bytes(json.dumps([start["status"], headers]).encode())
+            connection.send_bytes(body)
+
+
+async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
+    """Return the application's answer: how it starts, and its body."""
+    scope = {
+        "type": "http",
+        "asgi": {"version": "3.0"},
+        "http_version": "1.1",
+        "scheme": "http",
+        "method": forwarded.method,
+        "path": forwarded.path,
+        "root_path": "",
+        "query_string": forwarded.query.encode(),
+        "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in forwarded.headers],
+        "client": None,
+        ASKED: forwarded.asked,
+        KNOWN_ID: forwarded.request_id,
+    }
+    received = iter([{"type": "http.request", "body": content, "more_body": False}])
+    sent: list[Message] = []
+
+    async def receive() -> Message:
+        return next(received, {"type": "http.disconnect"})
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    try:
+        await app(scope, receive, send)
+    except Exception as error:
+        if isinstance(error, MemoryError) or not sent:
+            raise  # this process ends, and the service says why; all else is logged, and its answer sent
+    return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
+
+
+def _limit_memory(memory: int) -> None:
+    """Limit what is allocated beyond what is by now."""
+    with suppress(OSError):  # where the system does not tell how much that is
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+        most = pages * resource.getpagesize() + memory
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+def _limit_time(seconds: float) -> None:
+    """Limit the processor time from now on: a service that is killed leaves no child that goes on."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    most = int(used.ru_utime + used.ru_stime + seconds) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Large bodies are answered by a child process, as the service itself would, within limits."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from contextlib import closing
+from datetime import UTC, datetime
+
+import pytest
+from support.in_process import Client
+
+from jointstiff.service.access import mint
+from jointstiff.service.api import Posture, limited
+from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.limited import LimitedChild
+from jointstiff.service.store import Store
+
+pytestmark = pytest.mark.process
+JSON = {"Content-Type": "application/json"}
+LARGE = json.dumps(ROBOTS["modified DH"]).encode().ljust(limited.LIMITED_BYTES + 1)
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    return f"sqlite:///{tmp_path_factory.mktemp('limited') / 'jointstiff.db'}"
+
+
+@pytest.fixture(scope="module")
+def store(database):
+    with Store.open(database) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def child(database):
+    with closing(LimitedChild(database)) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def client(store, child):
+    client = Client(store)
+    client._app.state.limited_child = child
+    return client
+
+
+def test_what_the_child_stores_is_stored(client, child):
+    key = {"Idempotency-Key": "once"}
+    answer = client.request("POST", "/v1/robots", content=LARGE, headers=JSON | key)
+    assert answer.status_code == 201
+    assert child._process is not None
+    assert client.get(answer.headers["Location"]).json() == answer.json()
+    assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON | key).json() == answer.json()
+    assert len(answer.headers.get_list("X-Request-Id")) == 1
+
+
+def test_its_faults_are_problem_documents_with_the_id_of_the_request(client):
+    answer = client.request("POST", "/v1/robots", content=LARGE[:-1] + b"?", headers=JSON)
+    assert answer.status_code == 422
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert answer.json()["request_id"] == answer.headers["X-Request-Id"]
+
+
+def test_archives_of_any_size_are_its(client, child, monkeypatch):
+    asked = []
+    monkeypatch.setattr(child, "_answer", lambda *given: asked.append(given) or (b"[422, []]", b"{}"))
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("a.csv", "a,b\n")
+    for name, file in (("a.csv", b"a,b\n"), ("a.zip", content.getvalue())):
+        client.request("POST", "/v1/imports", files={"files": (name, file)})
+    assert [forwarded.path for forwarded, _ in asked] == ["/v1/imports"]
+
+
+def test_who_asks_is_found_out_before(store, child):
+    store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
+    guarded = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
+    guarded._app.state.limited_child = child
+    assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 401
+    bearer = {"Authorization": f"Bearer {minted.text}"}
+    assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON | bearer).status_code == 403
+
+
+def test_one_that_ended_is_started_again(client, child):
+    child._process.kill()
+    child._process.wait()
+    assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 201
+
+
+def test_a_body_that_takes_too_long_ends_the_child(client, child, monkeypatch):
+    monkeypatch.setattr(child, "_seconds", 0.0)
+    answer = client.request("POST", "/v1/robots", content=LARGE, headers=JSON)
+    assert answer.status_code == 413
+    assert "takes more than" in answer.json()["detail"]
+    assert child._process is None
+
+
+def test_its_memory_is_limited(database, client):
+    """300,000 lists take 20 MB."""
+    body = b'{"name": [' + b"[]," * 300_000 + b"[]]}"
+    with closing(LimitedChild(database, memory=4 << 20)) as small:
+        client._app.state.limited_child = small
+        answer = client.request("POST", "/v1/robots", content=body, headers=JSON)
+    assert answer.status_code == 413
+    assert "takes more than 60 s or 4 MiB" in answer.json()["detail"]
