@@ -59,8 +59,18 @@ class GeometryModel(Message):
     geometry_id: Identifier
 
 
+class CatalogueModel(Message):
+    """Nominal kinematics of an arm of the catalogue, with the joint map of its controller."""
+
+    format: Literal["catalogue"]
+    arm: Name = Field(
+        description="Name of the arm, or a part of it that no other arm has.",
+        examples=["KUKA KR 210 R2700 extra"],
+    )
+
+
 Model = Annotated[UrdfModel | DhModel, Field(discriminator="format")]
-PostedModel = Annotated[UrdfModel | DhModel | GeometryModel, Field(discriminator="format")]
+PostedModel = Annotated[UrdfModel | DhModel | GeometryModel | CatalogueModel, Field(discriminator="format")]
 
 
 class JointMap(Message):
@@ -84,14 +94,14 @@ class RobotDocument(Message):
 
 
 class RobotRequest(Message):
-    """A robot as it is posted: described, or as a stored geometry found it."""
+    """A robot as it is posted: described, as a stored geometry found it, or an arm of the catalogue."""
 
     name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: PostedModel
     joint_map: JointMap | None = Field(
         default=None,
-        description="Joint map for coupled axes and flipped signs; default: identity. A geometry "
-        "has its own.",
+        description="Joint map for coupled axes and flipped signs; default: identity, or that of the arm of "
+        "the catalogue. A geometry has its own.",
     )
 
     @model_validator(mode="after")
@@ -126,6 +136,7 @@ class RobotSummary(Message):
     id: Identifier
     name: Name
     joints: list[Joint]
+    nominal_arm: Name | None = Field(description="Arm of the catalogue, if the model has its figures.")
     archived: bool = Field(description="Whether listings leave it out.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map, as in the robot.")
     created_at: Timestamp
@@ -139,6 +150,10 @@ class Robot(RobotDocument):
     wrist: Wrist
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."
+    )
+    nominal_arm: Name | None = Field(
+        default=None,
+        description="Arm of the catalogue whose nominal figures the model has, if it was posted as one.",
     )
     archived: bool = Field(default=False, description="Whether listings leave it out.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")

@@ -42,6 +42,10 @@ ROBOTS: Final[dict[str, Any]] = {
             "flange": "flange",
         },
     },
+    "nominal": {
+        "name": "KR 210 cell 3",
+        "model": {"format": "catalogue", "arm": "KUKA KR 210 R2700 extra"},
+    },
     "identified": {
         "name": "six-axis arm, cell 3, as measured",
         "model": {"format": "geometry", "geometry_id": "ID_OF_A_STORED_GEOMETRY"},

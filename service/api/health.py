@@ -62,6 +62,7 @@ def get_index() -> dict[str, str]:
         "deflections": "/v1/deflections",
         "imports": "/v1/imports",
         "kinematics": "/v1/kinematics",
+        "catalogue": "/v1/catalogue",
         "session": "/v1/session",
         "keys": "/v1/keys",
         "audit": "/v1/audit",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-from jointstiff.service.cli.options import AsJson, Details
+from jointstiff.service.cli.options import AsJson, Details, NamedRobot
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest
@@ -35,16 +35,7 @@ def geometry(
         ),
     ],
     *,
-    robot: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            readable=True,
-            metavar="ROBOT.json",
-            help="Nominal model: a robot document, or a campaign that contains one.",
-        ),
-    ] = None,
+    robot: NamedRobot = None,
     fit: Annotated[FitChoice | None, typer.Option(help="Fit of the sweeps; overrides the file.")] = None,
     angles: Annotated[
         AnglesChoice | None, typer.Option(help="Joint angles during sweeps; overrides the file.")
@@ -83,7 +74,7 @@ def geometry(
         raise typer.Exit(1)
 
 
-def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> "GeometryRequest":
+def _request(file: Path, robot: str | None, chosen: dict[str, Any]) -> "GeometryRequest":
     """The readings, with the nominal model and the options of the command.
 
     Raises:
@@ -92,14 +83,13 @@ def _request(file: Path, robot: Path | None, chosen: dict[str, Any]) -> "Geometr
     from pydantic import ValidationError
 
     from jointstiff.schemas.geometry import GeometryRequest
-    from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.service.library import CampaignError, read_document
+    from jointstiff.service.library import CampaignError, read_document, read_robot
     from jointstiff.service.problems import invalid_request
 
     request = read_document(file, GeometryRequest)
     changes = {name: value.value for name, value in chosen.items() if value is not None}
     if robot is not None:
-        changes["robot"] = read_document(robot, RobotDocument, section="robot").model_dump()
+        changes["robot"] = read_robot(robot).model_dump()
     try:
         return GeometryRequest.model_validate(request.model_dump() | changes)
     except ValidationError as error:

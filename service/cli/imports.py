@@ -8,7 +8,7 @@ import typer
 
 from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.import_options import in_options, options_for_fields
-from jointstiff.service.cli.options import AsJson, EncoderChoice
+from jointstiff.service.cli.options import AsJson, EncoderChoice, NamedRobot
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer, ImportRequest
@@ -99,15 +99,7 @@ def import_readings(
         typer.Option(metavar="X,Y,Z", help="Load point in the flange frame, in the files' unit of length."),
     ] = None,
     flange_targets: FlangeTargets = None,
-    robot: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="Robot document, or a campaign that contains one.",
-        ),
-    ] = None,
+    robot: NamedRobot = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -123,7 +115,7 @@ def import_readings(
 
     Nothing is written without --output, nor while something is missing.
     """
-    from jointstiff.service.library import CampaignError
+    from jointstiff.service.library import CampaignError, read_robot
     from jointstiff.service.render import console, import_report
 
     chosen = {
@@ -147,7 +139,7 @@ def import_readings(
         },
     }
     try:
-        owner = None if robot is None else _robot(robot)
+        owner = None if robot is None else read_robot(robot)
         answer = _understood(files, {field: value for field, value in chosen.items() if value is not None})
     except CampaignError as error:
         raise refused(error.problem) from error
@@ -201,31 +193,6 @@ def _read(files: Sequence[Path]) -> "list[SourceFile]":
         left = max(0, left - len(content))
         sources.append(SourceFile(path.name, content))
     return sources
-
-
-def _robot(path: Path) -> "RobotDocument":
-    """The robot of a file that is one, or of a campaign.
-
-    Raises:
-        CampaignError: it is neither.
-    """
-    from jointstiff.schemas.campaign import Campaign
-    from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import invalid_request
-
-    with path.open("rb") as file:
-        content = file.read(MAX_SET_BYTES + 1)
-    try:
-        return parse(Campaign, content).robot
-    except MalformedError as error:
-        if ("robot",) not in {tuple(fault["loc"]) for fault in error.faults}:
-            raise CampaignError(invalid_request(error.faults)) from None
-    try:
-        return parse(RobotDocument, content)  # it has no `robot`, so that it may be one
-    except MalformedError as error:
-        raise CampaignError(invalid_request(error.faults)) from None
 
 
 def _write(path: Path, answer: "ImportAnswer", robot: "RobotDocument | None", *, overwrite: bool) -> None:

@@ -48,6 +48,14 @@ RunFile = Annotated[
         help="A run of that campaign, as `identify --json` prints it; identified now if absent.",
     ),
 ]
+NamedRobot = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ROBOT",
+        help="File of a robot, or of a campaign that contains one; or a nominal arm of the catalogue by its "
+        'name, such as "KUKA KR 210 R2700": `jointstiff robots` lists them.',
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 DatabaseUrl = Annotated[

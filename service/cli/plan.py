@@ -29,14 +29,12 @@ class PlannedLoadChoice(StrEnum):
 
 
 def plan(
-    file: Annotated[
-        Path,
+    source: Annotated[
+        str,
         typer.Argument(
-            exists=True,
-            dir_okay=False,
-            readable=True,
             metavar="ROBOT_OR_CAMPAIGN",
-            help="Robot, to begin; or campaign, to go on with it.",
+            help="File of a robot, or name of an arm of the catalogue, to begin; of a campaign, to go on "
+            "with it.",
         ),
     ],
     *,
@@ -76,13 +74,13 @@ def plan(
     }
     given = {name: value for name, value in chosen.items() if value is not None}
     try:
-        source = plans.read_planned(file)
+        planned = plans.read_planned(source)
         stated = PlanOptions() if options is None else read_document(options, PlanOptions)
-        found = plans.plan(source, plans.changed(stated, given))
+        found = plans.plan(planned, plans.changed(stated, given))
     except CampaignError as error:
         raise refused(error.problem) from error
     if campaign is not None and found.result is not None:
-        write_text(campaign, json.dumps(plans.campaign_to_fill_in(source, found), indent=1))
+        write_text(campaign, json.dumps(plans.campaign_to_fill_in(planned, found), indent=1))
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     elif as_csv and found.result is not None:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import read_campaign, read_document
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
+    from jointstiff.service.library.robots import read_robot
     from jointstiff.service.library.tabled_run import TabledRun, identify
 else:
     __getattr__ = names_of(
@@ -17,6 +18,7 @@ else:
         campaigns="read_campaign read_document",
         client="Client",
         errors="CampaignError RefusedError",
+        robots="read_robot",
         tabled_run="TabledRun identify",
     )
 
@@ -28,4 +30,5 @@ __all__ = [
     "identify",
     "read_campaign",
     "read_document",
+    "read_robot",
 ]

@@ -20,15 +20,22 @@ from jointstiff.service.library.campaigns import (
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.library.robots import read_robot
 from jointstiff.service.problems import invalid_request
 
 
-def read_planned(path: Path) -> RobotDocument | Campaign:
+def read_planned(text: str) -> RobotDocument | Campaign:
     """Read a robot, or a campaign.
 
+    Args:
+        text: path of a file, or name of an arm of the catalogue.
+
     Raises:
-        CampaignError: the file is too large, or neither.
+        CampaignError: the file is too large, or neither; there is no such file, and no such arm.
     """
+    path = Path(text)
+    if not path.is_file():
+        return read_robot(text)
     try:
         is_campaign = "measurement_set" in json.loads(path.read_bytes())
     except (ValueError, TypeError):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
+    from jointstiff.service.render.arms import arm_report, arms_table
     from jointstiff.service.render.geometry_table import geometry_report
     from jointstiff.service.render.import_table import import_report
     from jointstiff.service.render.keys_table import keys_table
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 else:
     __getattr__ = names_of(
         __name__,
+        arms="arm_report arms_table",
         geometry_table="geometry_report",
         import_table="import_report",
         keys_table="keys_table",
@@ -37,6 +39,8 @@ else:
 __all__ = [
     "METHOD_NAMES",
     "UNITS",
+    "arm_report",
+    "arms_table",
     "comparison_report",
     "console",
     "geometry_report",

@@ -10,12 +10,14 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.composition import Resources
     from jointstiff.service.resources.imports import import_files
     from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
+    from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
     from jointstiff.service.resources.robots import Robots, described
     from jointstiff.service.resources.stored_jobs import read_job, stored_job
     from jointstiff.service.resources.trends import Trends
 else:
     __getattr__ = names_of(
         __name__,
+        nominal_arms="catalogue find_arm nominal_robot",
         composition="Resources",
         imports="import_files",
         measurement_sets="MeasurementSets assembled",
@@ -30,8 +32,11 @@ __all__ = [
     "Robots",
     "Trends",
     "assembled",
+    "catalogue",
     "described",
+    "find_arm",
     "import_files",
+    "nominal_robot",
     "read_job",
     "stored_job",
 ]

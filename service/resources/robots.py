@@ -9,6 +9,7 @@ from uuid import uuid4
 from jointstiff.schemas import robot as messages
 from jointstiff.service.computation import build_robot, prepare_robot
 from jointstiff.service.conversion import describe_joints, describe_wrist
+from jointstiff.service.resources.nominal_arms import find_arm
 from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
 from jointstiff.solver.robot import Robot
@@ -31,12 +32,12 @@ class Robots:
 
         Raises:
             RobotError: the description cannot be used.
-            RequestError: there is no such geometry.
+            RequestError: there is no such geometry, or no such arm in the catalogue.
             IdempotencyConflictError: the key came before with another body.
         """
         if key is not None and (before := self._store.robots.find(key)) is not None:
             return before
-        document, geometry_id = self._described(request)
+        document, origin = self._described(request)
         prepared = prepare_robot(document)
         checked, robot = prepared.document, prepared.robot
         created_at = datetime.now(UTC)
@@ -46,7 +47,7 @@ class Robots:
             id=uuid4().hex,
             joints=describe_joints(robot),
             wrist=describe_wrist(robot),
-            geometry_id=geometry_id,
+            **origin,
             content_hash=prepared.content_hash,
             created_at=created_at,
         )
@@ -110,15 +111,19 @@ class Robots:
 
     def _described(
         self, request: messages.RobotDocument | messages.RobotRequest
-    ) -> tuple[messages.RobotDocument, str | None]:
-        """Return the robot that a request describes, and the identifier of its geometry."""
+    ) -> tuple[messages.RobotDocument, dict[str, str]]:
+        """Return the robot that a request describes, and what its model is taken from."""
         model = request.model
         if isinstance(model, messages.GeometryModel):
             where = "model.geometry_id"
             _, result = succeeded_geometry(self._store, model.geometry_id, where)
-            return result.robot.model_copy(update={"name": request.name}), model.geometry_id
-        document = messages.RobotDocument(name=request.name, model=model, joint_map=request.joint_map)
-        return document, None
+            found = result.robot.model_copy(update={"name": request.name})
+            return found, {"geometry_id": model.geometry_id}
+        joint_map, origin = request.joint_map, {}
+        if isinstance(model, messages.CatalogueModel):
+            arm = find_arm(model.arm, "model.arm")
+            model, joint_map, origin = arm.model, joint_map or arm.joint_map, {"nominal_arm": arm.name}
+        return messages.RobotDocument(name=request.name, model=model, joint_map=joint_map), origin
 
     def _load(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.robots.get(robot_id)

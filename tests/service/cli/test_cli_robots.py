@@ -1,0 +1,81 @@
+"""`jointstiff robots`, and arms of the catalogue wherever a command needs a robot."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.workbooks import table_of
+from typer.testing import CliRunner
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.catalogue import Catalogue
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.cli.app import app
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv("NO_COLOR", "1")
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+def test_lists_arms_and_shows_one(folder):
+    listed = run("robots")
+    assert listed.exit_code == 0, listed.output
+    for words in ("reach [mm]", "KUKA KR 210 R2700 extra", "2696", "FANUC: J3 from the horizontal"):
+        assert words in listed.stdout
+    shown = run("robots", "kr 210")
+    assert shown.exit_code == 0, shown.output
+    for words in ("(nominal)", "a [mm]", "1150", "-140 to -5", "joint map, row 1: -1 0 0", "kr210r2700extra"):
+        assert words in shown.stdout
+    assert Catalogue.model_validate_json(run("robots", "--json").stdout).arms
+
+
+def test_writes_a_robot(folder):
+    assert run("robots", "UR5e", "--output", "robot.json").exit_code == 0
+    written = RobotDocument.model_validate_json((folder / "robot.json").read_text())
+    assert written.name == "Universal Robots UR5e (nominal)"
+    assert run("robots", "UR3e", "--output", "robot.json").exit_code == 2
+    assert run("robots", "UR3e", "--output", "robot.json", "--overwrite").exit_code == 0
+    assert run("robots", "--output", "all.json").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("arm", "said"),
+    [("KUKA", "more than one arm"), ("KR 500", "no arm 'KR 500'"), ("robot.json", "no file 'robot.json'")],
+)
+def test_an_unclear_arm_is_refused_with_its_remedy(folder, arm, said):
+    (folder / "table.csv").write_text("J1 [deg]\n0\n")
+    for command in (("import", "table.csv", "--robot", arm), ("plan", arm)):
+        refused = run(*command)
+        assert refused.exit_code == 2
+        assert said in refused.stderr
+        assert "remedy" in refused.stderr
+
+
+def test_a_table_and_the_name_of_an_arm_make_a_campaign(folder):
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
+    (folder / "cell.csv").write_bytes(table_of(campaign))
+    point = ",".join(map(repr, campaign["measurement_set"]["load_point"]))
+    options = ("--robot", "KUKA KR 210 R2700", "--encoders", "motor", "--load-point", point)
+    shown = run("import", "cell.csv", *options, "--output", "new.json")
+    assert shown.exit_code == 0, shown.output
+    written = Campaign.model_validate_json((folder / "new.json").read_text())
+    assert written.robot.name == "KUKA KR 210 R2700 extra (nominal)"
+    assert written.robot.joint_map is not None
+
+
+def test_a_plan_of_an_arm(folder):
+    asked = {"targets": {"P1": [0.1, 0.0, 0.1]}, "load_point": [0.0, 0.0, 0.1], "readings": 6}
+    (folder / "asked.json").write_text(json.dumps(asked))
+    shown = run("plan", "KUKA KR 210 R2700", "--options", "asked.json", "--json")
+    assert shown.exit_code == 0, shown.output
+    assert json.loads(shown.stdout)["state"] == "succeeded"
