@@ -190,6 +190,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/catalogue": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Catalogue
+         * @description Get the nominal arms, each with the source of its figures, and the presets of joint maps.
+         *
+         *     Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. Nominal figures
+         *     differ from those of a real arm; a geometry finds the latter.
+         */
+        get: operations["getCatalogue"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/measurement-sets": {
         parameters: {
             query?: never;
@@ -1428,6 +1451,49 @@ export interface components {
             force: number;
         };
         /**
+         * Arm
+         * @description Nominal arm, by published figures. A real one differs from it by some tenths of a millimetre.
+         */
+        Arm: {
+            /**
+             * Name
+             * @description Maker and model.
+             * @example KUKA KR 210 R2700 extra
+             */
+            name: string;
+            /** Maker */
+            maker: string;
+            model: components["schemas"]["DhModel-Output"];
+            /** @description Map of the controller's angles; null: identity. */
+            joint_map: components["schemas"]["JointMap"] | null;
+            /**
+             * Joint Map Preset
+             * @description Preset that the joint map is; null: identity.
+             */
+            joint_map_preset: string | null;
+            /**
+             * Base
+             * @description Origin of R0, the frame of the controller.
+             */
+            base: string;
+            /**
+             * Reach
+             * @description Reach, as the maker states it.
+             */
+            reach: number;
+            /**
+             * Reach Of
+             * @description Point whose largest distance from axis 1 the reach is, and was compared with; `stated`: the maker does not say it, and the table was compared with a second publication.
+             * @enum {string}
+             */
+            reach_of: "wrist_centre" | "flange" | "stated";
+            /**
+             * Sources
+             * @description Where the figures stand.
+             */
+            sources: string[];
+        };
+        /**
          * Assessment
          * @description Assessment of a result: may the numbers be used?
          */
@@ -2013,6 +2079,36 @@ export interface components {
              * @description Extrapolation, by name; or why there is no number or no bound.
              */
             remarks: string[];
+        };
+        /**
+         * Catalogue
+         * @description Nominal arms and presets of joint maps.
+         */
+        Catalogue: {
+            /**
+             * Arms
+             * @description Arms by maker.
+             */
+            arms: components["schemas"]["Arm"][];
+            /** Joint Maps */
+            joint_maps: components["schemas"]["JointMapPreset"][];
+        };
+        /**
+         * CatalogueModel
+         * @description Nominal kinematics of an arm of the catalogue, with the joint map of its controller.
+         */
+        CatalogueModel: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            format: "catalogue";
+            /**
+             * Arm
+             * @description Name of the arm, or a part of it that no other arm has.
+             * @example KUKA KR 210 R2700 extra
+             */
+            arm: string;
         };
         /**
          * Certificate
@@ -4419,6 +4515,27 @@ export interface components {
              * @description n numbers.
              */
             offset: number[];
+        };
+        /**
+         * JointMapPreset
+         * @description Joint map that many controllers of a maker share.
+         *
+         *     It holds for tables whose axes 2, 3 and 5 point the same way, and whose axes 4 and 6 point to the flange.
+         */
+        JointMapPreset: {
+            /** Id */
+            id: string;
+            /**
+             * Name
+             * @example FANUC: J3 from the horizontal
+             */
+            name: string;
+            /**
+             * Note
+             * @description What the controller shows.
+             */
+            note: string;
+            joint_map: components["schemas"]["JointMap"];
         };
         /**
          * JointResult
@@ -8458,6 +8575,11 @@ export interface components {
              */
             geometry_id: string | null;
             /**
+             * Nominal Arm
+             * @description Arm of the catalogue whose nominal figures the model has, if it was posted as one.
+             */
+            nominal_arm: string | null;
+            /**
              * Archived
              * @description Whether listings leave it out.
              * @default false
@@ -8525,7 +8647,7 @@ export interface components {
         };
         /**
          * RobotRequest
-         * @description A robot as it is posted: described, or as a stored geometry found it.
+         * @description A robot as it is posted: described, as a stored geometry found it, or an arm of the catalogue.
          */
         RobotRequest: {
             /**
@@ -8535,8 +8657,8 @@ export interface components {
              */
             name: string;
             /** Model */
-            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"] | components["schemas"]["GeometryModel"];
-            /** @description Joint map for coupled axes and flipped signs; default: identity. A geometry has its own. */
+            model: components["schemas"]["UrdfModel"] | components["schemas"]["DhModel-Input"] | components["schemas"]["GeometryModel"] | components["schemas"]["CatalogueModel"];
+            /** @description Joint map for coupled axes and flipped signs; default: identity, or that of the arm of the catalogue. A geometry has its own. */
             joint_map?: components["schemas"]["JointMap"] | null;
         };
         /**
@@ -8550,6 +8672,11 @@ export interface components {
             name: string;
             /** Joints */
             joints: components["schemas"]["Joint"][];
+            /**
+             * Nominal Arm
+             * @description Arm of the catalogue, if the model has its figures.
+             */
+            nominal_arm: string | null;
             /**
              * Archived
              * @description Whether listings leave it out.
@@ -11465,6 +11592,62 @@ export interface operations {
             };
             /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    getCatalogue: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Catalogue"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };
