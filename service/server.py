@@ -21,9 +21,8 @@ from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.access import Keyring, KeysFileError
-from jointstiff.service.api import Metrics, Posture
+from jointstiff.service.api import LimitedChild, Metrics, Posture
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
-from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.render import console

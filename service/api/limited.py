@@ -18,8 +18,10 @@ from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import HTTPException, Request, Response
 from pydantic import TypeAdapter
+from starlette.types import Scope
 
-from jointstiff.service.api.access import Asked, asked_of
+from jointstiff.service.api.access import ASKED, Asked, asked_of
+from jointstiff.service.api.observed import KNOWN_ID
 from jointstiff.service.logs import REQUEST_ID
 
 LIMITED_BYTES: Final = 256 * 1024
@@ -48,23 +50,52 @@ class Forwarded:
     request_id: str | None
     asked: Asked
 
+    def scope(self) -> Scope:
+        """Return it as an application takes it."""
+        return {
+            "type": "http",
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "scheme": "http",
+            "method": self.method,
+            "path": self.path,
+            "root_path": "",
+            "query_string": self.query.encode(),
+            "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in self.headers],
+            "client": None,
+            ASKED: self.asked,
+            KNOWN_ID: self.request_id,
+        }
+
 
 FORWARDED: Final = TypeAdapter(Forwarded)
+
+
+def is_limited(path: str, content: bytes) -> bool:
+    """Return whether a body is one for the child."""
+    return path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content)
 
 
 class LimitedChild:
     """A child process that answers one request at a time; it is started with the first one."""
 
-    def __init__(self, database: str, quota: int | None = None, memory: int = LIMITED_MEMORY) -> None:
+    def __init__(
+        self,
+        database: str,
+        quota: int | None = None,
+        memory: int = LIMITED_MEMORY,
+        seconds: float = LIMITED_SECONDS,
+    ) -> None:
         """Answer from a database.
 
         Args:
             database: its URL.
             quota: size that it may have [bytes]; None for any.
             memory: that it may take beyond what it has when it is idle [bytes].
+            seconds: time for one body.
         """
-        self._opening = json.dumps([database, quota, memory]).encode()
-        self._seconds, self._memory = LIMITED_SECONDS, memory
+        self._opening = json.dumps([database, quota, memory, seconds]).encode()
+        self._memory, self._seconds = memory, seconds
         self._turns = CapacityLimiter(1)
         self._connection: Connection[bytes, bytes] | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -76,8 +107,7 @@ class LimitedChild:
             HTTPException: it took too much memory or time (413), or the child does not start (503).
         """
         content = await request.body()
-        is_large = len(content) > LIMITED_BYTES or _ARCHIVE in content
-        if request.url.path not in _PATHS or not is_large:
+        if not is_limited(request.url.path, content):
             return None
         forwarded = Forwarded(
             request.method,
@@ -123,7 +153,7 @@ class LimitedChild:
         try:
             with theirs:
                 self._process = subprocess.Popen(  # noqa: S603 - of our own words
-                    [sys.executable, "-m", "jointstiff.service.limited_child", str(theirs.fileno())],
+                    [sys.executable, "-m", "jointstiff.service.limited", str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     pass_fds=[theirs.fileno()],

@@ -1,12 +1,10 @@
-"""The child that answers large bodies: `python -m jointstiff.service.limited_child DESCRIPTOR`."""
+"""Answers the requests that come through a pipe, one at a time, within limits of memory and time."""
 
 from __future__ import annotations
 
 import gc
 import json
-import os
 import resource
-import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -15,20 +13,19 @@ import anyio
 from fastapi import FastAPI
 from starlette.types import Message
 
-from jointstiff.service.api import Posture
-from jointstiff.service.api.access import ASKED
-from jointstiff.service.api.limited import FORWARDED, LIMITED_SECONDS, Forwarded
-from jointstiff.service.api.observed import KNOWN_ID
+from jointstiff.service.api import FORWARDED, Forwarded, Posture
 from jointstiff.service.app import create_app
-from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 from jointstiff.service.store import Store
 
 
-def main() -> None:
-    """Answer what comes, until the service ends or closes the pipe."""
-    set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
-    connection: Connection[bytes, bytes] = Connection(int(sys.argv[1]))
-    database, quota, memory = json.loads(connection.recv_bytes())
+def run_child(descriptor: int) -> None:
+    """Answer what comes through a pipe, until the service ends or closes it.
+
+    Raises:
+        StoreError: the database cannot be used.
+    """
+    connection: Connection[bytes, bytes] = Connection(descriptor)
+    database, quota, memory, seconds = json.loads(connection.recv_bytes())
     with Store.open(database, quota) as store, suppress(EOFError, BrokenPipeError):
         app = create_app(store, posture=Posture(hosts=None))
         _limit_memory(memory)
@@ -36,7 +33,7 @@ def main() -> None:
         connection.send_bytes(b"ready")
         while True:
             forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
-            _limit_time(LIMITED_SECONDS)
+            _limit_time(seconds)
             start, body = anyio.run(_answered, app, forwarded, content)
             headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
             connection.send_bytes(json.dumps([start["status"], headers]).encode())
@@ -45,20 +42,6 @@ def main() -> None:
 
 async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
     """Return the application's answer: how it starts, and its body."""
-    scope = {
-        "type": "http",
-        "asgi": {"version": "3.0"},
-        "http_version": "1.1",
-        "scheme": "http",
-        "method": forwarded.method,
-        "path": forwarded.path,
-        "root_path": "",
-        "query_string": forwarded.query.encode(),
-        "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in forwarded.headers],
-        "client": None,
-        ASKED: forwarded.asked,
-        KNOWN_ID: forwarded.request_id,
-    }
     received = iter([{"type": "http.request", "body": content, "more_body": False}])
     sent: list[Message] = []
 
@@ -69,7 +52,7 @@ async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple
         sent.append(message)
 
     try:
-        await app(scope, receive, send)
+        await app(forwarded.scope(), receive, send)
     except Exception as error:
         if isinstance(error, MemoryError) or not sent:
             raise  # this process ends, and the service says why; all else is logged, and its answer sent
@@ -89,7 +72,3 @@ def _limit_time(seconds: float) -> None:
     used = resource.getrusage(resource.RUSAGE_SELF)
     most = int(used.ru_utime + used.ru_stime + seconds) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
-
-
-if __name__ == "__main__":
-    main()
