@@ -37,6 +37,7 @@ from jointstiff.service.api import (
     maps,
     measurement_sets,
     programs,
+    reports,
     robots,
     sessions,
     trends,
@@ -46,6 +47,7 @@ from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.jobs import job_routes
 from jointstiff.service.api.methods import Methods
 from jointstiff.service.jobs import KINDS, Enqueue, Parts
+from jointstiff.service.reports import LaboratorySettings
 from jointstiff.service.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
@@ -80,6 +82,7 @@ def create_app(
     enqueue: Enqueue | None = None,
     posture: Posture | None = None,
     keyring: Keyring | None = None,
+    laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
     """Compose the service on an open store, which stays the caller's to close.
 
@@ -88,6 +91,7 @@ def create_app(
         enqueue: leaves long jobs to workers; without it they are carried out at once.
         posture: whom it trusts; without it, who is on this machine.
         keyring: keys that open the service, where the posture demands one; those of the store without it.
+        laboratory: that issues reports; without it they name none.
 
     Returns:
         The ASGI application.
@@ -112,6 +116,7 @@ def create_app(
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
     app.state.gate = gate = Gate(store, keyring, watch, posture.access)
     app.state.access = posture.access
+    app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts.of(store, enqueue)
     app.state.limited_child = None
     app.state.is_closing = lambda: False
@@ -132,6 +137,7 @@ def create_app(
         programs,
         deflections,
         exports,
+        reports,
         health,
     ):
         app.include_router(module.router)

@@ -26,6 +26,7 @@ from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTI
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.render import console
+from jointstiff.service.reports import LaboratorySettings, SettingsError, read_laboratory
 from jointstiff.service.store import Store, StoreError
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers import JobQueue, Supervisor
@@ -77,6 +78,7 @@ def run_server(
     log_format: LogFormat = LogFormat.TEXT,
     require_key: bool = False,
     keys_file: Path | None = None,
+    laboratory: Path | None = None,
 ) -> None:
     """Serve until interrupted.
 
@@ -94,6 +96,7 @@ def run_server(
         quota: size of the database [bytes] from which on nothing more is added; None for any.
         require_key: demand a key on a loopback address, too.
         keys_file: file of keys, which open the service as those of the database do; they are demanded then.
+        laboratory: settings of the laboratory that issues reports.
 
     Raises:
         StoreError: the database cannot be used.
@@ -103,6 +106,7 @@ def run_server(
     posture = _posture(
         host, allowed_hosts, access_control=access_control, require_key=require_key or keys_file is not None
     )
+    settings = _laboratory(laboratory)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
@@ -122,7 +126,7 @@ def run_server(
         )
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture, keyring)
+        app = create_app(store, queue.enqueue, posture, keyring, settings)
         app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
         config = uvicorn.Config(
@@ -242,6 +246,13 @@ def _keyring(store: Store, file: Path | None, database: str, posture: Posture) -
             "authenticates before it and add --no-access-control and --allowed-host NAME",
         )
     return keyring
+
+
+def _laboratory(path: Path | None) -> LaboratorySettings:
+    try:
+        return LaboratorySettings() if path is None else read_laboratory(path)
+    except SettingsError as error:
+        raise ServerError(error.reason, error.remedy) from error
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -53,7 +53,7 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
     """
     run = cast("Run", parts.jobs[Run.kind].current(run_id))
     if run.result is None:
-        raise HTTPException(409, f"there is no model, because the run's state is {run.state}")
+        raise HTTPException(409, f"there is no result, because the run's state is {run.state}")
     prepared = parts.sets.prepared(run.request.measurement_set_id)
     stored = Robot.model_validate_json(parts.store.robots.get(prepared.robot_id).document)
     return ExportedModel(run, run.result, prepared.robot, stored.name, stored.geometry_id)

@@ -16,6 +16,7 @@ from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.maps import map_area
 from jointstiff.service.cli.plan import plan
 from jointstiff.service.cli.predict import predict
+from jointstiff.service.cli.report import report
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
@@ -43,6 +44,7 @@ for command in (
     predict,
     compensate,
     export,
+    report,
     serve,
     worker,
     post,

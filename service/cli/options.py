@@ -78,6 +78,14 @@ KeysFilePath = Annotated[
         help="File of keys, such as a container gets as a secret; it holds hashes only.",
     ),
 ]
+LaboratoryFile = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="JOINTSTIFF_LABORATORY",
+        metavar="FILE",
+        help="TOML file of the laboratory that issues reports; they name none without it.",
+    ),
+]
 Resample = Annotated[
     int | None,
     typer.Option(min=1, metavar="M", help="Resample: repeat each fit on M random configurations."),

@@ -10,6 +10,7 @@ from jointstiff.service.cli.options import (
     DatabaseUrl,
     Details,
     KeysFilePath,
+    LaboratoryFile,
     ServerAddress,
     Unit,
     UnitChoice,
@@ -79,6 +80,7 @@ def serve(
         typer.Option("--require-key", help="Demand a key (`jointstiff keys create`) from this machine, too."),
     ] = False,
     keys_file: KeysFilePath = None,
+    laboratory: LaboratoryFile = None,
 ) -> None:
     """Start the service."""
     from jointstiff.service.problems import StoreError
@@ -97,6 +99,7 @@ def serve(
             quota=quota and quota * 1_000_000,
             require_key=require_key,
             keys_file=keys_file,
+            laboratory=laboratory,
         )
     except (StoreError, ServerError) as error:
         raise failed(error.reason, error.remedy) from error

@@ -8,14 +8,22 @@ from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
     from jointstiff.service.exporting.formats import FORMATS, Format, ModelFormat, export_model
-    from jointstiff.service.exporting.model import ExportedModel
+    from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
     from jointstiff.service.exporting.tables import joints_csv
 else:
     __getattr__ = names_of(
         __name__,
         formats="FORMATS Format ModelFormat export_model",
-        model="ExportedModel",
+        model="ExportedModel why_no_stiffness",
         tables="joints_csv",
     )
 
-__all__ = ["FORMATS", "ExportedModel", "Format", "ModelFormat", "export_model", "joints_csv"]
+__all__ = [
+    "FORMATS",
+    "ExportedModel",
+    "Format",
+    "ModelFormat",
+    "export_model",
+    "joints_csv",
+    "why_no_stiffness",
+]

@@ -191,6 +191,7 @@ export const api = {
   deleteComparison: (comparison: string) => call<undefined>("DELETE", `/v1/comparisons/${id(comparison)}`),
   restoreComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/restore`),
 
+  runReport: (run: string, format: "pdf" | "html") => `/v1/runs/${id(run)}/report.${format}`,
   runModel: (run: string, format: "csv" | "xlsx" | "urdf" | "sdf" | "mjcf") => `/v1/runs/${id(run)}/model.${format}`,
 
   pairs: (filters: Filters = {}, signal?: AbortSignal) =>

@@ -383,7 +383,9 @@ export const en = {
   },
   runFiles: {
     title: "Files",
-    note: "The model for other programs. A joint without a number has no spring there, and the file says why.",
+    pdf: "Report as PDF",
+    html: "Report",
+    note: "A report to sign, and the model for other programs. A joint without a number has no spring there, and the file says why.",
     models: {
       csv: ["CSV", "Joints with their intervals"],
       xlsx: ["Excel", "Joints, kinematics and provenance, a sheet each"],

@@ -37,3 +37,15 @@ def test_each_format_is_a_file(client, run_id):
 def test_other_formats_and_runs_are_refused(client, run_id):
     assert client.get(f"/v1/runs/{run_id}/model.step").status_code == 422
     assert client.get("/v1/runs/none/model.csv").status_code == 404
+
+
+def test_reports_are_files_that_browsers_show(client, run_id):
+    for name, kind in (("pdf", "application/pdf"), ("html", "text/html; charset=utf-8")):
+        answer = client.get(f"/v1/runs/{run_id}/report.{name}")
+        assert answer.status_code == 200, answer.text
+        assert answer.headers["content-type"] == kind
+        assert answer.headers["content-disposition"] == f'inline; filename="report-{run_id}-0.{name}"'
+        assert answer.content == client.get(f"/v1/runs/{run_id}/report.{name}").content
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; img-src data:; frame-ancestors 'none'; style-src 'sha256-")
+    assert client.get(f"/v1/runs/{run_id}/report.docx").status_code == 422

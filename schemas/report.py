@@ -1,0 +1,72 @@
+"""Reports: the laboratory that issues them, and who authorised them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.measurement.metadata import Notes
+
+Lines = Annotated[list[Name], Field(max_length=8)]
+
+
+class Party(Message):
+    """A laboratory or a customer, as a letter addresses them."""
+
+    name: Name
+    address: Lines = Field(default_factory=list, description="Lines of the address.")
+    contact: Name | None = Field(default=None, description="Telephone, mail or person.")
+
+
+class Laboratory(Party):
+    """Laboratory that issues reports: its settings, a TOML file."""
+
+    place: Name | None = Field(default=None, description="Where it measured; its address if absent.")
+    accreditation: Name | None = Field(
+        default=None, description="Accreditation with its number. Reports name none unless it stands here."
+    )
+    traceability: Notes | None = Field(
+        default=None,
+        description="How tracker and force are traceable: certificates, their numbers and dates.",
+    )
+    conditions: Name | None = Field(
+        default=None, description="Conditions of the measurement, for sets that state none."
+    )
+    method: Notes | None = Field(
+        default=None,
+        description="Procedure of the laboratory by its number, beside the method of this software.",
+    )
+    customer: Party | None = Field(default=None, description="Customer that the reports are for.")
+    logo: Name | None = Field(
+        default=None, description="File beside this one, PNG or JPEG: a name without a folder."
+    )
+
+
+class AuthorisationRequest(Message):
+    """Authorisation of a report as it is posted."""
+
+    note: Name | None = Field(default=None, description="Remark that stands in the report.")
+    supersedes: Identifier | None = Field(
+        default=None, description="Run whose report this one replaces; that one says so from then on."
+    )
+
+
+class Authorisation(AuthorisationRequest):
+    """Authorisation of a report. It is never changed and never removed."""
+
+    run_id: Identifier
+    key_id: str = Field(description="Id of the key that authorised it.")
+    key_name: str = Field(description="Name of that key.")
+    authorised_at: Timestamp
+    content_hash: str = Field(
+        description="SHA-256 of what was authorised: the run, the set's metadata, the robot's name, and the "
+        "laboratory. A report of anything else is a draft."
+    )
+
+
+class AuthorisationList(Message):
+    """Authorisations of a run's report."""
+
+    items: list[Authorisation] = Field(description="The authorisations, in the order in which they came.")

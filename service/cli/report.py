@@ -1,0 +1,44 @@
+"""The command `report`: a campaign's result as a document to sign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jointstiff.service.cli.answers import failed, refuse_existing, refused, write_bytes
+from jointstiff.service.cli.options import CampaignFile, LaboratoryFile, Overwrite, RunFile
+
+_SUFFIXES = (".pdf", ".html")
+
+
+def report(
+    file: CampaignFile,
+    *,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="Write it there: .pdf or .html.")
+    ],
+    run: RunFile = None,
+    laboratory: LaboratoryFile = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a report on a campaign: results, uncertainty, method, traceability. It is a draft."""
+    from jointstiff.schemas.run import Run
+    from jointstiff.service.library import CampaignError, models, read_campaign
+    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.service.reports import LaboratorySettings, SettingsError, read_laboratory
+
+    if output.suffix.lower() not in _SUFFIXES:
+        raise typer.BadParameter(f"ends in {' or '.join(_SUFFIXES)}", param_hint="--output")
+    refuse_existing(output, overwrite=overwrite)
+    try:
+        settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
+        measured = None if run is None else read_document(run, Run)
+        content = models.reported(read_campaign(file), output.suffix.lower() == ".pdf", settings, measured)
+    except CampaignError as error:
+        raise refused(error.problem) from error
+    except SettingsError as error:
+        raise failed(error.reason, error.remedy) from error
+    write_bytes(output, content)
+    typer.echo(f"{output}: {len(content):,} bytes, a draft")

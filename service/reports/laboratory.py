@@ -1,0 +1,161 @@
+"""Settings of the laboratory: a TOML file, and a logo beside it."""
+
+from __future__ import annotations
+
+import json
+import struct
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from tempfile import TemporaryDirectory
+from typing import Final, Literal
+
+from pydantic import ValidationError
+
+from jointstiff.schemas.report import Laboratory
+from jointstiff.service.reports.document import Letterhead
+from jointstiff.service.reports.wording import NOT_STATED
+
+MAX_SETTINGS_BYTES: Final = 64 * 1024
+MAX_LOGO_BYTES: Final = 256 * 1024
+MAX_LOGO_SIDE: Final = 2_000
+"""Pixels: a small file may hold a picture that fills the memory."""
+_PNG: Final = b"\x89PNG\r\n\x1a\n"
+_JPEG: Final = b"\xff\xd8\xff"
+_FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
+"""Markers of JPEG behind which the size stands: baseline, extended, progressive."""
+
+
+class SettingsError(Exception):
+    """The settings cannot be used."""
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Logo:
+    """A picture whose size is known."""
+
+    content: bytes
+    kind: Literal["png", "jpg"]
+
+
+@dataclass(frozen=True)
+class LaboratorySettings:
+    """A laboratory with its logo; without settings nothing is stated.
+
+    Attributes:
+        laboratory: as the file has it.
+        logo: picture above the reports.
+    """
+
+    laboratory: Laboratory | None = None
+    logo: Logo | None = None
+
+    def letterhead(self) -> Letterhead:
+        """Return what stands above a report."""
+        found = self.laboratory
+        if found is None:
+            return Letterhead(f"Laboratory: {NOT_STATED}", [])
+        lines = [", ".join(found.address), found.contact or "", found.accreditation or ""]
+        shown = [line for line in lines if line]
+        if self.logo is None:
+            return Letterhead(found.name, shown)
+        return Letterhead(found.name, shown, self.logo.content, self.logo.kind)
+
+
+def read_laboratory(path: Path) -> LaboratorySettings:
+    """Read the settings.
+
+    Raises:
+        SettingsError: the file or its logo cannot be read or used.
+    """
+    try:
+        text = _read(path, MAX_SETTINGS_BYTES).decode("utf-8")
+        laboratory = Laboratory.model_validate(tomllib.loads(text))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path} is not TOML: {error}", "correct it there") from error
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(map(str, fault["loc"]))
+        raise SettingsError(
+            f"{path}: {place}: {fault['msg']}", "see docs/report.md for its fields"
+        ) from error
+    logo = None if laboratory.logo is None else _logo(path.parent, laboratory.logo)
+    return LaboratorySettings(laboratory, logo)
+
+
+def _read(path: Path, most: int) -> bytes:
+    try:
+        with path.open("rb") as file:  # which may be a pipe, of no size
+            content = file.read(most + 1)
+    except OSError as error:
+        raise SettingsError(f"cannot read {path}: {error.strerror}", "name a file that is there") from error
+    if len(content) > most:
+        raise SettingsError(f"{path} exceeds {most // 1024} KiB", "use a smaller file")
+    return content
+
+
+def _logo(folder: Path, name: str) -> Logo:
+    """Read a logo.
+
+    Raises:
+        SettingsError: the name has a folder, or it is no small PNG or JPEG.
+    """
+    if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
+        raise SettingsError(f"logo: {name!r} is no name of a file", "put it beside the settings")
+    if (folder / name).is_symlink():
+        raise SettingsError(f"logo: {name!r} is a link", "put the file itself beside the settings")
+    content = _read(folder / name, MAX_LOGO_BYTES)
+    kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
+    size = _png_size(content) if kind == "png" else _jpeg_size(content)
+    if size is None:
+        raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it; SVG is refused")
+    if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
+        raise SettingsError(
+            f"logo: {name!r} has {size[0]} × {size[1]} pixels", f"use at most {MAX_LOGO_SIDE} on a side"
+        )
+    return _shown(Logo(content, kind), name)
+
+
+def _shown(logo: Logo, name: str) -> Logo:
+    """Return a logo that Typst can show, where Typst is there to try.
+
+    Raises:
+        SettingsError: it is damaged.
+    """
+    try:
+        import typst
+    except ImportError:
+        return logo
+    source = f'#image(bytes(json(bytes(sys.inputs.logo))), format: "{logo.kind}")'
+    try:
+        with TemporaryDirectory(prefix="jointstiff-report-") as empty:
+            inputs = {"logo": json.dumps(list(logo.content))}
+            typst.Compiler(source.encode(), root=empty, sys_inputs=inputs).compile(format="pdf")
+    except typst.TypstError as error:
+        raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "write it anew") from error
+    return logo
+
+
+def _png_size(content: bytes) -> tuple[int, int] | None:
+    if len(content) < 24 or content[12:16] != b"IHDR":
+        return None
+    width, height = struct.unpack(">II", content[16:24])
+    return width, height
+
+
+def _jpeg_size(content: bytes) -> tuple[int, int] | None:
+    """Return the size of a JPEG by its segments; None if it is none."""
+    if not content.startswith(_JPEG):
+        return None
+    place = 2
+    while place + 9 <= len(content) and content[place] == 0xFF:
+        if content[place + 1] in _FRAMES:
+            height, width = struct.unpack(">HH", content[place + 5 : place + 9])
+            return width, height
+        place += 2 + max(int.from_bytes(content[place + 2 : place + 4], "big"), 2)
+    return None

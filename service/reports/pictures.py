@@ -1,0 +1,146 @@
+"""Pictures of a run: intervals, deflection without and with the model, and the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, floor, log10
+
+import numpy as np
+
+from jointstiff.schemas.run import JointResult, RunResult
+from jointstiff.service.conversion import to_kinematics
+from jointstiff.service.reports.document import Picture
+from jointstiff.service.reports.svg import INK, MARK, PALE, Drawing
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.robot import Robot
+
+_WIDTH = 480.0
+_ROW = 17.0
+_NAMES = 90.0
+_MOST_BARS = 60
+
+
+def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
+    """Draw each stiffness with its interval over a logarithmic axis; nothing without a number."""
+    known = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
+    ends = [each.stiffness or 0.0 for each in known]
+    for joint in known:
+        ends += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
+    if not ends:
+        return None
+    low, high = floor(log10(min(ends))), ceil(log10(max(ends)))
+    high += low == high
+    height = _ROW * (len(joints) + 1) + 22
+    drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
+
+    def at(value: float) -> float:
+        share = (log10(min(max(value, 10.0**low), 10.0**high)) - low) / (high - low)
+        return _NAMES + share * (_WIDTH - _NAMES - 20)
+
+    bottom = height - 24
+    for decade in range(low, high + 1):
+        drawing.line(at(10.0**decade), 4, at(10.0**decade), bottom)
+        drawing.text(at(10.0**decade), bottom + 10, f"{10.0 ** (decade - 6):g}", anchor="middle")
+    drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
+    for place, joint in enumerate(joints):
+        y = _ROW * (place + 0.9)
+        drawing.text(0, y + 3, _short(joint.name))
+        if joint not in known or joint.stiffness is None:
+            drawing.text(_NAMES + 4, y + 3, "no number: see the table")
+            continue
+        lower, upper = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
+        drawing.line(at(lower), y, _WIDTH - 20 if upper is None else at(upper), y, MARK, 2.2)
+        drawing.dot(at(joint.stiffness), y)
+    return Picture(
+        str(drawing),
+        f"Stiffness of each joint (dot) with its {100 * confidence:g} % interval (bar; open to the right: "
+        "no upper limit). Logarithmic axis.",
+        0.8,
+    )
+
+
+def before_and_after(result: RunResult) -> Picture | None:
+    """Draw the mean deflection of each observation, and what the model leaves of it."""
+    measured: dict[str, list[float]] = {}
+    left: dict[str, list[float]] = {}
+    for each in result.residuals:
+        measured.setdefault(each.observation, []).append(float(np.linalg.norm(each.deflection)))
+        left.setdefault(each.observation, []).append(float(np.linalg.norm(each.residual)))
+    before = [1e3 * float(np.mean(values)) for values in measured.values()][:_MOST_BARS]
+    after = [1e3 * float(np.mean(values)) for values in left.values()][:_MOST_BARS]
+    if not before or max(before) <= 0.0:
+        return None
+    height, base, left_edge = 150.0, 128.0, 40.0
+    drawing = Drawing(_WIDTH, height, "Deflection before and after compensation by the model")
+    top = _nice(max([*before, *after]))
+    step = (_WIDTH - left_edge - 6) / len(before)
+    for tick in (0.0, 0.5, 1.0):
+        y = base - tick * (base - 12)
+        drawing.line(left_edge, y, _WIDTH - 6, y)
+        drawing.text(left_edge - 4, y + 3, f"{tick * top:g}", anchor="end")
+    for place, (whole, rest) in enumerate(zip(before, after, strict=True)):
+        x = left_edge + step * (place + 0.12)
+        for value, share, colour in ((whole, 0.76, PALE), (rest, 0.38, MARK)):
+            size = value / top * (base - 12)
+            drawing.bar(x, base - size, step * share, size, colour)
+    drawing.text(0, 8, "mm")
+    drawing.text(_WIDTH - 6, base + 12, f"observations 1 to {len(before)} of {len(measured)}", anchor="end")
+    return Picture(
+        str(drawing),
+        "Mean length of the targets' deflection in each observation: as measured (pale), and what remains "
+        "where the model's prediction is taken off (dark).",
+        0.8,
+    )
+
+
+def _nice(value: float) -> float:
+    """Return a round number that is no less than a value."""
+    power = 10.0 ** floor(log10(value))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value * (1 - 1e-9))
+
+
+def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
+    """Draw the arm in a posture of the controller's angles [rad], from the side of a corner."""
+    posture = to_kinematics(robot, [list(joints)]).postures[0]
+    points = np.array([[0.0, 0.0, 0.0], *posture.joint_origins, posture.flange_origin])
+    reach = float(np.ptp(points, axis=0).max())
+    if not reach > 0.0:
+        return None
+    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])
+    flat, base = _seen(points), _seen(axes)
+    everything = np.vstack([flat, base])
+    low, size = everything.min(axis=0), np.ptp(everything, axis=0)
+    scale = min(200.0 / size[0], 170.0 / size[1])
+    drawing = Drawing(260, 200, "The arm in the posture of the first observation")
+
+    def place(point: FloatArray) -> tuple[float, float]:
+        x, y = (point - low) * scale
+        return 20 + float(x), 185 - float(y)
+
+    for end, name in zip(base[1:], "xyz", strict=True):
+        drawing.line(*place(base[0]), *place(end), MARK, 0.8)
+        drawing.text(*place(end), name)
+    drawing.path([place(point) for point in flat], INK, 2.4)
+    for number, point in enumerate(flat[1:-1], 1):
+        drawing.dot(*place(point))
+        x, y = place(point)
+        drawing.text(x + 4, y - 3, str(number), 7.0)
+    return Picture(
+        str(drawing),
+        "The item in the posture of the first observation: joints numbered from the base, flange at the end, "
+        "axes of the base frame R0.",
+        0.4,
+    )
+
+
+def _seen(points: FloatArray) -> FloatArray:
+    """Return points (N, 3) as they are seen from (1, -1.6, 0.8), right and up (N, 2)."""
+    towards = np.array([1.0, -1.6, 0.8]) / np.linalg.norm([1.0, -1.6, 0.8])
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    seen: FloatArray = points @ np.stack([right, np.cross(towards, right)], axis=1)
+    return seen
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 18 else f"{name[:17]}…"

@@ -1,0 +1,114 @@
+"""Sections of a run's report: method with deviations, adjustment, conditions and traceability."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from statistics import fmean
+
+import numpy as np
+
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.report import Laboratory
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.conversion import LENGTH
+from jointstiff.service.exporting import ExportedModel
+from jointstiff.service.render import METHOD_NAMES
+from jointstiff.service.reports import statements
+from jointstiff.service.reports.document import Section
+from jointstiff.service.reports.wording import NOT_STATED, percent, rounded
+
+
+def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
+    """Return the method, and what was done otherwise than by default."""
+    request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
+    constraint = "compliances not negative" if request.positive else "without constraints"
+    stated = None if laboratory is None else laboratory.method
+    return Section(
+        statements.METHOD,
+        facts=[
+            (
+                "Method",
+                "Identification of joint compliances from laser-tracker readings of targets before and under "
+                f"load, {METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, "
+                f"{constraint}; jointstiff {version}, as its documentation states (docs/method.md).",
+            ),
+            ("Procedure of the laboratory", stated or NOT_STATED),
+        ],
+        notes=[f"Deviation: {line}" for line in _deviations(request)] or ["Deviations: none."],
+    )
+
+
+def _deviations(request: RunRequest) -> Iterator[str]:
+    """Yield options that differ from the defaults, in words."""
+    chains = "; ".join(" ≥ ".join(chain) for chain in request.stiffness_order)
+    said = (
+        (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
+        (not request.positive, "negative compliances were allowed."),
+        (request.loss not in {None, "squared"}, f"loss {request.loss}: large residuals count less."),
+        (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
+        (request.stiffness_bounds, f"stiffness of {', '.join(request.stiffness_bounds)} was bounded."),
+        (request.stiffness_order, f"an order of stiffness was demanded: {chains}."),
+        (request.elasticity != "joints", f"elastic elements: {request.elasticity.replace('_', ' ')}."),
+        (request.complementary_stiffness == "included", "the complementary stiffness is included."),
+    )
+    yield from (text for differs, text in said if differs)
+
+
+def adjustment(model: ExportedModel) -> Section:
+    """Return deflections as found, and as the model would leave them."""
+    residuals = model.result.residuals
+    facts = []
+    if residuals:
+        before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
+        after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
+        facts = [
+            ("Mean deflection, before: as measured", f"{rounded(before)} mm"),
+            ("Mean deflection, after compensation by the model, computed", f"{rounded(after)} mm"),
+            ("Share that the model takes off", percent(model.result.compensation)),
+        ]
+    return Section(
+        statements.ADJUSTMENT,
+        facts=facts,
+        paragraphs=[
+            "No adjustment or repair between the readings is stated: all results are as found. The second "
+            "number is computed from the same readings and is no measurement."
+        ],
+    )
+
+
+def traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
+    """Return conditions, instrument and what its uncertainty rests on."""
+    conditions = readings.conditions or (None if laboratory is None else laboratory.conditions)
+    chain = None if laboratory is None else laboratory.traceability
+    return Section(
+        statements.TRACEABILITY,
+        facts=[
+            ("Conditions", conditions or NOT_STATED),
+            ("Instrument", readings.instrument or NOT_STATED),
+            ("Metrological traceability", chain or NOT_STATED),
+            ("Uncertainty of the readings", " ".join(_noise(readings))),
+            ("Position loop closed by", f"{readings.encoders} encoders"),
+            ("Observations", f"{len(readings.observations)}"),
+        ],
+    )
+
+
+def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
+    noise, micro = readings.noise, 1e6 * LENGTH[readings.units.length]
+    if noise is None:
+        by_reading = any(
+            reading.sigma is not None or reading.loaded_covariance is not None
+            for observation in readings.observations
+            for reading in observation.readings
+        )
+        yield "stated with each reading." if by_reading else "estimated from the residuals."
+        return
+    if noise.sigma is not None:
+        yield f"σ = {rounded(micro * noise.sigma)} µm of a coordinate of a reading."
+    if noise.instrument is not None:
+        yield "from the data sheet of the instrument."
+    if noise.force is not None:
+        yield f"Force: relative {noise.force.scale:g}, direction {noise.force.direction:g} rad."
+    for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
+        if value is not None:
+            yield f"{name}: {rounded(micro * value)} µm a coordinate."

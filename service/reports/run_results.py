@@ -1,0 +1,161 @@
+"""Sections of a run's report: results, uncertainty budget, assessment."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.run import JointResult, RunResult
+from jointstiff.schemas.run.budget import Budget
+from jointstiff.service.conversion import ANGLE
+from jointstiff.service.exporting import ExportedModel, why_no_stiffness
+from jointstiff.service.render import UNITS
+from jointstiff.service.reports import statements
+from jointstiff.service.reports.document import Section, Table
+from jointstiff.service.reports.pictures import arm, before_and_after, intervals
+from jointstiff.service.reports.wording import NO_NUMBER, VERDICTS, percent, rounded
+
+_UNIT = UNITS["MNm/rad"]
+_MICRO = 1e6
+_MOST_WARNINGS = 12
+_STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
+
+
+def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
+    """Return stiffness, uncertainty and interval of each joint, with pictures."""
+    result, confidence = model.result, model.run.request.confidence
+    factor = "" if result.budget is None else f", k = {result.budget.coverage_factor:.2f}"
+    table = Table(
+        [
+            "joint",
+            f"stiffness [{_UNIT.label}]",
+            f"standard uncertainty [{_UNIT.label}]",
+            f"expanded uncertainty [{_UNIT.label}]{factor}",
+            f"{100 * confidence:g} % interval [{_UNIT.label}]",
+            "verdict",
+        ],
+        [_joint_row(joint, result.budget) for joint in result.joints],
+        texts=[0, 5],
+    )
+    missing = [
+        f"{joint.name}: no number: {why_no_stiffness(joint)}."
+        for joint in result.joints
+        if joint.stiffness is None
+    ]
+    first = readings.observations[0].joints
+    factor_to_rad = ANGLE[readings.units.angle]
+    pictures = [
+        intervals(result.joints, confidence),
+        before_and_after(result),
+        arm(model.robot, [factor_to_rad * angle for angle in first]),
+    ]
+    return Section(
+        statements.RESULTS,
+        tables=[table],
+        notes=missing,
+        facts=[
+            ("Share of the mean deflection that the model explains", percent(result.compensation)),
+            ("Root mean square of the residuals' lengths", f"{rounded(_MICRO * result.rms_residual)} µm"),
+            (
+                "Standard uncertainty of a coordinate of a reading",
+                NO_NUMBER
+                if result.sigma is None
+                else f"{rounded(_MICRO * result.sigma)} µm ({result.goodness.sigma_source})",
+            ),
+        ],
+        pictures=[picture for picture in pictures if picture is not None],
+    )
+
+
+def _joint_row(joint: JointResult, budget: Budget | None) -> list[str]:
+    value, uncertainty, interval = _UNIT.cells(joint)
+    expanded = NO_NUMBER
+    if budget is not None and joint.name in budget.joints and joint.stiffness is not None:
+        of_compliance = budget.expanded_uncertainty[budget.joints.index(joint.name)]
+        in_unit = _UNIT.factor * of_compliance * joint.stiffness**2
+        expanded = rounded(in_unit, in_unit)
+    verdict = (
+        VERDICTS[joint.verdict] if joint.status == "identified" else _STATUS.get(joint.status, "no number")
+    )
+    return [joint.name, value, uncertainty, expanded, interval, verdict]
+
+
+def uncertainty(model: ExportedModel) -> Section:
+    """Return the budget of the compliances, in the words of the GUM."""
+    budget = model.result.budget
+    if budget is None:
+        return Section(
+            statements.UNCERTAINTY,
+            paragraphs=[
+                "The run has no budget: it was made without one, or links or a coupling of joints bend. The "
+                "intervals in the results hold what is known."
+            ],
+        )
+    head = [
+        "joint",
+        *(
+            f"{each.source.replace('_', ' ')}, {each.evaluation}{'' if each.included else ' (not included)'}"
+            for each in budget.components
+        ),
+        "combined",
+        "expanded",
+        "expanded, with model error",
+    ]
+    columns = [
+        *(each.contributions for each in budget.components),
+        budget.standard_uncertainty,
+        budget.expanded_uncertainty,
+        budget.expanded_with_model_error,
+    ]
+    rows = [
+        [name, *(rounded(_MICRO * column[place]) for column in columns)]
+        for place, name in enumerate(budget.joints)
+    ]
+    caption = "Contributions to the standard uncertainty of each compliance [µrad/(N·m)], type A or B"
+    return Section(
+        statements.UNCERTAINTY,
+        tables=[Table(head, rows, caption)],
+        paragraphs=[
+            "The expanded uncertainty is the combined standard uncertainty times the coverage factor k = "
+            f"{budget.coverage_factor:.3f}, for a coverage probability of {percent(budget.probability)} "
+            "(JCGM 100:2008). The relative uncertainty of a stiffness is that of its compliance. "
+            f"{_correlation(budget)}"
+        ],
+    )
+
+
+def _correlation(budget: Budget) -> str:
+    pairs = [
+        (budget.correlation[i][j], budget.joints[i], budget.joints[j])
+        for i, j in combinations(range(len(budget.joints)), 2)
+    ]
+    if not pairs:
+        return ""
+    value, first, second = max(pairs, key=lambda pair: abs(pair[0]))
+    return (
+        f"Greatest correlation coefficient between two joints: {value:.2f} ({first} and {second}); all are "
+        "in run.json."
+    )
+
+
+def assessment(result: RunResult) -> Section:
+    """Return the verdict with its reasons, and the warnings."""
+    reasons = [
+        f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in result.assessment.reasons
+    ]
+    known = {each.message for each in result.assessment.reasons}
+    warnings = [
+        f"{each.severity}: {each.message} ({each.remedy})"
+        for each in result.warnings
+        if each.message not in known
+    ]
+    said = [*reasons, *warnings]
+    more = len(said) - _MOST_WARNINGS
+    return Section(
+        statements.ASSESSMENT,
+        facts=[("Verdict on the result", VERDICTS[result.assessment.verdict])],
+        notes=[
+            *(said[:_MOST_WARNINGS] or ["Nothing speaks against these numbers."]),
+            *([f"And {more} more, in run.json."] if more > 0 else []),
+        ],
+    )

@@ -1,0 +1,38 @@
+"""Words and numbers of reports."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from math import floor, log10
+from typing import Final
+
+NOT_STATED: Final = "not stated"
+NO_NUMBER: Final = "—"
+VERDICTS: Final = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
+
+
+def moment(time: datetime | None) -> str:
+    """Return a time for people, in UTC."""
+    return NOT_STATED if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def rounded(value: float | None, uncertainty: float | None = None) -> str:
+    """Return a number to two digits of its uncertainty, or to three significant digits."""
+    if value is None:
+        return NO_NUMBER
+    if uncertainty is None or not uncertainty > 0.0:
+        return f"{value:.3g}" if 1e-3 <= abs(value) < 1e6 or value == 0.0 else powers(value)
+    decimals = min(1 - floor(log10(uncertainty)), 9)
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+
+
+def powers(value: float) -> str:
+    """Return a number by a power of ten, as prose has it."""
+    mantissa, exponent = f"{value:.2e}".split("e")
+    digits = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa} · 10{digits}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent."""
+    return NO_NUMBER if share is None else f"{100 * share:.3g} %"

@@ -1,0 +1,259 @@
+"""Reports of runs: what ISO/IEC 17025 asks for, the same bytes, files within, and hostile text."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pypdf
+import pytest
+from typer.testing import CliRunner
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.report import Authorisation, Laboratory, Party
+from jointstiff.schemas.run import Run
+from jointstiff.service.cli.app import app
+from jointstiff.service.exporting import ExportedModel, joints_csv
+from jointstiff.service.library import campaigns
+from jointstiff.service.reports import (
+    LaboratorySettings,
+    RunSubject,
+    draft,
+    report_page,
+    report_pdf,
+    run_document,
+    state_of,
+)
+from jointstiff.service.reports.statements import ITEMS
+from jointstiff.simulator import default_arm, simulate_campaign
+
+LABORATORY = Laboratory(
+    name="Metrology Lab",
+    address=["1 Main Street", "Nantes"],
+    contact="lab@example.org",
+    place="Hall 3, cell 7",
+    traceability="Tracker: certificate K-17 of 2026-03-02; load cell: certificate K-18.",
+    method="QM-23, revision 4",
+    customer=Party(name="Arms Inc.", address=["2 Side Street"], contact="Ms Smith"),
+)
+METADATA = {
+    "measured_at": "2026-11-20T14:30:00+01:00",
+    "operator": "J. Doe",
+    "instrument": "Tracker 750123",
+    "serial_number": "SN-4711",
+    "conditions": "21 °C, warmed up for 30 min",
+    "notes": "load by a winch",
+}
+HOSTILE = '#read("/etc/passwd") =1+1 </script><img src=x onerror=alert(1)> $x$ *b* @preview/cetz ‹中文›'
+
+
+@pytest.fixture(scope="module")
+def document():
+    campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
+    return campaign | {"measurement_set": campaign["measurement_set"] | METADATA}
+
+
+@pytest.fixture(scope="module")
+def campaign(document):
+    return Campaign.model_validate_json(json.dumps(document))
+
+
+@pytest.fixture(scope="module")
+def run(campaign):
+    return campaigns.identify(campaign, campaign.run)
+
+
+def subject_of(campaign, run, laboratory=LABORATORY, **changes):
+    readings = campaign.measurement_set.model_copy(update=changes)
+    model = ExportedModel.of(run, campaigns.prepared_campaign(campaign).robot, campaign.robot.name)
+    return RunSubject(model, readings, LaboratorySettings(laboratory))
+
+
+@pytest.fixture(scope="module")
+def subject(campaign, run):
+    return subject_of(campaign, run)
+
+
+def authorised(subject, **changes):
+    stated = {"note": "checked", "supersedes": None} | changes
+    return Authorisation(
+        run_id=subject.model.run.id,
+        key_id="0123456789",
+        key_name="Dr. Key",
+        authorised_at=datetime(2026, 11, 21, 9, 5, tzinfo=UTC),
+        content_hash=subject.content_hash(),
+        **stated,
+    )
+
+
+def pages_of(content):
+    return [" ".join(page.extract_text().split()) for page in pypdf.PdfReader(io.BytesIO(content)).pages]
+
+
+@pytest.fixture(scope="module")
+def signed(subject):
+    state = state_of([authorised(subject)], None, subject.content_hash())
+    return report_pdf(run_document(subject, state))
+
+
+STATED = {
+    "7.8.2.1 a": "Report on joint stiffness",
+    "7.8.2.1 b": "Metrology Lab 1 Main Street, Nantes lab@example.org",
+    "7.8.2.1 c": "Hall 3, cell 7",
+    "7.8.2.1 d": "— End of report ",
+    "7.8.2.1 e": "Arms Inc., 2 Side Street, Ms Smith",
+    "7.8.2.1 f": "partial pose, covariance weights",
+    "7.8.2.1 g": "Serial number SN-4711",
+    "7.8.2.1 h": "Date of receipt not stated",
+    "7.8.2.1 i": "Measured 2026-11-20 13:30 UTC",
+    "7.8.2.1 j": "Date of issue 2026-11-21 09:05 UTC",
+    "7.8.2.1 k": "Sampling: none.",
+    "7.8.2.1 l": "The results relate only to the item",
+    "7.8.2.1 m": "10⁶ N·m/rad",
+    "7.8.2.1 n": "Deviations: none.",
+    "7.8.2.1 o": "Authorised by Dr. Key",
+    "7.8.2.1 p": "Results from external providers: none",
+    "7.8.4.1 a": "the coverage factor k = 1.960, for a coverage probability of 95 %",
+    "7.8.4.1 b": "Conditions 21 °C, warmed up for 30 min",
+    "7.8.4.1 c": "certificate K-17 of 2026-03-02",
+    "7.8.4.1 d": "after compensation by the model, computed",
+    "7.8.4.1 e": "No statement of conformity",
+    "7.8.4.1 f": "Verdict on the result",
+}
+
+
+def test_every_item_has_a_test():
+    assert [item for item, _, _ in ITEMS] == list(STATED)
+
+
+@pytest.mark.parametrize("item", STATED)
+def test_the_pdf_states_each_item_of_iso_17025(signed, item):
+    text = " ".join(pages_of(signed))
+    assert STATED[item] in text
+    assert item in text
+
+
+def test_each_page_has_number_and_count(signed, run):
+    pages = pages_of(signed)
+    assert 2 <= len(pages) <= 4
+    for place, page in enumerate(pages, 1):
+        assert f"{run.id}-1" in page
+        assert f"page {place} of {len(pages)}" in page
+    assert "End of report" in pages[-1]
+
+
+def test_numbers_limits_and_origin_are_in_the_pdf(signed, run):
+    text = " ".join(pages_of(signed))
+    assert "not a test of static compliance after ISO 9283:1998, clause 10" in text
+    assert run.provenance.input_hash in text
+    assert f"pinocchio {run.provenance.versions['pinocchio']}" in text
+    assert "joint_1: no number: the load never twists joint_1" in text
+    assert "use with care" in text
+    assert "accredit" not in text.lower()
+
+
+def test_accreditation_stands_where_the_settings_name_it(campaign, run):
+    named = LABORATORY.model_copy(update={"accreditation": "Accredited: D-K-00000"})
+    assert (
+        "Accredited: D-K-00000"
+        in pages_of(report_pdf(run_document(subject_of(campaign, run, named), draft())))[0]
+    )
+
+
+def test_run_and_table_are_attached_and_it_is_pdf_a(signed, subject, run):
+    reader = pypdf.PdfReader(io.BytesIO(signed))
+    assert reader.attachments["joints.csv"] == [joints_csv(subject.model)]
+    assert Run.model_validate_json(reader.attachments["run.json"][0]) == run
+    assert b"<pdfaid:part>3</pdfaid:part><pdfaid:conformance>B</pdfaid:conformance>" in signed
+    assert len(signed) <= 1_000_000
+
+
+def test_states(subject, campaign, run):
+    own, now = [authorised(subject)], subject.content_hash()
+    successor = authorised(subject, supersedes=run.id).model_copy(update={"run_id": "next"})
+    changed = subject_of(campaign, run, operator="Somebody else").content_hash()
+    found = {
+        "draft": draft(),
+        "authorised": state_of(own, None, now),
+        "superseded": state_of(own, successor, now),
+        "changed": state_of(own, None, changed),
+    }
+    texts = {
+        name: " ".join(pages_of(report_pdf(run_document(subject, state)))) for name, state in found.items()
+    }
+    assert "DRAFT" in texts["draft"]
+    assert "DRAFT" in texts["changed"]
+    assert "It was changed since." in texts["changed"]
+    assert "SUPERSEDED" in texts["superseded"]
+    assert "Superseded by the report of run next" in texts["superseded"]
+    assert "DRAFT" not in texts["authorised"]
+    assert "checked" in texts["authorised"]
+
+
+@pytest.mark.process
+def test_two_processes_give_the_same_bytes(document, run, tmp_path):
+    (tmp_path / "campaign.json").write_text(json.dumps(document))
+    (tmp_path / "run.json").write_text(run.model_dump_json())
+    found = set()
+    for name in ("one.pdf", "two.pdf"):
+        command = [
+            sys.executable,
+            "-m",
+            "jointstiff",
+            "report",
+            "campaign.json",
+            "--run",
+            "run.json",
+            "-o",
+            name,
+        ]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+        found.add((tmp_path / name).read_bytes())
+    assert len(found) == 1
+
+
+def test_hostile_text_is_shown_as_text(campaign, run):
+    names = {"operator": HOSTILE, "instrument": HOSTILE, "notes": f"{HOSTILE}\n{HOSTILE}"}
+    laboratory = LABORATORY.model_copy(update={"name": HOSTILE, "traceability": HOSTILE})
+    report = run_document(subject_of(campaign, run, laboratory, **names), draft())
+    text = " ".join(pages_of(report_pdf(report)))
+    assert '#read("/etc/passwd") =1+1 </script><img src=x onerror=alert(1)> $x$ *b* @preview/cetz' in text
+    assert "‹‹U+4E2D›‹U+6587››" in text  # the fonts of Typst lack these
+    page = report_page(report).decode()
+    assert "<script" not in page
+    assert "<img" not in page
+    assert "&lt;img src=x onerror=alert(1)&gt; $x$ *b* @preview/cetz ‹中文›" in page
+
+
+def test_the_page_loads_nothing_and_has_no_scripts(subject, run):
+    page = report_page(run_document(subject, draft())).decode()
+    assert "<script" not in page
+    assert "href" not in page
+    assert "src=" not in page
+    assert page.count("http") == page.count('xmlns="http://www.w3.org/2000/svg"')
+    assert run.provenance.input_hash in page
+
+
+SETTINGS = 'name = "Metrology Lab"\naddress = ["Nantes"]\nlogo = "logo.png"\n'
+
+
+def test_the_terminal_writes_with_settings(document, run, tmp_path):
+    import typst
+
+    (tmp_path / "campaign.json").write_text(json.dumps(document))
+    (tmp_path / "run.json").write_text(run.model_dump_json())
+    (tmp_path / "lab.toml").write_text(SETTINGS)
+    (tmp_path / "logo.png").write_bytes(
+        typst.compile(b"#set page(width: 2cm, height: 1cm)\nLogo", format="png")
+    )
+    for name in ("report.pdf", "report.html"):
+        arguments = ["report", tmp_path / "campaign.json", "--run", tmp_path / "run.json"]
+        arguments += ["--laboratory", tmp_path / "lab.toml", "-o", tmp_path / name]
+        shown = CliRunner().invoke(app, list(map(str, arguments)))
+        assert shown.exit_code == 0, shown.output
+        assert b"Logo" in (tmp_path / name).read_bytes() or name == "report.pdf"
+    assert "Metrology Lab" in pages_of(Path(tmp_path / "report.pdf").read_bytes())[0]
