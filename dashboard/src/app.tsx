@@ -10,6 +10,8 @@ import { type Settings, SettingsContext, type Theme, useStoredSettings } from ".
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
+import { GeometriesView } from "./views/geometries";
+import { GeometryView } from "./views/geometry";
 import { MapView } from "./views/map";
 import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
@@ -78,7 +80,11 @@ export function App() {
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string =>
-  first === "sets" || first === "plans" ? "robots" : first === "maps" || first === "programs" ? "runs" : first;
+  first === "sets" || first === "plans" || first === "geometries"
+    ? "robots"
+    : first === "maps" || first === "programs"
+      ? "runs"
+      : first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -100,6 +106,8 @@ function View({ route }: { route: Route }) {
       return second ? <MapView id={second} beside={route.query.get("beside")} /> : <RunsView query={route.query} />;
     case "sets":
       return second ? <SetView id={second} /> : <RobotsView list="sets" />;
+    case "geometries":
+      return second ? <GeometryView id={second} /> : <GeometriesView />;
     case "plans":
       return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
     case "robots":

@@ -3,6 +3,8 @@ import { text } from "../i18n";
 import type {
   Comparison,
   ComparisonSummary,
+  Geometry,
+  GeometrySummary,
   Health,
   ImportAnswer,
   Kinematics,
@@ -18,7 +20,7 @@ import type {
   Problem,
   Program,
   Robot,
-  RobotDocument,
+  RobotRequest,
   RobotSource,
   RobotSummary,
   Run,
@@ -151,7 +153,7 @@ export const api = {
   robots: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
   robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),
-  addRobot: (document: RobotDocument, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
+  addRobot: (document: RobotRequest, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
   deleteRobot: (robot: string) => call<undefined>("DELETE", `/v1/robots/${id(robot)}`),
   restoreRobot: (robot: string) => call<Robot>("POST", `/v1/robots/${id(robot)}/restore`),
   kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
@@ -200,6 +202,14 @@ export const api = {
   deletePair: (pair: string) => call<undefined>("DELETE", `/v1/pairs/${id(pair)}`),
   restorePair: (pair: string) => call<Pair>("POST", `/v1/pairs/${id(pair)}/restore`),
   addPair: (request: unknown, key: string) => call<Pair>("POST", "/v1/pairs", { body: request, key }),
+
+  geometries: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<GeometrySummary>>("GET", `/v1/geometries${query(filters)}`, options(signal)),
+  geometry: (geometry: string, signal?: AbortSignal) =>
+    call<Geometry>("GET", `/v1/geometries/${id(geometry)}`, options(signal)),
+  addGeometry: (request: unknown, key: string) => call<Geometry>("POST", "/v1/geometries", { body: request, key }),
+  deleteGeometry: (geometry: string) => call<undefined>("DELETE", `/v1/geometries/${id(geometry)}`),
+  restoreGeometry: (geometry: string) => call<Geometry>("POST", `/v1/geometries/${id(geometry)}/restore`),
 
   plans: (filters: Filters = {}, signal?: AbortSignal) =>
     call<Page<PlanSummary>>("GET", `/v1/plans${query(filters)}`, options(signal)),

@@ -14,6 +14,9 @@ export type DhModel = Schemas["DhModel-Output"];
 /** Columns of a DH table that every row has. */
 export type DhColumn = Exclude<keyof DhRow, "lower" | "upper">;
 export type DhRow = Schemas["DhRow-Output"];
+export type Geometry = Schemas["Geometry"];
+export type GeometryResult = Schemas["GeometryResult"];
+export type GeometrySummary = Schemas["GeometrySummary"];
 export type Health = Schemas["Health"];
 export type ImportAnswer = Schemas["ImportAnswer"];
 export type JointMap = Schemas["JointMap"];
@@ -43,6 +46,7 @@ export type Reason = Schemas["Reason"];
 export type Residual = Schemas["Residual"];
 export type Robot = Schemas["Robot"];
 export type RobotDocument = Schemas["RobotDocument-Input"];
+export type RobotRequest = Schemas["RobotRequest"];
 export type RobotSummary = Schemas["RobotSummary"];
 export type Run = Schemas["Run"];
 export type RunOptions = Schemas["RunOptions-Output"];

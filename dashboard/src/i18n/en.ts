@@ -16,6 +16,7 @@ import type {
 } from "../api/types";
 import type { Facts, Fault } from "../lib/campaign";
 import type { Verdict } from "../lib/verdict";
+import { geometry } from "./geometry";
 
 /** Reasons why a file is refused before it is sent. */
 export type FileFault = Fault | "table" | "too_large";
@@ -28,6 +29,7 @@ const plural = (count: number, one: string, many: string) => `${count} ${count =
 
 export const en = {
   language: "en",
+  geometry,
   app: {
     name: "Jointstiff",
     skip: "Skip to content",

@@ -46,7 +46,7 @@ export function understand(content: string): Campaign | Fault {
     return "not_json";
   }
   if (!isFields(document)) return "not_object";
-  if (Array.isArray(document["sweeps"])) return "sweeps";
+  if (Array.isArray(document["sweeps"]) || Array.isArray(document["poses"])) return "sweeps";
   const inside = document["measurement_set"];
   if (isFields(inside)) return campaign(inside, document["robot"], document["run"]);
   return Array.isArray(document["observations"]) ? campaign(document, null, null) : "not_a_set";

@@ -1,6 +1,7 @@
 /** Lists of robots and of measurement sets. */
 import { api, every } from "../api/client";
-import { Empty, Name, Show, Tabs, Title, When } from "../components/basics";
+import { Empty, Name, Show, Title, When } from "../components/basics";
+import { RobotTabs } from "../components/robot_tabs";
 import { type Names, useNames } from "../state/names";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
@@ -19,14 +20,7 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
           </a>
         </div>
       </div>
-      <Tabs
-        label={text.robots.tabs}
-        current={list}
-        tabs={[
-          { id: "robots", label: text.robots.title, href: "#/robots" },
-          { id: "sets", label: text.robots.sets, href: "#/sets" },
-        ]}
-      />
+      <RobotTabs current={list} />
       <Show of={names}>{(known) => (list === "robots" ? <Robots names={known} /> : <Sets names={known} />)}</Show>
     </>
   );

@@ -13,6 +13,7 @@ import { NOISE_AS_READ, statesNoise } from "../lib/noise";
 import { initialOptions, type Options, requestOf } from "../lib/run_options";
 import { formUnit } from "../lib/units";
 import { useAction } from "../state/action";
+import { handOver } from "../state/handed";
 import { useLoad, valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
 import { go, link } from "../state/router";
@@ -45,6 +46,10 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const take = async (file: File) => {
     const fault = file.size > MAX_BYTES ? "too_large" : null;
     const understood = fault ?? understand(await file.text());
+    if (understood === "sweeps") {
+      handOver(file);
+      return go("#/geometries");
+    }
     const read: Campaign | FileFault = understood === "not_json" && TABLE.test(file.name) ? "table" : understood;
     setStoredId("");
     setOpened(typeof read === "string" ? { name: file.name, fault: read } : { name: file.name, campaign: read });

@@ -1,5 +1,5 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
-import type { Action, Assessment, Reason } from "../api/types";
+import type { Action, Assessment, Reason, Usability } from "../api/types";
 import { Badge } from "../components/badge";
 import { ProblemNote, Prose } from "../components/basics";
 import { exchangeable } from "../lib/corrections";
@@ -12,13 +12,22 @@ import { variantBy } from "./variants";
 
 const words = text.assessment;
 
-export function VerdictCard({ assessment, context }: { assessment: Assessment; context: RunContext | null }) {
+export function VerdictCard({
+  assessment,
+  context,
+  sentences = words.sentence,
+}: {
+  assessment: Assessment;
+  context: RunContext | null;
+  /** What each verdict means, where it is not about stiffnesses. */
+  sentences?: Record<Usability, string>;
+}) {
   const { verdict, reasons } = assessment;
   return (
     <section class={`verdict-card ${verdict}`} aria-label={words.title}>
       <h2>
         <Badge verdict={verdict} large />
-        <span>{words.sentence[verdict]}</span>
+        <span>{sentences[verdict]}</span>
       </h2>
       {reasons.length > 0 && (
         <ul>

@@ -1,0 +1,169 @@
+/** Where geometries start: a file of sweeps, its nominal model, go; and the earlier ones. */
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { RobotSource } from "../api/types";
+import { Arm } from "../components/arm";
+import { Badge } from "../components/badge";
+import { Busy, Facts, Name, ProblemNote, Select, State, Title, When } from "../components/basics";
+import { DropZone } from "../components/drop";
+import { RobotTabs } from "../components/robot_tabs";
+import { DataTable } from "../components/table";
+import { fixed } from "../lib/format";
+import { contentKey } from "../lib/hash";
+import { type ReadingFacts, type Readings, readingsOf } from "../lib/sweeps";
+import { useAction } from "../state/action";
+import { takeHanded } from "../state/handed";
+import { useLoad, valueOf } from "../state/load";
+import { useNames } from "../state/names";
+import { go, link } from "../state/router";
+import { text } from "../i18n";
+
+const words = text.geometry;
+const FROM_FILE = "file";
+
+type Opened = { name: string; readings: Readings | null };
+
+export function GeometriesView() {
+  const [opened, setOpened] = useState<Opened | null>(null);
+  const take = async (file: File) => setOpened({ name: file.name, readings: readingsOf(await file.text()) });
+  useEffect(() => {
+    const file = takeHanded();
+    if (file) void take(file);
+  }, []);
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <RobotTabs current="geometries" />
+      <p>{words.intro}</p>
+      <div class="flow">
+        <section class="card" aria-labelledby="sweeps-file">
+          <h2 id="sweeps-file">{words.readings}</h2>
+          <DropZone
+            title={words.drop}
+            hint={words.dropHint}
+            accept=".json,application/json"
+            compact={opened !== null}
+            button={opened ? text.files.another : text.files.choose}
+            take={(file) => void take(file)}
+          />
+          {opened?.readings === null && <Refused name={opened.name} />}
+          {opened?.readings && <Understood name={opened.name} facts={opened.readings.facts} />}
+        </section>
+        {opened?.readings && <Start key={opened.name} readings={opened.readings} />}
+      </div>
+      <Earlier />
+    </>
+  );
+}
+
+function Refused({ name }: { name: string }) {
+  const [title, remedy] = words.notReadings;
+  return (
+    <div class="note bad" role="alert">
+      <h3>{title}</h3>
+      <p>
+        <Name>{name}</Name>
+      </p>
+      <p>
+        <b>{text.errors.remedy}:</b> {remedy}
+      </p>
+    </div>
+  );
+}
+
+function Understood({ name, facts }: { name: string; facts: ReadingFacts }) {
+  return (
+    <>
+      <h3 class="file">
+        <bdi>{facts.name ?? name}</bdi>
+      </h3>
+      <Facts
+        facts={[
+          { label: text.files.facts.units, value: facts.units ?? text.files.notSaid },
+          { label: text.files.facts.targets, value: facts.targets.join(", ") },
+          ...(facts.poses === null ? [] : [{ label: words.poses, value: String(facts.poses) }]),
+        ]}
+      />
+      {facts.sweeps.length > 0 && (
+        <DataTable
+          caption={words.readings}
+          table={{
+            columns: [
+              { title: text.run.joint },
+              { title: words.positions, show: (value) => fixed(value, 0) },
+              { title: words.arc, unit: text.units.deg, show: (value) => fixed(value, 0) },
+            ],
+            rows: facts.sweeps.map(({ joint, positions, arc }) => [joint, positions, arc]),
+          }}
+        />
+      )}
+    </>
+  );
+}
+
+/** The nominal model, and the button. */
+function Start({ readings }: { readings: Readings }) {
+  const known = valueOf(useNames());
+  const [chosen, setChosen] = useState(readings.robot ? FROM_FILE : (readings.robotId ?? ""));
+  const needed = readings.facts.poses !== null;
+  const source = useMemo<RobotSource | null>(() => {
+    if (chosen === FROM_FILE && readings.robot) return { robot: readings.robot };
+    return chosen && chosen !== FROM_FILE ? { robot_id: chosen } : null;
+  }, [chosen, readings]);
+  const start = useAction(async () => {
+    const request = { ...readings.request, ...source };
+    const made = await api.addGeometry(request, contentKey("geometry", request));
+    go(link(["geometries", made.id]));
+  });
+  return (
+    <section class="card" aria-labelledby="nominal">
+      <h2 id="nominal">{words.nominal}</h2>
+      <Select
+        label={words.nominal}
+        value={chosen}
+        change={setChosen}
+        hint={words.nominalHint}
+        options={[
+          { value: "", label: needed ? words.pickNominal : words.noNominal },
+          ...(readings.robot
+            ? [{ value: FROM_FILE, label: text.start.fromFile(String(readings.robot.name ?? "")) }]
+            : []),
+          ...(known?.robots ?? []).map((robot) => ({ value: robot.id, label: robot.name })),
+        ]}
+      />
+      {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
+      <button type="button" class="button primary big" disabled={start.busy || (needed && !source)} onClick={start.run}>
+        {start.busy ? words.going : words.identify}
+      </button>
+      {start.busy && <Busy label={words.goingHint} />}
+      {start.problem && <ProblemNote problem={start.problem} />}
+    </section>
+  );
+}
+
+function Earlier() {
+  const found = valueOf(useLoad((signal) => api.geometries({ limit: 50 }, signal), []));
+  if (!found || found.items.length === 0) return null;
+  return (
+    <section>
+      <h2>{words.earlier}</h2>
+      <ul class="rows">
+        {found.items.map((geometry) => (
+          <li class="item">
+            <a class="main" href={link(["geometries", geometry.id])}>
+              <span class="what">
+                <Name>{geometry.name}</Name>
+              </span>
+              <span class="when">
+                <When time={geometry.created_at} />
+              </span>
+              <span class="standing">
+                {geometry.verdict ? <Badge verdict={geometry.verdict} /> : <State state={geometry.state} />}
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}

@@ -1,0 +1,137 @@
+/** A geometry: the axes drawn, the identified model beside the nominal one, findings, and a robot made of it. */
+import { useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
+import { Arm } from "../components/arm";
+import { Badge } from "../components/badge";
+import { type Fact, Facts, Name, ProblemNote, Show, State, Title, When } from "../components/basics";
+import { JobActions } from "../components/job_actions";
+import { fixed, significant } from "../lib/format";
+import { sentence } from "../lib/said";
+import { useAction } from "../state/action";
+import { useLoad } from "../state/load";
+import { namesChanged } from "../state/names";
+import { go, link } from "../state/router";
+import { text } from "../i18n";
+import { AxisTable, LinkTables, SweepTable } from "./geometry_tables";
+import { VerdictCard } from "./verdict_card";
+
+const words = text.geometry;
+
+export function GeometryView({ id }: { id: string }) {
+  const loaded = useLoad((signal) => api.geometry(id, signal), [id]);
+  return (
+    <Show of={loaded} title={words.title}>
+      {(geometry) => (
+        <>
+          <div class="head">
+            <Title kind={words.title} plain={geometry.name}>
+              <Name>{geometry.name}</Name>
+            </Title>
+            <p class="meta">
+              {geometry.result ? (
+                <Badge verdict={geometry.result.assessment.verdict} />
+              ) : (
+                <State state={geometry.state} />
+              )}
+              <When time={geometry.provenance.created_at} />
+            </p>
+            <JobActions
+              kind="geometry"
+              job={geometry}
+              name={geometry.name}
+              remove={() => api.deleteGeometry(id)}
+              restore={() => api.restoreGeometry(id)}
+              list="#/geometries"
+            />
+          </div>
+          {geometry.error && <ProblemNote problem={geometry.error} />}
+          {geometry.result && <Found geometry={geometry} result={geometry.result} />}
+        </>
+      )}
+    </Show>
+  );
+}
+
+function Found({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
+  const source = useMemo(() => ({ robot: result.robot as RobotDocument }), [result]);
+  const notes = result.findings.filter((finding) => finding.severity === "note");
+  return (
+    <>
+      <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />
+      <div class="flow">
+        <section class="card">
+          <h2>{words.axesInScene}</h2>
+          <Arm source={source} start={null} />
+        </section>
+        <section class="card">
+          <h2>{words.result}</h2>
+          <Facts facts={factsOf(result)} />
+          <SaveAsRobot geometry={geometry} result={result} />
+        </section>
+      </div>
+      <LinkTables links={result.links} />
+      <AxisTable axes={result.axes} />
+      <SweepTable sweeps={result.sweeps} />
+      {notes.length > 0 && (
+        <details>
+          <summary>{words.notes}</summary>
+          {notes.map(({ message, remedy }) => (
+            <p class="note">
+              {sentence(message)} {sentence(remedy)}
+            </p>
+          ))}
+        </details>
+      )}
+    </>
+  );
+}
+
+const CHANCE = 0.01;
+
+function factsOf({ fit, goodness, poses, wrist, no_wrist: noWrist }: GeometryResult): Fact[] {
+  const micrometres = (length: number) => `${significant(length * 1e6, 2)}\u00a0${text.units.micrometre}`;
+  const source = goodness.sigma_source === "stated" ? words.stated : words.fromResiduals;
+  const chance = goodness.controller_probability;
+  return [
+    { label: words.fitted, value: words.fits[fit ?? "poses"] },
+    { label: words.sigma, value: `${micrometres(goodness.sigma)}, ${source}` },
+    ...(poses ? [{ label: words.residual, value: micrometres(poses.rms_residual) }] : []),
+    ...(chance === null
+      ? []
+      : [{ label: words.controller, value: chance < CHANCE ? words.controllerOff : words.controllerFit }]),
+    {
+      label: words.wrist,
+      value: wrist
+        ? `${words.wristMiss(
+            `${fixed(wrist.miss_distance * 1e3, 3)}\u00a0±\u00a0${fixed(wrist.miss_uncertainty * 1e3, 3)}\u00a0${text.units.mm}`,
+          )}. ${wrist.decoupled_method ? words.decoupled : words.notDecoupled}`
+        : (noWrist ?? words.notDetermined),
+    },
+  ];
+}
+
+function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
+  const [name, setName] = useState(words.asMeasured(geometry.name));
+  const save = useAction(async () => {
+    const document: RobotRequest = { name, model: { format: "geometry", geometry_id: geometry.id } };
+    const robot = await api.addRobot(document, `robot-${geometry.id}-${name}`.slice(0, 200));
+    namesChanged();
+    go(link(["robots", robot.id]));
+  });
+  return (
+    <>
+      <div class="row">
+        <label class="field">
+          <span>{words.saveName}</span>
+          <input type="text" value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} />
+        </label>
+        <button type="button" class="button primary" disabled={save.busy || !name.trim()} onClick={save.run}>
+          {save.busy ? words.saving : words.save}
+        </button>
+      </div>
+      {result.assessment.verdict === "do_not_use" && <p class="note warn">{words.doubtful}</p>}
+      {save.problem && <ProblemNote problem={save.problem} />}
+    </>
+  );
+}
