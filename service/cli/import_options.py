@@ -1,15 +1,21 @@
-"""Name the options of `jointstiff import` in messages that name the fields of the API."""
+"""Options of `jointstiff import`: their values, and their names in messages that name fields of the API."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
+
+import typer
 
 if TYPE_CHECKING:
     from jointstiff.schemas.problem import Problem
 
 _OPTIONS: Final = {
     "units": "--units",
+    "columns": "--column",
+    "by_order": "--by-order",
+    "force": "--force",
     "point_name": "--point-name",
     "file_name": "--file-name",
     "state_words": "--state-word",
@@ -24,6 +30,7 @@ _OPTIONS: Final = {
     "flange_targets": "--flange-target",
     "noise": "--sigma",
 }
+_XYZ: Final = 3
 _PATH: Final = re.compile(rf"^({'|'.join(_OPTIONS)})\b\.?")
 _FIELD: Final = re.compile(rf"`({'|'.join(_OPTIONS)})`")
 
@@ -40,4 +47,44 @@ def in_options(problem: Problem) -> Problem:
         option = _PATH.sub(lambda found: f"{_OPTIONS[found[1]]} ", where).rstrip()
         where, detail = option, detail.replace(where, option)
     remedy = None if problem.remedy is None else options_for_fields(problem.remedy)
-    return problem.model_copy(update={"where": where, "detail": options_for_fields(detail), "remedy": remedy})
+    items = [
+        item.model_copy(
+            update={
+                "reason": options_for_fields(item.reason),
+                "remedy": None if item.remedy is None else options_for_fields(item.remedy),
+            }
+        )
+        for item in problem.errors
+    ]
+    changes = {"where": where, "detail": options_for_fields(detail), "remedy": remedy, "errors": items}
+    return problem.model_copy(update=changes)
+
+
+def pairs_of(texts: Sequence[str] | None, option: str) -> dict[str, str]:
+    """Return `KEY=VALUE` texts as a dictionary.
+
+    Raises:
+        typer.BadParameter: one has no `=`.
+    """
+    found = {}
+    for text in texts or ():
+        key, equals, value = text.rpartition("=")
+        if not equals:
+            raise typer.BadParameter(f"'{text}' has no '='", param_hint=option)
+        found[key.strip()] = value.strip()
+    return found
+
+
+def vector_of(text: str, option: str) -> list[float]:
+    """Return `X,Y,Z` as three numbers.
+
+    Raises:
+        typer.BadParameter: it is no such text.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != _XYZ:
+        raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5", param_hint=option)
+    return numbers

@@ -2,21 +2,25 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jointstiff.service.cli.answers import refused
-from jointstiff.service.cli.import_options import in_options, options_for_fields
+from jointstiff.service.cli.import_documents import (
+    joined,
+    read_template,
+    write_campaign,
+    write_template,
+)
+from jointstiff.service.cli.import_options import in_options, options_for_fields, pairs_of, vector_of
+from jointstiff.service.cli.import_questions import Options, ask, ask_robot, may_ask
 from jointstiff.service.cli.options import AsJson, EncoderChoice, NamedRobot
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer, ImportRequest
-    from jointstiff.schemas.measurement import MeasurementSetDocument
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing import SourceFile
-
-_XYZ: Final = 3
 
 Files = Annotated[
     list[Path],
@@ -47,6 +51,14 @@ FlangeTargets = Annotated[
         "--flange-target",
         metavar="TARGET=X,Y,Z",
         help="Target's position in the flange frame, for deflections. Repeatable.",
+    ),
+]
+Columns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--column",
+        metavar="HEADER=MEANING",
+        help="Meaning of a header, such as 'Winkel A=J1 [deg]' or 'shift=ignore'. Repeatable.",
     ),
 ]
 Ignored = Annotated[
@@ -80,8 +92,12 @@ def import_readings(
         str | None,
         typer.Option(metavar="'A;B;C'", help="Header for files without one, cells separated by semicolons."),
     ] = None,
+    columns: Columns = None,
     ignore: Ignored = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file.")] = None,
+    by_order: Annotated[
+        bool, typer.Option("--by-order", help="Match rows of files without names by their order.")
+    ] = False,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Skip incomplete readings, and list them.")
     ] = False,
@@ -98,6 +114,10 @@ def import_readings(
         str | None,
         typer.Option(metavar="X,Y,Z", help="Load point in the flange frame, in the files' unit of length."),
     ] = None,
+    force: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Force in every observation, axes of R0, if no column has it."),
+    ] = None,
     flange_targets: FlangeTargets = None,
     robot: NamedRobot = None,
     output: Annotated[
@@ -108,51 +128,79 @@ def import_readings(
             help="File to write: a campaign, or without --robot a measurement set.",
         ),
     ] = None,
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Template of an earlier import; files of another form are refused.",
+        ),
+    ] = None,
+    save_template: Annotated[
+        Path | None,
+        typer.Option(dir_okay=False, metavar="FILE", help="Write the template of this import."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Read files of tracker software and tables; show what was understood, then write a campaign.
 
-    Nothing is written without --output, nor while something is missing.
+    Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
+    asks for what is missing.
     """
     from jointstiff.service.library import CampaignError, read_robot
     from jointstiff.service.render import console, import_report
 
     chosen = {
-        "units": None if units is None else _pairs([part for part in units.split(",") if part], "--units"),
+        "units": None if units is None else pairs_of([part for part in units.split(",") if part], "--units"),
+        "columns": pairs_of(columns, "--column"),
         "point_name": point_name,
         "file_name": file_name,
-        "state_words": _pairs(state_words, "--state-word"),
+        "state_words": pairs_of(state_words, "--state-word"),
         "delimiter": delimiter,
         "decimal_mark": decimal_mark,
         "header": None if header is None else [cell.strip() for cell in header.split(";")],
         "ignore": ignore,
         "sheet": sheet,
+        "by_order": by_order,
         "allow_missing": allow_missing,
         "encoders": encoders,
         "name": name,
         "noise": None if sigma is None else {"sigma": sigma},
-        "load_point": None if load_point is None else _vector(load_point, "--load-point"),
+        "load_point": None if load_point is None else vector_of(load_point, "--load-point"),
+        "force": None if force is None else vector_of(force, "--force"),
         "flange_targets": {
-            target: _vector(text, "--flange-target")
-            for target, text in _pairs(flange_targets, "--flange-target").items()
+            target: vector_of(text, "--flange-target")
+            for target, text in pairs_of(flange_targets, "--flange-target").items()
         },
     }
+    stated = {field: value for field, value in chosen.items() if value not in (None, {}, False)}
     try:
+        if template is not None:
+            stated = joined(read_template(template), stated)
+        asking = may_ask() and not as_json
         owner = None if robot is None else read_robot(robot)
-        answer = _understood(files, {field: value for field, value in chosen.items() if value is not None})
+        answer = _understood(files, stated, owner, asking=asking)
+        if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
+            owner = read_robot(named)
+            answer = _inspected(answer, owner)
     except CampaignError as error:
         raise refused(error.problem) from error
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
         console().print(import_report(answer))
+    if save_template is not None:
+        write_template(save_template, answer, overwrite=overwrite)
     if output is not None:
-        _write(output, answer, owner, overwrite=overwrite)
+        write_campaign(output, answer, owner, overwrite=overwrite)
 
 
-def _understood(files: Sequence[Path], chosen: dict[str, object]) -> "ImportAnswer":
-    """Return what the files say.
+def _understood(
+    files: Sequence[Path], stated: Options, owner: "RobotDocument | None", *, asking: bool
+) -> "ImportAnswer":
+    """Return what the files say, with what a person answers if there is one.
 
     Raises:
         CampaignError: what was chosen contradicts itself, or a file was not understood.
@@ -161,14 +209,38 @@ def _understood(files: Sequence[Path], chosen: dict[str, object]) -> "ImportAnsw
     from jointstiff.service.problems import FilesError, problem_of
     from jointstiff.service.resources import import_files
 
+    sources, asked = _read(files), set[str]()
+    while asking:
+        given = ask(import_files(sources, _request(stated | {"show_faults": True})), asked)
+        if not given:
+            break
+        stated = joined(stated, given)
     try:
-        answer = import_files(_read(files), _request(chosen))
+        answer = import_files(sources, _request(stated))
     except FilesError as error:
         raise CampaignError(in_options(problem_of(error))) from error
-    return answer.model_copy(update={"missing": [options_for_fields(text) for text in answer.missing]})
+    answer = answer.model_copy(update={"missing": [options_for_fields(text) for text in answer.missing]})
+    return answer if owner is None else _inspected(answer, owner)
 
 
-def _request(chosen: dict[str, object]) -> "ImportRequest":
+def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer":
+    """Return the answer with the integrity findings for a robot that was named later.
+
+    Raises:
+        CampaignError: the readings do not fit it.
+    """
+    from jointstiff.service.computation import prepare_robot
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import FilesError, problem_of
+    from jointstiff.service.resources import inspect_import
+
+    try:
+        return inspect_import(answer, prepare_robot(owner).robot)
+    except FilesError as error:
+        raise CampaignError(in_options(problem_of(error))) from error
+
+
+def _request(chosen: Options) -> "ImportRequest":
     from pydantic import ValidationError
 
     from jointstiff.schemas.imports import ImportRequest
@@ -193,55 +265,3 @@ def _read(files: Sequence[Path]) -> "list[SourceFile]":
         left = max(0, left - len(content))
         sources.append(SourceFile(path.name, content))
     return sources
-
-
-def _write(path: Path, answer: "ImportAnswer", robot: "RobotDocument | None", *, overwrite: bool) -> None:
-    from jointstiff.service.problems import http_problem
-    from jointstiff.service.render import console
-
-    if answer.measurement_set is None:
-        missing = "; ".join(answer.missing)
-        raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
-    if path.exists() and not overwrite:
-        raise refused(http_problem(409, f"{path} exists", "choose another name, or --overwrite"))
-    try:
-        path.write_text(_document(answer.measurement_set, robot) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise refused(
-            http_problem(422, f"cannot write {path}: {error.strerror}", "choose another path")
-        ) from error
-    what, command = (
-        ("a measurement set", "add a robot with --robot")
-        if robot is None
-        else ("a campaign", f"jointstiff identify {path}")
-    )
-    console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)
-
-
-def _document(readings: "MeasurementSetDocument", robot: "RobotDocument | None") -> str:
-    import json
-
-    found = readings.model_dump(mode="json", exclude_none=True)
-    if robot is not None:
-        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
-    return json.dumps(found, indent=1, ensure_ascii=False)
-
-
-def _pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
-    found = {}
-    for text in texts or ():
-        key, equals, value = text.rpartition("=")
-        if not equals:
-            raise typer.BadParameter(f"'{text}' has no '='", param_hint=option)
-        found[key.strip()] = value.strip()
-    return found
-
-
-def _vector(text: str, option: str) -> list[float]:
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != _XYZ:
-        raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5", param_hint=option)
-    return numbers

@@ -12,7 +12,7 @@ from jointstiff.schemas.importing import DecimalMark, FilePreview, ImportOptions
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place
-from jointstiff.service.importing.file_types import file_type
+from jointstiff.service.importing.file_types import WORKBOOK, file_type
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.layout import Layout, lay_out
@@ -21,7 +21,7 @@ from jointstiff.service.importing.preview import preview_all, preview_file
 from jointstiff.service.importing.records import labels_in_order, read_mark, read_records
 from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.units import Dimension
-from jointstiff.service.importing.workbook import XLSX_MAGIC, read_workbook
+from jointstiff.service.importing.workbook import read_workbook
 
 _NO_OPTIONS: Final = ImportOptions()
 _Key = TypeVar("_Key", bound=str)
@@ -228,9 +228,9 @@ def _check_sizes(files: Sequence[SourceFile]) -> None:
 
 
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:
-    if file.content.startswith(XLSX_MAGIC):
-        return read_workbook(file.name, file.content, options.sheet)
     kind = file_type(file.content)
+    if kind == WORKBOOK:
+        return read_workbook(file.name, file.content, options.sheet)
     if kind is not None:
         raise ImportFileError(
             Place(file.name), f"the file is {kind}, not a table", "export the readings as CSV, text or .xlsx"

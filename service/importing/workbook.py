@@ -14,8 +14,6 @@ from jointstiff.service.importing.grid import COMMENT_MARKS, CellKind, Grid, Row
 from jointstiff.service.importing.limits import MAX_CELL_LENGTH
 from jointstiff.service.importing.sheet import Sheet, text_of
 
-XLSX_MAGIC: Final = b"PK\x03\x04"
-
 _DATES: Final = frozenset((*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)))
 _PERCENTAGES: Final = frozenset((9, 10))
 _QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')

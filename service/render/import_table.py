@@ -30,7 +30,19 @@ def import_report(answer: ImportAnswer) -> RenderableType:
         parts += [*_lines(answer.missing, "missing: ", "yellow")]
     else:
         parts.append(Text("  complete: a measurement set", style="green"))
+    parts += _findings(answer)
     return Group(*parts)
+
+
+def _findings(answer: ImportAnswer) -> Iterator[Text]:
+    """Lay out the integrity findings, if a robot is known."""
+    if answer.findings is None:
+        return
+    if not answer.findings:
+        yield Text("  integrity: nothing suspicious", style="green")
+    for finding in answer.findings:
+        remedy = f"; {finding.remedy}" if finding.remedy else ""
+        yield Text(f"  {finding.severity}: {finding.message}{remedy}", style="yellow")
 
 
 def _columns(file: FilePreview) -> Table:
@@ -44,7 +56,7 @@ def _columns(file: FilePreview) -> Table:
         table.add_row(
             str(column.column),
             Text(_short(column.header)),
-            Text(_short(column.meaning)),
+            Text(_short(column.meaning) + (" ?" if column.guessed else "")),
             column.unit or "",
             Text(", ".join(shown)),
         )

@@ -8,7 +8,7 @@ from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
     from jointstiff.service.resources.composition import Resources
-    from jointstiff.service.resources.imports import import_files
+    from jointstiff.service.resources.imports import import_files, inspect_import
     from jointstiff.service.resources.measurement_sets import MeasurementSets, assembled
     from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
     from jointstiff.service.resources.robots import Robots, described
@@ -19,7 +19,7 @@ else:
         __name__,
         nominal_arms="catalogue find_arm nominal_robot",
         composition="Resources",
-        imports="import_files",
+        imports="import_files inspect_import",
         measurement_sets="MeasurementSets assembled",
         robots="Robots described",
         stored_jobs="read_job stored_job",
@@ -36,6 +36,7 @@ __all__ = [
     "described",
     "find_arm",
     "import_files",
+    "inspect_import",
     "nominal_robot",
     "read_job",
     "stored_job",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import PurePath
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from jointstiff.schemas.importing import FilePreview, ImportFault
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning
-from jointstiff.service.computation import check_set
 from jointstiff.service.importing import (
     Imported,
     ImportFileError,
@@ -22,7 +22,9 @@ from jointstiff.service.importing import (
 )
 from jointstiff.service.problems import FilesError, reworded
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.robot import Robot
+
+if TYPE_CHECKING:
+    from jointstiff.solver.robot import Robot
 
 
 class ImportRefusedError(FilesError):
@@ -81,6 +83,20 @@ def import_files(
         findings=findings,
         template=template,
     )
+
+
+def inspect_import(answer: ImportAnswer, robot: Robot) -> ImportAnswer:
+    """Return an answer with the integrity findings of its measurement set, if it has one.
+
+    Raises:
+        ImportRefusedError: the readings cannot be of this robot.
+    """
+    if answer.measurement_set is None:
+        return answer
+    try:
+        return answer.model_copy(update={"findings": _findings(answer.measurement_set, robot)})
+    except ImportFileError as fault:
+        raise ImportRefusedError([fault]) from fault
 
 
 def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
@@ -148,6 +164,8 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     Raises:
         ImportFileError: it cannot be one of this robot.
     """
+    from jointstiff.service.computation import check_set  # an import without a robot needs no numerics
+
     try:
         return check_set(document, robot, None, []).warnings
     except MeasurementError as error:

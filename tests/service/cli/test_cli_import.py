@@ -142,3 +142,65 @@ def test_too_much(folder):
     shown = run("joints.csv", "table.csv", "points.txt")
     assert shown.exit_code == 2
     assert "exceed 8 MiB together" in shown.stderr
+
+
+def test_all_faults_are_named_as_options(folder):
+    bare = CAMPAIGN.replace(" [deg]", "").replace(" [N]", "").replace("label;", "label;shift;")
+    (folder / "table.csv").write_text(bare.replace("\nc0", "\nc0;night;"))
+    shown = run("table.csv")
+    assert shown.exit_code == 2
+    for words in ("unknown column header 'shift'", "joint 1 has no unit", "force x has no unit"):
+        assert words in shown.stderr, words
+    for option in ("--units", "--column", "--ignore"):
+        assert f"`{option}`" in shown.stderr, option
+    assert "`units`" not in shown.stderr
+
+
+def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch):
+    text = (folder / "cell.csv").read_text().replace(" [rad]", "").replace(" [m]", "")
+    wider = [
+        line.replace(";", ";night;" if number else ";shift;", 1)
+        for number, line in enumerate(text.splitlines())
+    ]
+    (folder / "cell.csv").write_text("\n".join(wider))
+    monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
+    answers = "\n".join(["", "rad", "mm in", "m", "0,0", "0,0,0.12", "", "robot.json"]) + "\n"
+    arguments = ["import", "cell.csv", "--output", "new.json", "--save-template", "t.json"]
+    shown = CliRunner().invoke(app, arguments, input=answers)
+    assert shown.exit_code == 0, shown.output
+    for words in (
+        "Meaning of column 'shift'",
+        "[ignore]",
+        "[mm]",
+        "[deg]",
+        "[motor]",
+        "[0,0,0]",
+        "integrity:",
+    ):
+        assert words in shown.output, words
+    written = json.loads((folder / "new.json").read_text())
+    assert written["robot"]["name"] == robot_file["robot"]["name"]
+    expected = robot_file["measurement_set"]["observations"]
+    assert [one["joints"] for one in written["measurement_set"]["observations"]] == [
+        one["joints"] for one in expected
+    ]
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert run("cell.csv").exit_code == 2
+    again = run("cell.csv", "--template", "t.json", "--output", "again.json")
+    assert again.exit_code == 0, again.output
+    assert json.loads((folder / "again.json").read_text()) == written["measurement_set"]
+    (folder / "cell.csv").write_text(text)
+    other = run("cell.csv", "--template", "t.json")
+    assert other.exit_code == 2
+    assert "does not fit the template; missing: 'shift'" in other.stderr
+
+
+def test_the_integrity_checks_are_made_before_anything_is_written(folder, robot_file):
+    text = (folder / "cell.csv").read_text()
+    swapped = text.replace("unloaded", "UN").replace("loaded", "unloaded").replace("UN", "loaded")
+    (folder / "cell.csv").write_text(swapped)
+    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", "0,0,0.12")
+    shown = run("cell.csv", *options)
+    assert shown.exit_code == 0, shown.output
+    assert "against" in shown.stdout

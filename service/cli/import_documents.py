@@ -1,0 +1,87 @@
+"""Documents of `jointstiff import`: robot and template in, campaign and template out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jointstiff.service.cli.answers import failed, refuse_existing, refused, write_text
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.imports import ImportAnswer
+    from jointstiff.schemas.measurement import MeasurementSetDocument
+    from jointstiff.schemas.robot import RobotDocument
+
+
+def joined(options: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """Return options with others over them; of dictionaries, such as units, entry by entry."""
+    found = dict(options)
+    for field, value in others.items():
+        before = found.get(field)
+        found[field] = before | value if isinstance(before, dict) and isinstance(value, dict) else value
+    return found
+
+
+def read_template(path: Path) -> dict[str, Any]:
+    """Return the options of a template.
+
+    Raises:
+        CampaignError: the file is none.
+    """
+    from jointstiff.schemas.imports import ImportTemplate
+    from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import invalid_request
+
+    with path.open("rb") as file:
+        content = file.read(MAX_SET_BYTES + 1)
+    try:
+        template = parse(ImportTemplate, content)
+    except MalformedError as error:
+        raise CampaignError(invalid_request(error.faults)) from None
+    return template.model_dump(mode="json", exclude_defaults=True)
+
+
+def write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:
+    """Write the template of an import.
+
+    Raises:
+        typer.Exit: something is missing, or the file cannot be written.
+    """
+    if answer.template is None:
+        raise failed(
+            f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
+        )
+    refuse_existing(path, overwrite=overwrite)
+    template = answer.template.model_dump(mode="json", exclude_defaults=True)
+    write_text(path, json.dumps(template, indent=1, ensure_ascii=False))
+
+
+def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:
+    """Write a campaign, or without a robot the measurement set.
+
+    Raises:
+        typer.Exit: something is missing, or the file cannot be written.
+    """
+    from jointstiff.service.problems import http_problem
+    from jointstiff.service.render import console
+
+    if answer.measurement_set is None:
+        missing = "; ".join(answer.missing)
+        raise refused(http_problem(422, f"nothing was written, because this is missing: {missing}", "add it"))
+    refuse_existing(path, overwrite=overwrite)
+    write_text(path, _document(answer.measurement_set, robot))
+    what, command = (
+        ("a measurement set", "add a robot with --robot")
+        if robot is None
+        else ("a campaign", f"jointstiff identify {path}")
+    )
+    console(stderr=True).print(f"wrote {path}, {what}; now: {command}", markup=False, soft_wrap=True)
+
+
+def _document(readings: MeasurementSetDocument, robot: RobotDocument | None) -> str:
+    found = readings.model_dump(mode="json", exclude_none=True)
+    if robot is not None:
+        found = {"robot": robot.model_dump(mode="json", exclude_unset=True), "measurement_set": found}
+    return json.dumps(found, indent=1, ensure_ascii=False)

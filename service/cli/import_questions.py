@@ -1,0 +1,119 @@
+"""Questions of `jointstiff import` at a terminal: one for each thing that is missing."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+
+from jointstiff.service.cli.import_options import vector_of
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.importing import ImportPreview
+    from jointstiff.schemas.imports import ImportAnswer
+
+Options = dict[str, Any]
+
+_CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
+    "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
+    "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
+    "units.force": ("Unit of forces", ("N", "kN", "kgf"), "N"),
+    "units.moment": ("Unit of moments", ("N.m", "N.mm", "kN.m", "kgf.m"), "N.m"),
+    "delimiter": ("Delimiter between cells", ("comma", "semicolon", "tab", "whitespace"), None),
+    "decimal_mark": ("Decimal mark", ("point", "comma"), None),
+    "encoders": ("Encoders that close the position loop", ("motor", "secondary"), "motor"),
+}
+"""Text, answers and default; without a default where a wrong one would read other numbers."""
+
+
+def may_ask() -> bool:
+    """Return whether a person is there to answer."""
+    return sys.stdin.isatty()
+
+
+def ask(answer: ImportAnswer, asked: set[str]) -> Options:
+    """Ask for what is missing in an answer.
+
+    Args:
+        answer: with faults and missing fields.
+        asked: options that were asked for before, which are not asked again; extended.
+
+    Returns:
+        The options of the API that were answered; empty if nothing remains to be asked.
+    """
+    given: Options = {}
+    for option in _wanted(answer):
+        for name, question in _questions(option, answer.preview):
+            if name not in asked:
+                asked.add(name)
+                _put(given, name, question())
+    return given
+
+
+def ask_robot() -> str | None:
+    """Ask for the robot: its file, or the name of an arm of the catalogue."""
+    text: str = typer.prompt(
+        "Robot that was measured, for the integrity checks: file or arm", default="none", err=True
+    )
+    return None if text == "none" else text
+
+
+def _wanted(answer: ImportAnswer) -> list[str]:
+    faults = [fault.option for fault in answer.faults if fault.option is not None]
+    return list(dict.fromkeys([*faults, *answer.missing_fields]))
+
+
+def _questions(option: str, preview: ImportPreview) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield name and question of each option that settles something."""
+    if option in _QUESTIONS:
+        yield option, _QUESTIONS[option]
+    elif option == "flange_targets":
+        for target in preview.targets:
+            text = f"{target} in the flange frame, X,Y,Z"
+            yield f"flange_targets.{target}", partial(_vector, text, None)
+    elif option == "columns":
+        columns = (column for file in preview.files for column in file.columns)
+        for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
+            text = f"Meaning of column {header!r}, such as J1 [deg]"
+            yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
+
+
+def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
+    def checked(value: str) -> str:
+        if value not in choices:
+            raise typer.BadParameter(f"answer {', '.join(choices)}")
+        return value
+
+    found: str = typer.prompt(f"{text} ({', '.join(choices)})", default=default, value_proc=checked, err=True)
+    return found
+
+
+def _vector(text: str, default: str | None) -> list[float]:
+    found: list[float] = typer.prompt(
+        text, default=default, value_proc=lambda value: vector_of(value, text), err=True
+    )
+    return found
+
+
+def _put(options: Options, name: str, value: object) -> None:
+    key, _, inner = name.partition(".")
+    if inner:
+        options.setdefault(key, {})[inner] = value
+    else:
+        options[key] = value
+
+
+_QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
+    **{option: partial(_choice, *question) for option, question in _CHOICES.items()},
+    "load_point": partial(_vector, "Load point in the flange frame, X,Y,Z", "0,0,0"),
+    "force": partial(_vector, "Force on the robot in R0, X,Y,Z", None),
+    "by_order": partial(typer.confirm, "Match rows without names by their order?", default=False, err=True),
+    "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
+    "sheet": partial(typer.prompt, "Sheet", err=True),
+    "point_name": partial(
+        typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
+    ),
+}
