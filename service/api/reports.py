@@ -1,40 +1,49 @@
-"""Reports to sign."""
+"""Reports to sign, and who authorised them."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, HTTPException, Request, Response
 
-from jointstiff.service.api.access import VIEWER, AccessRoute
+from jointstiff.schemas.report import Authorisation, AuthorisationList, AuthorisationRequest
+from jointstiff.schemas.run import Run
+from jointstiff.service.api.access import ADMIN, VIEWER, asked_of
+from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.exports import exported_model
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.jobs import Parts
+from jointstiff.service.problems import NotFoundError
 from jointstiff.service.reports import (
     POLICY,
     Document,
     LaboratorySettings,
     RunSubject,
-    draft,
     report_page,
     report_pdf,
     run_document,
+    state_of,
 )
+from jointstiff.service.resources import stored_job
+from jointstiff.service.store import AuthorisationRecord
+from jointstiff.solver.errors import RequestError
 
 ReportFormat = Literal["pdf", "html"]
-_FILES: Final[dict[int | str, dict[str, Any]]] = {
+REPORT_FILES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The report.", "content": {"application/pdf": {}, "text/html": {}}}
 }
 
-router = APIRouter(prefix="/v1/runs", tags=["runs"], route_class=AccessRoute)
+router = APIRouter(prefix="/v1/runs", tags=["runs"], route_class=BodyRoute)
 
 
 @router.get(
     "/{run_id}/report.{format}",
     dependencies=[VIEWER],
     response_class=Response,
-    responses=_FILES | problems(404, 409, 422),
+    responses=REPORT_FILES | problems(404, 409, 422),
 )
 def get_run_report(request: Request, parts: PartsOf, run_id: JobId, format: ReportFormat) -> Response:  # noqa: A002
     """Get the report of a run: results, uncertainty, method, conditions, traceability, by ISO/IEC 17025.
@@ -43,10 +52,66 @@ def get_run_report(request: Request, parts: PartsOf, run_id: JobId, format: Repo
     metadata, settings and authorisations give the same bytes.
     """
     subject = _subject(parts, run_id, request.app.state.laboratory)
-    return answered(run_document(subject, draft()), format)
+    newer = _authorisations(parts.store.authorisations.superseding(run_id))
+    own = _authorisations(parts.store.authorisations.of(run_id))
+    state = state_of(own, newer[-1] if newer else None, subject.content_hash())
+    return report_answer(run_document(subject, state), format)
 
 
-def answered(document: Document, name: ReportFormat) -> Response:
+@router.post(
+    "/{run_id}/authorisations",
+    dependencies=[ADMIN],
+    status_code=201,
+    response_model=Authorisation,
+    responses=problems(400, 404, 409, 413, 415, 422, 507),
+)
+def authorise_run(
+    request: Request, parts: PartsOf, run_id: JobId, body: AuthorisationRequest
+) -> Authorisation:
+    """Authorise the report of a run, under the name of the key. It is never changed and never removed.
+
+    The report is a draft again if the set's metadata, the robot's name or the laboratory's settings change.
+    The same authorisation of the same report by the same key is one.
+    """
+    settings: LaboratorySettings = request.app.state.laboratory
+    subject = _subject(parts, run_id, settings)
+    if settings.laboratory is None:
+        raise HTTPException(
+            409, "no laboratory issues the report: start the service with --laboratory lab.toml"
+        )
+    _refuse_unknown(parts, run_id, body.supersedes)
+    key = asked_of(request).key
+    if key is None:
+        raise HTTPException(403, "a report is authorised under a named key, and none came")
+    record = AuthorisationRecord(
+        run_id=run_id,
+        supersedes=body.supersedes,
+        authorised_at=datetime.now(UTC),
+        key_id=key.id,
+        key_name=key.name,
+        content_hash=subject.content_hash(),
+        note=body.note,
+    )
+    before = parts.store.authorisations.of(run_id)
+    if before and asdict(before[-1]) | {"authorised_at": record.authorised_at} == asdict(record):
+        return _authorisations(before)[-1]
+    parts.store.authorisations.add(record)
+    return _authorisations([record])[0]
+
+
+@router.get(
+    "/{run_id}/authorisations",
+    dependencies=[VIEWER],
+    response_model=AuthorisationList,
+    responses=problems(404, 422),
+)
+def list_run_authorisations(parts: PartsOf, run_id: JobId) -> AuthorisationList:
+    """List the authorisations of a run's report, in the order in which they came."""
+    stored_job(parts.store, Run, run_id)
+    return AuthorisationList(items=_authorisations(parts.store.authorisations.of(run_id)))
+
+
+def report_answer(document: Document, name: ReportFormat) -> Response:
     """Return a report as a file of a format."""
     headers = {"Content-Disposition": f'inline; filename="report-{document.number}.{name}"'}
     if name == "pdf":
@@ -58,3 +123,20 @@ def answered(document: Document, name: ReportFormat) -> Response:
 def _subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
     model = exported_model(parts, run_id)
     return RunSubject(model, parts.sets.document(model.run.request.measurement_set_id), settings)
+
+
+def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
+    if superseded is None:
+        return
+    if superseded == run_id:
+        raise RequestError(
+            "a report does not supersede itself", where="supersedes", remedy="omit it: a later one counts"
+        )
+    try:
+        stored_job(parts.store, Run, superseded)
+    except NotFoundError as error:
+        raise RequestError(error.reason, where="supersedes", remedy=error.remedy) from error
+
+
+def _authorisations(records: list[AuthorisationRecord]) -> list[Authorisation]:
+    return [Authorisation(**asdict(record)) for record in records]

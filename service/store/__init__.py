@@ -23,6 +23,7 @@ from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
 from jointstiff.service.store.records import (
     AccessKey,
     AuditEntry,
+    AuthorisationRecord,
     IdempotencyKey,
     JobEntry,
     JobRecord,
@@ -44,6 +45,7 @@ __all__ = [
     "SILENT_SECONDS",
     "AccessKey",
     "AuditEntry",
+    "AuthorisationRecord",
     "CursorError",
     "DeletedError",
     "Deletions",

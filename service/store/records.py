@@ -159,6 +159,21 @@ class TrendNote:
     """JSON text of the request, with what identifies the campaign."""
 
 
+@dataclass(frozen=True, slots=True)
+class AuthorisationRecord:
+    """Authorisation of the report of a run."""
+
+    run_id: str
+    supersedes: str | None
+    """Run whose report this one replaces."""
+    authorised_at: datetime
+    key_id: str
+    key_name: str
+    content_hash: str
+    """SHA-256 of what was authorised."""
+    note: str | None
+
+
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)

@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 from jointstiff.service.problems import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions
 from jointstiff.service.store.audit import Audit
+from jointstiff.service.store.authorisations import Authorisations
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, Collection
 from jointstiff.service.store.database import Database, Dialect
 from jointstiff.service.store.deletion import Deletions
@@ -48,6 +49,7 @@ class Store:
         keys: that let their holders in.
         sessions: of browsers that signed in with a key.
         audit: who tried to change what.
+        authorisations: of reports.
         trend_notes: new baselines and acknowledged alarms.
     """
 
@@ -62,6 +64,7 @@ class Store:
         self.keys = AccessKeys(database)
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
         self.audit = Audit(database)
+        self.authorisations = Authorisations(database, self.quota)
         self.trend_notes = TrendNotes(database, self.quota)
 
     @classmethod

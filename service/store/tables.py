@@ -256,3 +256,23 @@ trend_notes = Table(
     Column("document", String, nullable=False),
 )
 Index(None, trend_notes.c.robot_id, trend_notes.c.sequence)
+
+authorisations = Table(
+    "authorisations",
+    metadata,
+    Column(
+        "sequence",
+        BigInteger().with_variant(Integer, "sqlite"),
+        Identity(always=True),
+        primary_key=True,
+    ),
+    Column("run_id", String, nullable=False),  # no reference: they outlive the run, as the audit does
+    Column("supersedes", String, nullable=True),
+    Column("authorised_at", UtcDateTime, nullable=False),
+    Column("key_id", String, nullable=False),
+    Column("key_name", String, nullable=False),
+    Column("content_hash", String, nullable=False),
+    Column("note", String, nullable=True),
+)
+Index(None, authorisations.c.run_id, authorisations.c.sequence)
+Index(None, authorisations.c.supersedes, authorisations.c.sequence)

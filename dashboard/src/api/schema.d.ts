@@ -526,6 +526,33 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/runs/{run_id}/authorisations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Run Authorisations
+         * @description List the authorisations of a run's report, in the order in which they came.
+         */
+        get: operations["listRunAuthorisations"];
+        put?: never;
+        /**
+         * Authorise Run
+         * @description Authorise the report of a run, under the name of the key. It is never changed and never removed.
+         *
+         *     The report is a draft again if the set's metadata, the robot's name or the laboratory's settings change.
+         *     The same authorisation of the same report by the same key is one.
+         */
+        post: operations["authoriseRun"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/health": {
         parameters: {
             query?: never;
@@ -1579,6 +1606,72 @@ export interface components {
              * @description Outcome: the HTTP status of the answer.
              */
             status: number;
+        };
+        /**
+         * Authorisation
+         * @description Authorisation of a report. It is never changed and never removed.
+         */
+        Authorisation: {
+            /**
+             * Note
+             * @description Remark that stands in the report.
+             */
+            note: string | null;
+            /**
+             * Supersedes
+             * @description Run whose report this one replaces; that one says so from then on.
+             */
+            supersedes: string | null;
+            /** Run Id */
+            run_id: string;
+            /**
+             * Key Id
+             * @description Id of the key that authorised it.
+             */
+            key_id: string;
+            /**
+             * Key Name
+             * @description Name of that key.
+             */
+            key_name: string;
+            /**
+             * Authorised At
+             * Format: date-time
+             * @description Time in UTC, ISO 8601.
+             */
+            authorised_at: string;
+            /**
+             * Content Hash
+             * @description SHA-256 of what was authorised: the run, the set's metadata, the robot's name, and the laboratory. A report of anything else is a draft.
+             */
+            content_hash: string;
+        };
+        /**
+         * AuthorisationList
+         * @description Authorisations of a run's report.
+         */
+        AuthorisationList: {
+            /**
+             * Items
+             * @description The authorisations, in the order in which they came.
+             */
+            items: components["schemas"]["Authorisation"][];
+        };
+        /**
+         * AuthorisationRequest
+         * @description Authorisation of a report as it is posted.
+         */
+        AuthorisationRequest: {
+            /**
+             * Note
+             * @description Remark that stands in the report.
+             */
+            note?: string | null;
+            /**
+             * Supersedes
+             * @description Run whose report this one replaces; that one says so from then on.
+             */
+            supersedes?: string | null;
         };
         /**
          * AvoidedDeflection
@@ -13228,6 +13321,207 @@ export interface operations {
             };
             /** @description The database is not available; try again later. */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    listRunAuthorisations: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AuthorisationList"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    authoriseRun: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                run_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AuthorisationRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Authorisation"];
+                };
+            };
+            /** @description The client disconnected before its body was complete. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is needed, and none came that opens the service. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The role of the key does not allow it, or a page of another site asks for a change. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource does not exist. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The resource's state does not allow this; see `remedy`. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body has the wrong Content-Type. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is invalid: `where` names the field, `remedy` says what to do. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full, or too many wrong keys came; try again later. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is not available; try again later. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database has the size that it may have. */
+            507: {
                 headers: {
                     [name: string]: unknown;
                 };

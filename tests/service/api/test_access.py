@@ -43,7 +43,7 @@ OPERATIONS = [
 ]
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
-ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable"}
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "getAuditTable", "authoriseRun"}
 
 
 def bearer(role):

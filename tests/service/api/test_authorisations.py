@@ -1,0 +1,105 @@
+"""Authorisations of reports: under a named key, of what it stated, never changed."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import anyio
+import httpx
+import pytest
+
+from jointstiff.schemas.report import Laboratory
+from jointstiff.service.access import mint
+from jointstiff.service.api import Posture
+from jointstiff.service.app import create_app
+from jointstiff.service.reports import LaboratorySettings
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+KEYS = {role: mint(f"{role} Smith", role, datetime.now(UTC), None) for role in ("operator", "admin")}
+SETTINGS = LaboratorySettings(Laboratory(name="Metrology Lab"))
+
+
+@pytest.fixture(scope="module")
+def store():
+    with Store.open("sqlite://") as opened:
+        for minted in KEYS.values():
+            opened.keys.add(minted.record)
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def ask(store):
+    def ask(method, path, role="operator", settings=SETTINGS, **options):
+        app = create_app(store, posture=POSTURE, laboratory=settings)
+
+        async def send():
+            transport = httpx.ASGITransport(app)
+            headers = {"Authorization": f"Bearer {KEYS[role].text}"}
+            async with httpx.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+                return await client.request(method, path, headers=headers, **options)
+
+        return anyio.run(send)
+
+    return ask
+
+
+@pytest.fixture(scope="module")
+def runs(ask):
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    robot = ask("POST", "/v1/robots", json=campaign["robot"]).json()["id"]
+    readings = campaign["measurement_set"] | {"robot_id": robot}
+    measured = ask("POST", "/v1/measurement-sets", json=readings).json()["id"]
+    request = {"measurement_set_id": measured}
+    return measured, [ask("POST", "/v1/runs", json=request).json()["id"] for _ in range(2)]
+
+
+def page(ask, run, **options):
+    return ask("GET", f"/v1/runs/{run}/report.html", **options).text
+
+
+def test_only_admins_authorise_and_only_for_a_laboratory(ask, runs):
+    path = f"/v1/runs/{runs[1][0]}/authorisations"
+    assert ask("POST", path, json={}).status_code == 403
+    refused = ask("POST", path, "admin", LaboratorySettings(), json={})
+    assert refused.status_code == 409
+    assert "--laboratory" in refused.json()["detail"]
+    assert ask("GET", path).json() == {"items": []}
+
+
+def test_from_draft_to_superseded(ask, runs):
+    measured, (first, second) = runs
+    assert "draft" in page(ask, first)
+    answer = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"note": "checked by two"})
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["key_name"] == "admin Smith"
+    again = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"note": "checked by two"})
+    assert again.json() == answer.json()
+
+    shown = page(ask, first)
+    assert "Authorised by admin Smith" in shown
+    assert "checked by two" in shown
+    assert f"{first}-1" in shown
+    assert ">draft<" not in shown
+    assert ">draft<" in page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab")))
+
+    for other, reason in ((first, "does not supersede itself"), ("none", "there is no run")):
+        refused = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"supersedes": other})
+        assert refused.status_code == 422
+        assert reason in refused.text
+    ask("POST", f"/v1/runs/{second}/authorisations", "admin", json={"supersedes": first})
+    assert ">superseded<" in page(ask, first)
+    assert f"Superseded by the report of run {second}" in page(ask, first)
+    assert ">authorised<" in page(ask, second)
+
+    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "Somebody else"})
+    assert "It was changed since." in page(ask, second)
+    assert ">draft<" in page(ask, second)
+    assert len(ask("GET", f"/v1/runs/{first}/authorisations").json()["items"]) == 1
+
+
+def test_there_is_no_way_to_change_one(store, ask, runs):
+    path = f"/v1/runs/{runs[1][0]}/authorisations"
+    assert {ask(method, path, "admin").status_code for method in ("DELETE", "PUT", "PATCH")} == {405}
+    assert {n for n in dir(store.authorisations) if not n.startswith("_")} == {"add", "of", "superseding"}
