@@ -152,11 +152,13 @@ class ProgramWork(SteppedWork[Corrections]):
         """
         found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
         path = self._path
-        files, written = rewritten(path, self._model.robot, found, self._request.leave_alone)
+        written = rewritten(path, self._model.robot, found)
         quantile = self._model.quantile(self._request.confidence)
         points = certified(path, written, found, self._model, self._inverse, quantile)
-        names = [source.name for source in self._program.sources]
-        return self._result(points, [packed(n, content) for n, content in zip(names, files, strict=True)])
+        names = [source.name for source in written.sources]
+        return self._result(
+            points, [packed(n, content) for n, content in zip(names, written.files, strict=True)]
+        )
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -17,6 +15,7 @@ from jointstiff.service.conversion import guarded
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection import Compensation, ModelErrorBound
 
+_SPECIAL: Final = frozenset('",\r\n')
 _MM: Final = 1e3
 _MRAD: Final = 1e3
 
@@ -141,27 +140,29 @@ class WrittenPoints:
 
     def table(self) -> str:
         """Return all points as CSV, in the order of the path."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_HEADER)
-        numbers, reasons = self._numbers(), self._reasons()
+        place, program = self.place, self.path.program
+        angles = np.degrees(self.path.cases.joints)
         rows = np.full(len(self.path.targets), -1)
-        rows[self.corrections.points] = np.arange(len(numbers))
-        program, angles = self.path.program, np.degrees(self.path.cases.joints)
-        for point, (index, row) in enumerate(zip(self.path.targets.tolist(), rows.tolist(), strict=True)):
+        rows[self.corrections.points] = np.arange(len(self.corrections.points))
+        numbers, names = self._numbers(), [_cell(source.name) for source in program.sources]
+        lines = [",".join(map(_cell, _HEADER))]
+        for point, (index, row, where, reason) in enumerate(
+            zip(
+                self.path.targets.tolist(),
+                rows.tolist(),
+                np.hstack([place, angles]).tolist(),
+                self._reasons(),
+                strict=True,
+            )
+        ):
             target = program.targets[index]
-            head = [
-                point + 1,
-                guarded(target.name),
-                guarded(program.sources[target.source].name),
-                target.line,
-            ]
-            place = [f"{value:.6f}" for value in self.place[point]]
-            place += [f"{value:.4f}" for value in angles[point]]
-            writer.writerow([*head, *place, *(numbers[row] if row >= 0 else _NOTHING), reasons[point]])
-        return text.getvalue()
+            name = _cell(target.name) if target.name else ""
+            found = numbers[row] if row >= 0 else _NOTHING
+            head = f"{point + 1},{name},{names[target.source]},{target.line}"
+            lines.append(f"{head},{_WHERE % tuple(where)},{found},{reason}")
+        return "\n".join([*lines, ""])
 
-    def _numbers(self) -> list[list[str]]:
+    def _numbers(self) -> list[str]:
         found = self.corrections
         deflection = _size(found.uncorrected[:, :3])
         columns = np.column_stack(
@@ -181,9 +182,8 @@ class WrittenPoints:
                 found.share,
             ]
         )
-        return [
-            ["" if text == "nan" else text for text in map("{:.6g}".format, row)] for row in columns.tolist()
-        ]
+        form = ",".join(["%.6g"] * columns.shape[1])
+        return [(form % tuple(row)).replace("nan", "") for row in columns.tolist()]
 
     def _reasons(self) -> list[str]:
         reasons = np.full(len(self.path.targets), "no load", dtype=object)
@@ -218,11 +218,18 @@ _HEADER: Final = (
     "share [1]",
     "remark",
 )
-_NOTHING: Final = ("",) * (len(_HEADER) - 14)
+_WHERE: Final = ",".join(["%.6f"] * 3 + ["%.4f"] * 6)
+_NOTHING: Final = "," * (len(_HEADER) - 15)
 
 
 def _size(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def _cell(text: str) -> str:
+    """Return a cell that no spreadsheet takes for a formula, in quotes where it needs them."""
+    text = str(guarded(text))
+    return '"' + text.replace('"', '""') + '"' if _SPECIAL & set(text) else text
 
 
 def _printable(text: str) -> str:

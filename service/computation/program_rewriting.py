@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 from typing import Final
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from jointstiff.service.computation.program_path import ProgramPath
 from jointstiff.service.computation.program_points import Corrections, WrittenPoints
-from jointstiff.service.programs import Orientation, Program, ProgramError, read_program
+from jointstiff.service.programs import Orientation, Program, ProgramError
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.deflection import ForwardModel, LoadCases, residuals
 from jointstiff.solver.robot import Configurations, InverseKinematics, Robot, flange_poses
@@ -19,10 +18,8 @@ _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
 
 
-def rewritten(
-    path: ProgramPath, robot: Robot, found: Corrections, leave_alone: Collection[str]
-) -> tuple[tuple[bytes, ...], Program]:
-    """Return the files with the corrected numbers, and the program that they are, read again.
+def rewritten(path: ProgramPath, robot: Robot, found: Corrections) -> Program:
+    """Return the program with the corrected numbers, read from its text where they stand now.
 
     Raises:
         ProgramError: a correction leads out of the joints' limits.
@@ -42,9 +39,7 @@ def rewritten(
         else:
             edits = path.stated.edits(index, path.cases.joints[point], found.commanded[row])
             words += [(index, edit) for edit in edits]
-    files = program.rewritten(values, aligned=program.format == "fanuc", words=words)
-    named = [(source.name, content) for source, content in zip(program.sources, files, strict=True)]
-    return files, read_program(named, program.format, leave_alone)
+    return program.rewritten(values, aligned=program.format == "fanuc", words=words)
 
 
 def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:

@@ -6,11 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, pi
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.program import Program, Target
+from jointstiff.service.programs.program import Edit, Program, Target
 from jointstiff.solver.arrays import FloatArray
 
 _HALF: Final = pi / 2
@@ -19,9 +19,6 @@ _NEAR: Final = 1e-4
 """Angle beside a boundary [rad] where a program, which is rounded, may say either."""
 _ROUNDING: Final = 1e-8
 """Angle beside a boundary [rad] that is nothing: no word is changed for it."""
-
-Edit: TypeAlias = tuple[int, int, str]
-"""First and last + 1 character, and the text in their place."""
 
 
 @dataclass(frozen=True, slots=True)

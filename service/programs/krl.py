@@ -43,6 +43,14 @@ _FIELD: Final = re.compile(
     rf"\s*(\$?[A-Z]\w*)\s*(?:\[\])?\s+({NUMBER}|'B[01]+'|\"[^\"]*\"|#\w+|TRUE|FALSE)\s*(?:,|$)", re.I
 )
 _AGGREGATE: Final = re.compile(r"\{\s*(?:(E6POS|POS|FRAME|E6AXIS|AXIS)\s*:)?([^{}:]*)\}", re.IGNORECASE)
+_N: Final = rf"\s+({NUMBER})\s*"
+_PLAIN: Final = re.compile(
+    rf"(LIN|PTP|SLIN|SPTP|SPL)\s*\{{\s*X{_N},\s*Y{_N},\s*Z{_N},\s*A{_N},\s*B{_N},\s*C{_N}"
+    rf"(,\s*S\s+(\d+)\s*,\s*T\s+(\d+)\s*)?(?:,\s*E[1-6]\s+0*\.?0+\s*){{0,6}}\}}\s*(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)?\s*$",
+    re.IGNORECASE,
+)
+"""A move of the usual form: to a literal pose, its external axes at zero."""
+_STANDING: Final = (0.0,) * 6
 _NAME: Final = re.compile(r"\$?[A-Z]\w*", re.IGNORECASE)
 _MOVE: Final = re.compile(rf"({'|'.join(sorted(_MOVES, key=len, reverse=True))})\s*(?=[\s{{])", re.IGNORECASE)
 _RELATIVE: Final = re.compile(r"\w+_REL\b", re.IGNORECASE)
@@ -124,6 +132,9 @@ class _Program:
         offset = start + len(text) - len(text.lstrip())
         if not body:
             return
+        if (plain := _PLAIN.match(body)) and self.external in {None, _STANDING}:
+            self._plain(line, plain, offset)
+            return
         self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
         self.routine += bool(_DEF.match(body))
         if move := _MOVE.match(body):
@@ -136,6 +147,14 @@ class _Program:
             self._assigned(source, line, assigned, offset)
         else:
             self._other(source, line, body)
+
+    def _plain(self, line: int, plain: re.Match[str], offset: int) -> None:
+        """Take a move of the usual form."""
+        self.external, self.moved = _STANDING, True
+        spans = [(offset + start, offset + end) for start, end in plain.regs[2:8]]
+        branch = f"S {plain[9]}, T {plain[10]}" if plain[8] else ""
+        target = self.reader.target("", (0, line), POSE, spans, (self.base, self.tool), branch, line)
+        self.reader.move(line, _MOVES[plain[1].upper()][0], [target])
 
     def _other(self, source: int, line: int, body: str) -> None:
         known = _STILL.match(body) is not None

@@ -76,10 +76,12 @@ class Notation:
             return True
         return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _UNIT
 
-    def decimals(self, index: int) -> int:
-        """Return the digits behind the point for number `index` of a target."""
-        position = self.orientation is not Orientation.JOINTS and index < 3
-        return self.length_decimals if position else self.angle_decimals
+    @property
+    def decimals(self) -> tuple[int, ...]:
+        """Digits behind the point for each number of a target."""
+        if self.orientation is Orientation.JOINTS:
+            return (self.angle_decimals,) * 6
+        return (self.length_decimals,) * 3 + (self.angle_decimals,) * self.count
 
     def poses(self, values: FloatArray) -> FloatArray:
         """Return poses (m, 4, 4) of targets' numbers (m, 3 + count), tool in base [m].

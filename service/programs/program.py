@@ -7,14 +7,18 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
 from jointstiff.service.programs.notation import Notation
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 
 MOST_BLANKS = 32
 """Blanks before a number that a column is kept with."""
+Edit: TypeAlias = tuple[int, int, str]
+"""First and last + 1 character, and the text in their place."""
 _LINE_END = re.compile(r"\r\n|\n|\r")
 
 
@@ -103,6 +107,21 @@ class Target:
     tool: FrameName
     branch: str = ""
 
+    def at(self, text: str, spans: tuple[int, ...]) -> Target:
+        """Return the target with the numbers that stand at spans of a text."""
+        values = tuple([float(text[start:end]) for start, end in zip(spans[::2], spans[1::2], strict=True)])
+        return Target(
+            self.name,
+            self.source,
+            self.line,
+            self.notation,
+            values,
+            spans,
+            self.base,
+            self.tool,
+            self.branch,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Move:
@@ -161,44 +180,59 @@ class Program:
         values: Mapping[int, Sequence[float]],
         *,
         aligned: bool = False,
-        words: Sequence[tuple[int, tuple[int, int, str]]] = (),
-    ) -> tuple[bytes, ...]:
-        """Return the files with other numbers in targets, by index; every other byte is as it was.
+        words: Sequence[tuple[int, Edit]] = (),
+    ) -> Program:
+        """Return the program with other numbers in targets, by index; every other byte is as it was.
 
-        A number that is the same to the digits it would get keeps its characters. `aligned` takes blanks
-        before a number that grows and gives them to one that shrinks, so that columns stay. `words` are
-        further
-        texts in place of characters, by the index of a target.
+        A number that is the same to the digits it would get keeps its characters. The numbers of the answer
+        are read from its text, where they stand now.
+
+        Args:
+            values: numbers of targets.
+            aligned: take blanks before a number that grows and give them to one that shrinks, so that columns
+                stay.
+            words: further texts in place of characters, by the index of a target.
         """
-        edits: list[list[tuple[int, int, str]]] = [[] for _ in self.sources]
+        edits: list[list[Edit]] = [[] for _ in self.sources]
         for i, edit in words:
             edits[self.targets[i].source].append(edit)
         for i, new in values.items():
             target = self.targets[i]
-            text = self.sources[target.source].text
-            for k, (start, end) in enumerate(zip(target.spans[::2], target.spans[1::2], strict=True)):
+            text, of_source, spans = self.sources[target.source].text, edits[target.source], target.spans
+            numbers = zip(new, target.values, spans[::2], spans[1::2], target.notation.decimals, strict=True)
+            for value, before, start, end, decimals in numbers:
+                if value == before:
+                    continue
                 old = text[start:end]
-                number = written(new[k], target.values[k], old, target.notation.decimals(k))
+                number = written(value, before, old, decimals)
                 if number != old:
-                    edits[target.source].append(
-                        _padded(text, start, end, number) if aligned else (start, end, number)
-                    )
-        return tuple(
-            _edited(source.text, sorted(changes)).encode("latin-1")
-            for source, changes in zip(self.sources, edits, strict=True)
-        )
+                    of_source.append(_padded(text, start, end, number) if aligned else (start, end, number))
+        edited = [_Edited.of(source, changes) for source, changes in zip(self.sources, edits, strict=True)]
+        targets = list(self.targets)
+        for index, part in enumerate(edited):
+            places = [i for i, target in enumerate(self.targets) if target.source == index]
+            found = part.places([self.targets[i].spans for i in places])
+            for i, spans in zip(places, found, strict=True):
+                targets[i] = self.targets[i].at(part.source.text, spans)
+        sources = tuple(part.source for part in edited)
+        return Program(self.format, sources, tuple(targets), self.moves, self.left_alone)
+
+    @property
+    def files(self) -> tuple[bytes, ...]:
+        """Bytes of its files."""
+        return tuple(source.text.encode("latin-1") for source in self.sources)
 
 
 def written(value: float, old: float, text: str, decimals: int) -> str:
     """Return a number as text: `text` itself, where `value` is `old` to the digits that it would get."""
     mantissa = text.lower().partition("e")[0]
-    digits = max(decimals, len(mantissa.partition(".")[2]))
-    new = f"{value:.{digits}f}"
-    if float(new) == float(f"{old:.{digits}f}"):
+    decimals = max(decimals, len(mantissa.partition(".")[2]))
+    new, usual = f"{value:.{decimals}f}", f"{old:.{decimals}f}"
+    if new == usual or float(new) == float(usual) == 0.0:
         return text
-    if float(new) == 0:
+    if float(new) == 0.0:
         new = new.removeprefix("-")
-    return f"+{new}" if text.startswith("+") and not new.startswith("-") else new
+    return f"+{new}" if text[0] == "+" and new[0] != "-" else new
 
 
 def _padded(text: str, start: int, end: int, number: str) -> tuple[int, int, str]:
@@ -212,10 +246,50 @@ def _padded(text: str, start: int, end: int, number: str) -> tuple[int, int, str
     return start, end, " " * -longer + number if blanks else number
 
 
-def _edited(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
-    pieces = []
-    done = 0
-    for start, end, number in edits:
-        pieces += [text[done:start], number]
-        done = end
-    return "".join([*pieces, text[done:]])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edited:
+    """A source after edits, and where its characters went.
+
+    Attributes:
+        source: with the new text.
+        ends: (e,) ends of the edits in the old text, ascending.
+        shift: (e + 1,) by which characters move that have as many edits before them.
+        lengths: (e,) characters of each edit's number.
+    """
+
+    source: Source
+    ends: IndexArray
+    shift: IndexArray
+    lengths: IndexArray
+
+    @classmethod
+    def of(cls, source: Source, changes: Sequence[Edit]) -> _Edited:
+        """Carry out edits."""
+        edits = sorted(changes)
+        pieces, done = [], 0
+        for start, end, number in edits:
+            pieces += [source.text[done:start], number]
+            done = end
+        pieces.append(source.text[done:])
+        grown = [len(number) - (end - start) for start, end, number in edits]
+        ends = np.array([end for _, end, _ in edits], dtype=np.intp)
+        shift = np.concatenate([[0], np.cumsum(grown)]).astype(np.intp)
+        lengths = np.array([len(number.lstrip(" ")) for _, _, number in edits], dtype=np.intp)
+        starts = np.array(source.starts, dtype=np.intp)
+        starts += shift[np.searchsorted(ends, starts, side="right")]
+        return cls(Source(source.name, "".join(pieces), tuple(starts.tolist())), ends, shift, lengths)
+
+    def places(self, spans: Sequence[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
+        """Yield where the numbers of targets went, by the spans of the old text."""
+        old = np.fromiter(chain.from_iterable(spans), dtype=np.intp).reshape(-1, 2)
+        before = np.searchsorted(self.ends, old[:, 1], side="right")
+        length = old[:, 1] - old[:, 0]
+        if len(self.ends):
+            last = np.maximum(before - 1, 0)
+            length = np.where((before > 0) & (self.ends[last] == old[:, 1]), self.lengths[last], length)
+        ends = old[:, 1] + self.shift[before]
+        flat = np.stack([ends - length, ends], axis=1).ravel().tolist()
+        at = 0
+        for span in spans:
+            yield tuple(flat[at : at + len(span)])
+            at += len(span)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Final
 
 from jointstiff.service.programs.errors import MAX_FAULTS, Fault, ProgramError, shown
@@ -116,8 +116,8 @@ class Reader:
         if name and name in self._names:
             return self._again(name, used or line, frames)
         text = self.sources[source].text
-        values = tuple(float(text[start:end]) for start, end in numbers)
-        if not all(math.isfinite(v) and abs(v) <= MAX_VALUE for v in values):
+        values = tuple([float(text[start:end]) for start, end in numbers])
+        if not (min(values) >= -MAX_VALUE and max(values) <= MAX_VALUE):  # nor NaN, which compares with none
             self.refuse(
                 line,
                 "a number of a target is out of range",
@@ -131,7 +131,7 @@ class Reader:
         if len(self._targets) >= MAX_TARGETS:
             self.refuse(line, f"more than {MAX_TARGETS} targets", "split the program", source)
             return None
-        spans = tuple(offset for number in numbers for offset in number)
+        spans = tuple(chain.from_iterable(numbers))
         self._targets.append(Target(name, source, line, notation, values, spans, *frames, branch))
         if name:
             self._names[name] = len(self._targets) - 1

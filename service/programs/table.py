@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
 from jointstiff.service.programs.program import FrameName, Motion, Program, Source
-from jointstiff.service.programs.reader import NUMBER_PATTERN, Reader
+from jointstiff.service.programs.reader import NUMBER, NUMBER_PATTERN, Reader
 
 _ORIENTATIONS: Final = {
     ("a", "b", "c"): Orientation.EULER_ZYX,
@@ -56,16 +56,26 @@ def read_table(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
         FrameName("base", np.eye(4)) if notation.orientation is Orientation.JOINTS else FrameName("part"),
         FrameName("tool"),
     )
+    motion = Motion.JOINT if notation.orientation is Orientation.JOINTS else Motion.LINEAR
+    usual = _usual_row(places, width, delimiter)
+    order = np.argsort(np.argsort(places)) + 1  # group of each number
     for row in rows[1:]:
-        numbers = _numbers(reader, row, delimiter, places, width)
+        numbers: Sequence[tuple[int, int]] | None
+        if plain := usual.match(row[2]):
+            spans = [plain.regs[group] for group in order]
+            numbers = [(row[1] + begin, row[1] + end) for begin, end in spans]
+        else:
+            numbers = _numbers(reader, row, delimiter, places, width)
         if numbers:
             target = reader.target("", (0, row[0]), notation, numbers, frames)
-            reader.move(
-                row[0],
-                Motion.JOINT if notation.orientation is Orientation.JOINTS else Motion.LINEAR,
-                (target,),
-            )
+            reader.move(row[0], motion, (target,))
     return reader.program()
+
+
+def _usual_row(places: list[int], width: int, delimiter: str) -> re.Pattern[str]:
+    """Return the pattern of a row whose numbers stand without quotes, a group for each from the left."""
+    number, other = rf"[ ]*({NUMBER})[ ]*", f"[^{delimiter}]*"
+    return re.compile(delimiter.join(number if i in places else other for i in range(width)) + "$")
 
 
 def _columns(
@@ -120,7 +130,7 @@ def _scaled(notation: Notation, given: list[list[str]]) -> Notation | None:
 
 def _numbers(
     reader: Reader, row: tuple[int, int, str], delimiter: str, places: list[int], width: int
-) -> list[tuple[int, int]] | None:
+) -> Sequence[tuple[int, int]] | None:
     line, start, text = row
     cells, offset = [], start
     for cell in text.split(delimiter):

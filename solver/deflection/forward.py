@@ -27,7 +27,7 @@ from jointstiff.solver.regression import joint_torque, skew
 from jointstiff.solver.robot import Configurations, Robot
 
 _STEPS: Final = 20
-_LAST_STEP: Final = 1e-7
+_LAST_STEP: Final = 5e-7
 """Step of Newton's method [rad or m] that is taken to first order: what it leaves is its square."""
 _WEIGHT_STEPS: Final = 8
 """Steps in which the own weight of the commanded posture settles; each gains three digits."""

@@ -23,8 +23,14 @@ _JOINTS: Final = 6
 _STEPS: Final = 8
 _REACHED: Final = 1e-10
 """Distance [m] and angle [rad] from the pose that is rounding."""
+_LAST_STEP: Final = 1e-6
+"""Step of Newton's method [rad] whose square, times an arm's reach, is rounding."""
+_SMALL_TURN: Final = 1.0
+"""Angle [rad] up to which the skew part of a rotation is enough to tell its vector."""
 _SNAP: Final = 1e-2
 """Parts of an axis, and of a step between axes [m], that identification rather than design put there."""
+_BLOCK: Final = 4096
+"""Poses whose solutions are held as objects at a time."""
 _DAMPING: Final = 1e-12
 
 
@@ -57,17 +63,31 @@ class InverseKinematics:
             (m, 8, 6) angles of the model in [−π, π] [rad], filled up with NaN.
         """
         angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
-        for pose, found in zip(poses, angles, strict=True):
-            solution = self._solver.calculate_IK(pose)
-            kept = np.asarray(solution.Q, dtype=np.float64).reshape(-1, _JOINTS)
-            if self._exact:  # least squares where the pose is out of reach; near it, Newton's method decides
-                kept = kept[~np.asarray(solution.is_LS, dtype=bool)]
-            found[: len(kept)] = kept[:BRANCHES]
+        for start in range(0, len(poses), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            angles[block] = self._closed_form(poses[block])
         if not self._exact:
             case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
             polished, reached = self.polished(poses[case], angles[case, branch])
             polished[~reached] = np.nan
             angles[case, branch] = polished
+        return angles
+
+    def _closed_form(self, poses: FloatArray) -> FloatArray:
+        """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN."""
+        angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
+        solutions = [self._solver.calculate_IK(pose) for pose in poses]
+        found = [solution.Q for solution in solutions]
+        counts = np.array([len(each) for each in found])
+        if not counts.any():
+            return angles
+        pose, rows = np.repeat(np.arange(len(poses)), counts), np.concatenate([q for q in found if len(q)])
+        if self._exact:  # least squares where the pose is out of reach; near it, Newton's method decides
+            kept = ~np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
+            pose, rows = pose[kept], rows[kept]
+        branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
+        few = branch < BRANCHES
+        angles[pose[few], branch[few]] = rows[few]
         return angles
 
     def nearest(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -94,19 +114,24 @@ class InverseKinematics:
         Returns:
             Angles (m, 6) of the model [rad], and (m,) whether the pose is reached.
         """
-        q = near.copy()
+        q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
+        left = np.arange(len(near))
         for _ in range(_STEPS):
-            here = Configurations(self.robot, q)
-            step = _twist(here, poses)
-            if (np.abs(step) <= _REACHED).all():
-                break
+            here = Configurations(self.robot, q[left])
+            apart = _twist(here, poses[left])
             jacobian = np.concatenate(
                 [here.jacobian_at(here.flange_translation[:, None])[:, 0], here.angular_jacobian], axis=1
             )
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, step[..., None]))[..., 0]
-        near_enough = np.abs(_twist(Configurations(self.robot, q), poses)) <= _REACHED
-        return q, np.asarray(near_enough.all(axis=1))
+            step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, apart[..., None]))[..., 0]
+            rest = apart - (jacobian @ step[..., None])[..., 0]
+            q[left] += step
+            near_enough = np.abs(rest).max(axis=1, initial=0.0) <= 0.5 * _REACHED
+            reached[left] = near_enough & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
+            left = left[~reached[left]]
+            if not len(left):
+                break
+        return q, reached
 
 
 def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
@@ -119,11 +144,21 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
 
 def _twist(here: Configurations, poses: FloatArray) -> FloatArray:
     """Return displacement [m] and rotation vector [rad] (m, 6), axes of R0, from the flange to the poses."""
-    from scipy.spatial.transform import Rotation  # costs start-up, and few commands need it
-
     turn = poses[:, :3, :3] @ here.flange_rotation.transpose(0, 2, 1)
-    axis = Rotation.from_matrix(turn).as_rotvec()
-    return np.concatenate([poses[:, :3, 3] - here.flange_translation, axis], axis=1)
+    apart = np.empty((len(poses), 6))
+    apart[:, :3] = poses[:, :3, 3] - here.flange_translation
+    if np.trace(turn, axis1=1, axis2=2).min(initial=3.0) > 1.0 + 2.0 * np.cos(_SMALL_TURN):
+        skew = 0.5 * (turn - turn.transpose(0, 2, 1))
+        apart[:, 3:] = skew[:, [2, 0, 1], [1, 2, 0]]
+        sine = np.linalg.norm(apart[:, 3:], axis=1, keepdims=True)
+        apart[:, 3:] *= np.where(
+            sine > 0.0, np.arcsin(np.minimum(sine, 1.0)) / np.where(sine > 0.0, sine, 1.0), 1.0
+        )
+    else:
+        from scipy.spatial.transform import Rotation  # costs start-up, and few commands need it
+
+        apart[:, 3:] = Rotation.from_matrix(turn).as_rotvec()
+    return apart
 
 
 def _decomposed(robot: Robot) -> tuple[Any, bool]:
