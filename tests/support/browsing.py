@@ -17,7 +17,13 @@ ROOT = Path(__file__).parents[2]
 DASHBOARD = ROOT / "dashboard"
 REQUIRE_CHROMIUM = "JOINTSTIFF_REQUIRE_CHROMIUM"
 expect.set_options(timeout=20_000)  # a busy machine is no fault of the page
-SIZES = {"phone": (390, 844), "small tablet": (1024, 768), "tablet": (1180, 820), "desktop": (1440, 900)}
+SIZES = {
+    "phone": (390, 844),
+    "tablet upright": (820, 1180),
+    "small tablet": (1024, 768),
+    "tablet": (1180, 820),
+    "desktop": (1440, 900),
+}
 ARGUMENTS = [
     "--headless",
     "--no-sandbox",

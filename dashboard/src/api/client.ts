@@ -7,6 +7,7 @@ import type {
   GeometrySummary,
   Health,
   ImportAnswer,
+  ImportOptions,
   Kinematics,
   Map as WorkMap,
   MapSummary,
@@ -165,12 +166,9 @@ export const api = {
     call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
   deleteSet: (set: string) => call<undefined>("DELETE", `/v1/measurement-sets/${id(set)}`),
   restoreSet: (set: string) => call<MeasurementSet>("POST", `/v1/measurement-sets/${id(set)}/restore`),
-  /** What a table of readings was understood as; nothing is stored. */
-  importTable: (file: File) => {
-    const body = new FormData();
-    body.append("files", file);
-    return call<ImportAnswer>("POST", "/v1/imports", { body });
-  },
+  /** What files of readings were understood as; nothing is stored. */
+  importFiles: (files: File[], stated: ImportOptions = {}, signal?: AbortSignal) =>
+    call<ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), ...options(signal) }),
   addSet: (document: unknown, key: string) =>
     call<MeasurementSet>("POST", "/v1/measurement-sets", { body: document, key }),
 
@@ -222,12 +220,8 @@ export const api = {
   programTable: (program: string) => `/v1/programs/${id(program)}/points.csv`,
   programPoints: (program: string) => textOf(api.programTable(program)),
   programFile: (program: string, file: string) => `/v1/programs/${id(program)}/program${query({ file })}`,
-  addProgram: (files: File[], stated: unknown, key: string) => {
-    const body = new FormData();
-    for (const file of files) body.append("files", file);
-    body.append("options", JSON.stringify(stated));
-    return call<Program>("POST", "/v1/programs?wait=1", { body, key });
-  },
+  addProgram: (files: File[], stated: unknown, key: string) =>
+    call<Program>("POST", "/v1/programs?wait=1", { body: form(files, stated), key }),
   cancelProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/cancel`),
   deleteProgram: (program: string) => call<undefined>("DELETE", `/v1/programs/${id(program)}`),
   restoreProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/restore`),
@@ -242,6 +236,14 @@ export const api = {
   deleteMap: (map: string) => call<undefined>("DELETE", `/v1/maps/${id(map)}`),
   restoreMap: (map: string) => call<WorkMap>("POST", `/v1/maps/${id(map)}/restore`),
 };
+
+/** Files, and what is stated of them. */
+function form(files: File[], stated: unknown): FormData {
+  const body = new FormData();
+  for (const file of files) body.append("files", file);
+  body.append("options", JSON.stringify(stated));
+  return body;
+}
 
 function options(signal: AbortSignal | undefined): Call {
   return signal === undefined ? {} : { signal };

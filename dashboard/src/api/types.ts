@@ -19,6 +19,7 @@ export type GeometryResult = Schemas["GeometryResult"];
 export type GeometrySummary = Schemas["GeometrySummary"];
 export type Health = Schemas["Health"];
 export type ImportAnswer = Schemas["ImportAnswer"];
+export type ImportOptions = Partial<Schemas["ImportRequest"]>;
 export type JointMap = Schemas["JointMap"];
 export type JointResult = Schemas["JointResult"];
 export type Kinematics = Schemas["Kinematics"];

@@ -1,4 +1,4 @@
-/** Where a file is dropped, or chosen with one tap. */
+/** Where files are dropped, or chosen with one tap. */
 import { useId, useState } from "preact/hooks";
 
 export function DropZone({
@@ -7,26 +7,31 @@ export function DropZone({
   button,
   accept,
   take,
+  several = false,
   compact = false,
 }: {
   title: string;
   hint: string;
   button: string;
   accept: string;
-  take: (file: File) => void;
+  /** Without `several` there is one. */
+  take: (file: File, ...others: File[]) => void;
+  several?: boolean;
   compact?: boolean;
 }) {
   const [over, setOver] = useState(false);
   const id = useId();
+  const given = (files: FileList | null | undefined) => {
+    const [first, ...others] = files ?? [];
+    if (first) take(first, ...(several ? others : []));
+  };
   const dropped = (event: DragEvent) => {
     event.preventDefault();
     setOver(false);
-    const file = event.dataTransfer?.files[0];
-    if (file) take(file);
+    given(event.dataTransfer?.files);
   };
   const chosen = (event: Event & { currentTarget: HTMLInputElement }) => {
-    const file = event.currentTarget.files?.[0];
-    if (file) take(file);
+    given(event.currentTarget.files);
     event.currentTarget.value = ""; // so that the same file can be chosen again
   };
   return (
@@ -48,7 +53,7 @@ export function DropZone({
           <p>{hint}</p>
         </>
       )}
-      <input class="hidden" id={id} type="file" accept={accept} onChange={chosen} />
+      <input class="hidden" id={id} type="file" accept={accept} multiple={several} onChange={chosen} />
       <label class={compact ? "button" : "button primary"} for={id}>
         {button}
       </label>

@@ -5,6 +5,7 @@ import type {
   DhModel,
   Elasticity,
   ElementKind,
+  ImportAnswer,
   Loss,
   MeasurementSet,
   Method,
@@ -15,11 +16,12 @@ import type {
   Weighting,
 } from "../api/types";
 import type { Facts, Fault } from "../lib/campaign";
+import type { FilePreview, ImportFault, MeaningGroup } from "../lib/columns";
 import type { Verdict } from "../lib/verdict";
 import { geometry } from "./geometry";
 
 /** Reasons why a file is refused before it is sent. */
-export type FileFault = Fault | "table" | "too_large";
+export type FileFault = Fault | "mixed" | "several" | "too_large";
 
 /** A few names, and how many more. */
 const some = (names: string[]): string =>
@@ -92,11 +94,10 @@ export const en = {
   },
   files: {
     title: "Readings",
-    drop: "Drop a measurement file here",
-    dropHint: "A campaign or a measurement set, JSON",
-    imported: "Tables and point lists: `jointstiff import FILE` makes a campaign of them.",
+    drop: "Drop readings here",
+    dropHint: "Tables and lists of points (CSV, text, Excel), several at once, or a campaign (JSON)",
     choose: "Choose file",
-    another: "Choose another file",
+    another: "Choose other files",
     stored: "Or a set that is stored",
     storedNone: "Choose a stored set",
     checking: "Checking and storing…",
@@ -135,10 +136,11 @@ export const en = {
         "This is not a JSON file",
         "Choose a campaign file written by your measuring program or by “jointstiff simulate”.",
       ],
-      table: [
-        "This is a table, not a campaign",
-        "Make a campaign of it with “jointstiff import FILE --output campaign.json”, then drop campaign.json here.",
+      mixed: [
+        "A campaign and tables together",
+        "A campaign has its readings already: drop it alone, or the tables alone.",
       ],
+      several: ["Several JSON files at once", "Drop one campaign at a time; several tables go together."],
       not_object: [
         "This JSON file is not a campaign",
         "A campaign has a robot and a measurement_set; see docs/first-campaign.md.",
@@ -153,6 +155,92 @@ export const en = {
       ],
       too_large: ["This file is too large", "Split it into several sets of fewer configurations."],
     } satisfies Record<FileFault, [string, string]>,
+  },
+  imports: {
+    readingFiles: "Reading the files…",
+    rest: "What no file says",
+    understood: "What was understood",
+    line: "Line",
+    firstRows: (file: string) => `First rows of ${file}`,
+    fileFacts: ({ row_count, format, sheet, encoding, delimiter, decimal_mark }: FilePreview) =>
+      [
+        plural(row_count, "row", "rows"),
+        format === "xlsx" ? `Excel${sheet === null ? "" : `, sheet “${sheet}”`}` : null,
+        encoding,
+        delimiter && `cells by ${delimiter}`,
+        decimal_mark && `decimal ${decimal_mark}`,
+      ]
+        .filter(Boolean)
+        .join(" · "),
+    columnNumber: (column: number) => `column ${column}`,
+    meaningOf: (header: string) => `Meaning of ${header}`,
+    unitOf: (header: string) => `Unit of ${header}`,
+    pickUnit: "unit?",
+    unknown: "not understood",
+    chooseMeaning: "Choose what it means, or that it is not used.",
+    toLookAt: "To look at:",
+    guessed: "guessed: check",
+    groups: {
+      texts: "Texts",
+      joints: "Joint angles",
+      loads: "Load",
+      target: "Position, target named elsewhere",
+    } satisfies Record<MeaningGroup["group"], string>,
+    meanings: {
+      ignored: "not used",
+      name: "label of the configuration or point",
+      target: "target",
+      state: "state: unloaded, loaded",
+    } as Record<string, string>,
+    place: ({ file, line, column }: ImportFault) =>
+      [file, line === null ? null : `line ${line}`, column === null ? null : `column ${column}`]
+        .filter(Boolean)
+        .join(", "),
+    encoders: "Position loop closed by",
+    load: "Load",
+    loads: { mass: "Dead weight", force: "Force" },
+    mass: "Mass",
+    massHelp: "Hangs straight down along −z of R0: 9.80665 N for each kilogram. Local gravity differs by up to 0.3 %.",
+    force: "Force on the robot, x, y, z",
+    forceHelp: "Axes of R0, the same in all configurations.",
+    loadPoint: "Load point, x, y, z",
+    loadPointHelp: "Where the load acts, in the flange frame.",
+    placeOf: (target: string) => `Place of ${target}, x, y, z`,
+    placeHelp: "In the flange frame; deflections need it.",
+    name: "Name of the set",
+    otherRobot: "Another robot",
+    noRobot: (joints: number) =>
+      `No robot with ${plural(joints, "joint", "joints")} is stored: add it, the files stay here.`,
+    fits: (name: string) => `The headers are those of “${name}”, which was identified here before.`,
+    useTemplate: "Read it the same way",
+    saveTemplate: "Save as template",
+    templateFirst: (name: string) => `Template “${name}”: now drop the tables that are to be read by it.`,
+    faultsFirst: (count: number) => `${plural(count, "fault", "faults")} first: each says what to do`,
+    missing: {
+      joints: "Joint angles are missing: choose their columns, or add a file that has them",
+      force: "State the load",
+      readings: "Readings are missing: choose their columns, or add a file that has them",
+      unloaded: "Positions without load are missing: add their file",
+      loaded: "Positions under load are missing: add their file",
+      flange_targets: "State the places of the targets",
+      load_point: "State the load point",
+      encoders: "State which encoders close the position loop",
+      "units.force": "Choose the unit of the force",
+    } satisfies Record<ImportAnswer["missing_fields"][number], string>,
+    reading: {
+      decimalMark: "Decimal mark",
+      marks: { "": "detected", point: "point", comma: "comma" },
+      delimiter: "Between cells",
+      delimiters: { "": "detected", comma: "comma", semicolon: "semicolon", tab: "tab", whitespace: "blanks" },
+      allowMissing: "Leave incomplete readings out",
+      byOrder: "Match rows by their order",
+      texts: { sheet: "Sheet", point_name: "Names of points", file_name: "Names of files" },
+      textsHelp: {
+        sheet: "Name of the sheet that has the readings.",
+        point_name: "For example `{label}_{target}_{state}`.",
+        file_name: "For example `{target}_{state}`, without the extension.",
+      },
+    },
   },
   start: {
     title: "From readings to joint stiffness",

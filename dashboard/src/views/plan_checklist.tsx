@@ -184,7 +184,7 @@ function Readings({ result, robot, done }: { result: PlanResult; robot: Robot; d
 async function readingsOf(file: File): Promise<Record<string, unknown> | string> {
   if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
   if (!/\.json$/i.test(file.name)) {
-    const { measurement_set: set, missing } = await api.importTable(file);
+    const { measurement_set: set, missing } = await api.importFiles([file]);
     return set === null ? words.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
   }
   const understood = understand(await file.text());

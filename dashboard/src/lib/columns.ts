@@ -1,0 +1,91 @@
+/** Meanings of a table's columns, in the words that the service says and takes. */
+import type { ImportAnswer, ImportOptions } from "../api/types";
+
+export type FilePreview = ImportAnswer["preview"]["files"][number];
+export type ColumnMeaning = FilePreview["columns"][number];
+export type ImportFault = ImportAnswer["faults"][number];
+export type Dimension = keyof typeof UNITS;
+
+export const UNITS = {
+  length: ["mm", "m", "in"],
+  angle: ["deg", "rad"],
+  force: ["N", "kN", "kgf"],
+  moment: ["N.m", "N.mm", "kN.m", "kgf.m"],
+} as const;
+
+export const UNKNOWN = "unknown";
+export const IGNORED = "ignored";
+const AXES = ["x", "y", "z"];
+const LEAST_JOINTS = 6;
+
+/** The dimension of a column's numbers; null of texts. */
+export function dimensionOf(meaning: string): Dimension | null {
+  if (/^joint \d+$/.test(meaning)) return "angle";
+  if (/^force [xyz]$/.test(meaning)) return "force";
+  if (/^moment [xyz]$/.test(meaning)) return "moment";
+  return / ([xyz]|U95)$/.test(meaning) || meaning === "U95" ? "length" : null;
+}
+
+export interface MeaningGroup {
+  group: "texts" | "joints" | "loads" | "target";
+  /** Of a target its name. */
+  name: string;
+  meanings: string[];
+}
+
+/** What a column can be chosen to mean: what a campaign has, with the targets that are known and one more. */
+export function meaningsFor(files: FilePreview[], targets: string[]): MeaningGroup[] {
+  const current = files.flatMap((file) => file.columns.map((column) => column.meaning));
+  const joints = current.filter((meaning) => meaning.startsWith("joint ")).length + 1;
+  const named = [...new Set([...targets, ...current.flatMap(targetOf)])];
+  const next = nextTarget(named);
+  return [
+    { group: "texts", name: "", meanings: [IGNORED, "name", "target", "state", "collection", "group"] },
+    {
+      group: "joints",
+      name: "",
+      meanings: Array.from({ length: Math.max(LEAST_JOINTS, joints) }, (_, j) => `joint ${j + 1}`),
+    },
+    {
+      group: "loads",
+      name: "",
+      meanings: ["force", "moment", "load point"].flatMap((kind) => AXES.map((axis) => `${kind} ${axis}`)),
+    },
+    ...[...named, next].map((name) => ({ group: "target" as const, name, meanings: positionsOf(name) })),
+    { group: "target", name: "", meanings: AXES.map((axis) => `position ${axis}`) },
+  ];
+}
+
+const positionsOf = (target: string): string[] =>
+  ["unloaded", "loaded", "deflection"].flatMap((state) => AXES.map((axis) => `${target} ${state} ${axis}`));
+
+function targetOf(meaning: string): string[] {
+  const [, target] = /^(.+) (?:unloaded|loaded|deflection) [xyz]$/.exec(meaning) ?? [];
+  return target === undefined ? [] : [target];
+}
+
+function nextTarget(known: string[]): string {
+  let number = 1;
+  while (known.includes(`T${number}`)) number += 1;
+  return `T${number}`;
+}
+
+/** The options by which a column is read as something else. */
+export function withMeaning(options: ImportOptions, file: FilePreview, column: number, meaning: string): ImportOptions {
+  const header = file.columns[column]?.header ?? "";
+  if (header !== "") return { ...options, columns: { ...options.columns, [header]: sent(meaning) } };
+  const headers = file.columns.map((one, i) => sent(i === column ? meaning : one.meaning));
+  return { ...options, header: headers };
+}
+
+const sent = (meaning: string): string => (meaning === IGNORED ? "ignore" : meaning);
+
+/** The line of a header's cells among the lines of a table. */
+export const HEADER = 0;
+
+/** Where a fault stands among the lines that are shown, as `line:column`; null for elsewhere. */
+export function cellOf(file: FilePreview, { line, column }: ImportFault, shown: number[]): string | null {
+  if (column === null) return null;
+  if (line === null || file.header_lines.includes(line)) return `${HEADER}:${column}`;
+  return shown.includes(line) ? `${line}:${column}` : null;
+}

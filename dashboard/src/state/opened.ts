@@ -1,0 +1,62 @@
+/** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
+import type { ImportOptions } from "../api/types";
+import { type Campaign, understand } from "../lib/campaign";
+import type { Stated } from "../lib/stated";
+import { type Template, templateIn } from "../lib/template";
+import type { FileFault } from "../i18n";
+
+const MAX_BYTES = 8 * 1024 * 1024;
+
+export type Opened =
+  | { kind: "campaign"; name: string; campaign: Campaign }
+  | { kind: "tables"; files: File[]; template: Template | null }
+  | { kind: "template"; template: Template }
+  | { kind: "sweeps"; file: File }
+  | { kind: "fault"; name: string; fault: FileFault };
+
+/** What was said of tables so far. */
+export interface Draft {
+  options: ImportOptions;
+  stated: Stated;
+}
+
+/** Tables that were not identified yet, so that one may add a robot meanwhile. */
+let kept: Opened | null = null;
+const drafts = new WeakMap<File[], Draft>();
+
+export const keptDraft = (files: File[]): Draft | null => drafts.get(files) ?? null;
+export const keepDraft = (files: File[], draft: Draft): void => void drafts.set(files, draft);
+
+export const keptFiles = (): Opened | null => kept;
+
+export function keepFiles(opened: Opened | null): void {
+  kept = opened?.kind === "tables" ? opened : null;
+}
+
+/** Look at files. A template goes with the tables it comes with, or with those `before` or after it. */
+export async function open(files: File[], before: Opened | null): Promise<Opened> {
+  const name = files.map((file) => file.name).join(", ");
+  const fault = (fault: FileFault): Opened => ({ kind: "fault", name, fault });
+  if (files.reduce((sum, file) => sum + file.size, 0) > MAX_BYTES) return fault("too_large");
+  const documents: File[] = [];
+  const tables: File[] = [];
+  for (const file of files) ((await isJson(file)) ? documents : tables).push(file);
+  const [document, ...others] = documents;
+  if (document === undefined) {
+    return { kind: "tables", files: tables, template: before?.kind === "template" ? before.template : null };
+  }
+  if (others.length > 0) return fault("several");
+  const content = await document.text();
+  const template = templateIn(document.name, content);
+  if (template) {
+    const known = tables.length > 0 ? tables : before?.kind === "tables" ? [...before.files] : [];
+    return known.length > 0 ? { kind: "tables", files: known, template } : { kind: "template", template };
+  }
+  if (tables.length > 0) return fault("mixed");
+  const campaign = understand(content);
+  if (campaign === "sweeps") return { kind: "sweeps", file: document };
+  return typeof campaign === "string" ? fault(campaign) : { kind: "campaign", name, campaign };
+}
+
+const isJson = async (file: File): Promise<boolean> =>
+  /\.json$/i.test(file.name) || /^\ufeff?\s*[{[]/.test(await file.slice(0, 200).text());

@@ -1,0 +1,184 @@
+/** From a campaign file, or a stored set, to its result: three taps. */
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { api, problemOf } from "../api/client";
+import type { MeasurementSet, Problem, RobotSource } from "../api/types";
+import { Arm } from "../components/arm";
+import { Busy, ProblemNote, Select } from "../components/basics";
+import { Findings } from "../components/findings";
+import { Preview } from "../components/preview";
+import { type Campaign, factsOf } from "../lib/campaign";
+import { contentKey, freshKey } from "../lib/hash";
+import { statesNoise } from "../lib/noise";
+import { useAction } from "../state/action";
+import { valueOf } from "../state/load";
+import { namesChanged, useNames } from "../state/names";
+import type { Opened } from "../state/opened";
+import { go, link } from "../state/router";
+import { storedSet } from "../state/stored";
+import { text } from "../i18n";
+import { FileDrop, Refused } from "./file_drop";
+import { GoBar } from "./go_bar";
+import { MethodStep, useRunForm } from "./method_step";
+import { withNoise } from "./variants";
+
+const FROM_FILE = "file";
+
+export function CampaignFlow({
+  opened,
+  robot: asked,
+  set: askedSet,
+  take,
+}: {
+  opened: Opened | null;
+  robot: string;
+  set: string;
+  take: (...files: File[]) => void;
+}) {
+  const known = valueOf(useNames());
+  const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
+  const [chosenSet, setChosenSet] = useState(askedSet);
+  const form = useRunForm();
+  const campaign = opened?.kind === "campaign" ? opened.campaign : null;
+  const storedId = opened ? "" : chosenSet;
+  const before = choice.robot === FROM_FILE ? "" : choice.robot;
+  const robot = choice.of === campaign ? choice.robot : campaign?.robot ? FROM_FILE : (campaign?.robotId ?? before);
+  const setRobot = (chosen: string) => setChoice({ of: campaign, robot: chosen });
+  const method = campaign?.run?.method;
+  useEffect(() => {
+    if (method) form.setOptions((options) => ({ ...options, method }));
+  }, [campaign]);
+  const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
+  const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
+
+  const stored = useStored(campaign, chosenRobot, storedId);
+  const set = stored.set;
+  const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
+  const source = useMemo<RobotSource | null>(() => {
+    if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
+    const id = storedId ? set?.robot_id : chosenRobot;
+    return id && id !== FROM_FILE ? { robot_id: id } : null;
+  }, [campaign, chosenRobot, storedId, set?.robot_id]);
+  const identify = useAction(async () => {
+    if (!set) return;
+    const read = statesNoise(form.noise) ? await withNoise(set, form.noise) : set;
+    const run = await api.addRun(form.request(read.id), freshKey("run"));
+    go(link(["runs", run.id]));
+  });
+  const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
+  const lacking = campaign && !chosenRobot ? text.start.robotFirst : text.start.notReady;
+
+  return (
+    <div class="flow">
+      <section class="card" aria-labelledby="step-file">
+        <h2 id="step-file">
+          <span class="step">1</span>
+          {text.files.title}
+        </h2>
+        <FileDrop again={opened !== null || storedId !== ""} take={take} />
+        {opened?.kind === "template" && <p class="note good">{text.imports.templateFirst(opened.template.name)}</p>}
+        {known && known.sets.length > 0 && opened === null && (
+          <Select
+            label={text.files.stored}
+            value={storedId}
+            change={setChosenSet}
+            options={[
+              { value: "", label: text.files.storedNone },
+              ...known.sets.map((s) => ({ value: s.id, label: `${s.name} (${known.robot(s.robot_id)})` })),
+            ]}
+          />
+        )}
+        {opened?.kind === "fault" && <Refused opened={opened} />}
+        {facts && (
+          <>
+            <h3 class="file">
+              <bdi>{facts.name ?? (opened?.kind === "campaign" ? opened.name : "")}</bdi>
+            </h3>
+            <Preview facts={facts} />
+          </>
+        )}
+        {stored.busy && <Busy label={text.files.checking} />}
+        {stored.problem && <ProblemNote problem={stored.problem} />}
+        {set && <Findings warnings={set.warnings} />}
+        {set && campaign && <p class="soft">{text.files.storedOnce}</p>}
+      </section>
+
+      <section class="card" aria-labelledby="step-robot">
+        <h2 id="step-robot">
+          <span class="step">2</span>
+          {text.start.robot}
+        </h2>
+        {!storedId && (
+          <div class="row">
+            <Select
+              label={text.start.robot}
+              value={chosenRobot}
+              change={setRobot}
+              {...(campaign && !chosenRobot ? { hint: text.start.needRobot } : {})}
+              options={[
+                { value: "", label: text.start.pick },
+                ...(campaign?.robot
+                  ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
+                  : []),
+                ...(known?.robots ?? []).map((r) => ({ value: r.id, label: r.name })),
+              ]}
+            />
+            <a class="button" href="#/robots/new">
+              {text.start.addRobot}
+            </a>
+          </div>
+        )}
+        {source ? (
+          <Arm source={source} start={facts?.firstJoints ?? null} />
+        ) : (
+          <p class="stage blank">{text.start.armHere}</p>
+        )}
+      </section>
+
+      <MethodStep
+        step={3}
+        form={form}
+        facts={facts}
+        joints={ofRobot?.joints.map((joint) => joint.name) ?? []}
+        problem={identify.problem}
+      />
+      <GoBar action={identify} ready={set !== null} why={stored.busy ? null : lacking} />
+    </div>
+  );
+}
+
+interface Stored {
+  set: MeasurementSet | null;
+  busy: boolean;
+  problem: Problem | null;
+}
+
+/** The file as the service has stored and checked it, or the stored set that was chosen. */
+function useStored(campaign: Campaign | null, robot: string, setId: string): Stored {
+  const [stored, put] = useState<Stored>({ set: null, busy: false, problem: null });
+  useEffect(() => {
+    const ready = setId !== "" || (campaign !== null && robot !== "");
+    put({ set: null, busy: ready, problem: null });
+    if (!ready) return undefined;
+    let gone = false;
+    const answer = setId ? storedSet(setId) : store(campaign as Campaign, robot);
+    answer.then(
+      (set) => gone || put({ set, busy: false, problem: null }),
+      (error: unknown) => gone || put({ set: null, busy: false, problem: problemOf(error) }),
+    );
+    return () => {
+      gone = true;
+    };
+  }, [campaign, robot, setId]);
+  return stored;
+}
+
+async function store(campaign: Campaign, robot: string): Promise<MeasurementSet> {
+  const robotId =
+    robot === FROM_FILE && campaign.robot
+      ? (await api.addRobot(campaign.robot, contentKey("robot", campaign.robot))).id
+      : robot;
+  const document = { ...campaign.set, robot_id: robotId };
+  const set = await api.addSet(document, contentKey("set", document));
+  namesChanged();
+  return set;
+}

@@ -1,0 +1,210 @@
+/** From tables of readings to their result. Nothing is stored before the last tap. */
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { ImportAnswer, ImportOptions, Units } from "../api/types";
+import { Arm } from "../components/arm";
+import { Busy, ProblemNote } from "../components/basics";
+import { save } from "../components/download";
+import { Findings } from "../components/findings";
+import { Preview } from "../components/preview";
+import { factsOf } from "../lib/campaign";
+import { dimensionOf, meaningsFor } from "../lib/columns";
+import { contentKey, freshKey } from "../lib/hash";
+import { noiseOf, statesNoise } from "../lib/noise";
+import { type Stated, statedIn, withStated } from "../lib/stated";
+import { fits, type Template } from "../lib/template";
+import { useAction } from "../state/action";
+import { useImport } from "../state/import";
+import { valueOf } from "../state/load";
+import { namesChanged, useNames } from "../state/names";
+import { keepDraft, keepFiles, keptDraft, type Opened } from "../state/opened";
+import { go, link } from "../state/router";
+import { keepTemplate, keptTemplates } from "../state/templates";
+import { text } from "../i18n";
+import { FileDrop } from "./file_drop";
+import { GoBar } from "./go_bar";
+import { ImportForm } from "./import_form";
+import { ImportReading } from "./import_reading";
+import { FaultList, ImportTable } from "./import_table";
+import { MethodStep, useRunForm } from "./method_step";
+import { RobotChoice } from "./robot_choice";
+
+const words = text.imports;
+
+export function ImportFlow({
+  opened: { files, template },
+  robot: asked,
+  take,
+}: {
+  opened: Opened & { kind: "tables" };
+  robot: string;
+  take: (...files: File[]) => void;
+}) {
+  const known = valueOf(useNames());
+  const begun = keptDraft(files) ?? { options: template?.options ?? {}, stated: statedIn(template?.options ?? {}) };
+  const [options, setOptions] = useState<ImportOptions>(begun.options);
+  const [stated, setStated] = useState<Stated>(begun.stated);
+  const [chosen, setChosen] = useState(asked);
+  const [joints, setJoints] = useState<number | null>(null);
+  const form = useRunForm();
+  keepDraft(files, { options, stated });
+
+  const robots = (known?.robots ?? []).filter((one) => joints === null || one.joints.length === joints);
+  const robot = chosen || (robots.length === 1 ? (robots[0]?.id ?? "") : "");
+  const request = { ...withStated(options, stated), ...(robot ? { robot_id: robot } : {}) };
+  const { answer, problem, busy } = useImport(files, request);
+  useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
+  const set = answer?.measurement_set ?? null;
+  const facts = set ? factsOf(set as never) : null;
+  const length = facts?.units?.length ?? lengthOf(answer) ?? text.units.mm;
+  const source = useMemo(() => (robot ? { robot_id: robot } : null), [robot]);
+  const identify = useAction(async () => {
+    if (!answer || !set) return;
+    const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
+    const document = { ...set, noise, robot_id: robot };
+    const added = await api.addSet(document, contentKey("set", document));
+    namesChanged();
+    if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
+    const run = await api.addRun(form.request(added.id), freshKey("run"));
+    keepFiles(null);
+    go(link(["runs", run.id]));
+  });
+  const use = ({ options: kept }: Template) => {
+    setOptions(kept);
+    setStated(statedIn(kept));
+  };
+
+  return (
+    <div class="flow">
+      <section class="card wide" aria-labelledby="step-file">
+        <h2 id="step-file">
+          <span class="step">1</span>
+          {text.files.title}
+        </h2>
+        <FileDrop again take={take} />
+        {problem && <ProblemNote problem={problem} />}
+        {answer ? (
+          <Content answer={answer} files={files} options={options} change={setOptions} use={use} />
+        ) : (
+          busy && <Busy label={words.readingFiles} />
+        )}
+      </section>
+
+      <section class="card" aria-labelledby="step-rest">
+        <h2 id="step-rest">
+          <span class="step">2</span>
+          {words.rest}
+        </h2>
+        {answer && <ImportForm answer={answer} stated={stated} change={setStated} length={length} />}
+        <RobotChoice robots={robots} value={robot} change={setChosen} />
+        {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
+      </section>
+
+      <section class="card" aria-labelledby="step-preview">
+        <h2 id="step-preview">
+          <span class="step">3</span>
+          {words.understood}
+        </h2>
+        {facts && <Preview facts={facts} />}
+        {answer?.findings && <Findings warnings={answer.findings} />}
+        {source ? (
+          <Arm source={source} start={facts?.firstJoints ?? null} sliders={false} />
+        ) : (
+          <p class="stage blank">{text.start.armHere}</p>
+        )}
+        {answer?.template && (
+          <button type="button" class="button quiet" onClick={() => download(answer, files)}>
+            {words.saveTemplate}
+          </button>
+        )}
+      </section>
+
+      <MethodStep
+        step={4}
+        form={form}
+        facts={facts}
+        joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []}
+        problem={identify.problem}
+      />
+      <GoBar
+        action={identify}
+        ready={set !== null && robot !== "" && !busy}
+        why={busy ? null : lackOf(answer, robot)}
+      />
+    </div>
+  );
+}
+
+/** The files as they were understood, and the templates that fit them. */
+function Content({
+  answer,
+  files,
+  options,
+  change,
+  use,
+}: {
+  answer: ImportAnswer;
+  files: File[];
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+  use: (template: Template) => void;
+}) {
+  const { preview, faults } = answer;
+  const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
+  const named = new Set(preview.files.map(({ file }) => file));
+  const offered = useMemo(() => keptTemplates().find((one) => fits(one, preview)), [answer]);
+  const inUse = (options.layouts ?? []).length > 0;
+  return (
+    <>
+      {offered && !inUse && (
+        <div class="note good row">
+          <p>{words.fits(offered.name)}</p>
+          <button type="button" class="button" onClick={() => use(offered)}>
+            {words.useTemplate}
+          </button>
+        </div>
+      )}
+      <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
+      <ImportReading faults={faults} options={options} change={change} />
+      {preview.files.map((one) => (
+        <ImportTable
+          key={one.file}
+          preview={one}
+          file={files.find(({ name }) => name === one.file)}
+          faults={faults.filter(({ file }) => file === one.file)}
+          options={options}
+          change={change}
+          groups={groups}
+        />
+      ))}
+      {preview.assumptions.length > 0 && (
+        <ul class="assumptions">
+          {preview.assumptions.map((assumption) => (
+            <li>{assumption}</li>
+          ))}
+        </ul>
+      )}
+      {answer.missing_fields.length === 0 && answer.missing.length > 0 && <p>{answer.missing.join(", ")}</p>}
+    </>
+  );
+}
+
+/** The unit of length of the files' columns; inches come as mm. */
+function lengthOf(answer: ImportAnswer | null): string | null {
+  const columns = answer?.preview.files.flatMap((file) => file.columns) ?? [];
+  const unit = columns.find(({ meaning }) => dimensionOf(meaning) === "length")?.unit ?? null;
+  return unit === "in" ? "mm" : unit;
+}
+
+/** Why it cannot be identified yet. */
+function lackOf(answer: ImportAnswer | null, robot: string): string | null {
+  if (!answer) return null;
+  if (answer.faults.length > 0) return words.faultsFirst(answer.faults.length);
+  const [first] = answer.missing_fields;
+  if (first !== undefined) return words.missing[first];
+  return robot === "" ? text.start.robotFirst : null;
+}
+
+function download({ template }: ImportAnswer, files: File[]): void {
+  save(JSON.stringify(template, null, 1), "application/json", `${files[0]?.name ?? "import"}.template.json`);
+}

@@ -1,0 +1,95 @@
+/** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
+import type { ImportAnswer } from "../api/types";
+import { Choice } from "../components/basics";
+import { Field, NumberField, VectorField } from "../components/fields";
+import type { Stated } from "../lib/stated";
+import { text } from "../i18n";
+
+const words = text.imports;
+
+export function ImportForm({
+  answer,
+  stated,
+  change,
+  length,
+}: {
+  answer: ImportAnswer;
+  stated: Stated;
+  change: (stated: Stated) => void;
+  /** The files' unit of length. */
+  length: string;
+}) {
+  const set = (part: Partial<Stated>) => change({ ...stated, ...part });
+  const missing = new Set<string>(answer.missing_fields);
+  const load = stated.load === "mass" ? stated.mass : stated.force;
+  return (
+    <div class="import-form">
+      <Choice
+        label={words.encoders}
+        value={stated.encoders}
+        change={(encoders) => set({ encoders })}
+        options={(["motor", "secondary"] as const).map((value) => ({ value, label: text.files.encoders[value] }))}
+      />
+      {(missing.has("force") || load.trim() !== "") && (
+        <div class="load">
+          <Choice
+            label={words.load}
+            value={stated.load}
+            change={(load) => set({ load })}
+            options={(["mass", "force"] as const).map((value) => ({ value, label: words.loads[value] }))}
+          />
+          {stated.load === "mass" ? (
+            <NumberField
+              label={words.mass}
+              unit="kg"
+              help={words.massHelp}
+              value={stated.mass}
+              change={(mass) => set({ mass })}
+            />
+          ) : (
+            <VectorField
+              label={words.force}
+              unit={text.units.newton}
+              help={words.forceHelp}
+              placeholder="0, 0, -1500"
+              value={stated.force}
+              change={(force) => set({ force })}
+            />
+          )}
+        </div>
+      )}
+      {(missing.has("load_point") || stated.loadPoint.trim() !== "") && (
+        <VectorField
+          label={words.loadPoint}
+          unit={length}
+          help={words.loadPointHelp}
+          placeholder="0, 0, 120"
+          value={stated.loadPoint}
+          change={(loadPoint) => set({ loadPoint })}
+        />
+      )}
+      {(missing.has("flange_targets") || Object.values(stated.targets).some(Boolean)) &&
+        answer.preview.targets.map((target) => (
+          <VectorField
+            label={words.placeOf(target)}
+            unit={length}
+            help={words.placeHelp}
+            value={stated.targets[target] ?? ""}
+            change={(place) => set({ targets: { ...stated.targets, [target]: place } })}
+          />
+        ))}
+      <Field label={words.name}>
+        {(control) => (
+          <input
+            type="text"
+            autocomplete="off"
+            placeholder={answer.measurement_set?.name ?? ""}
+            {...control}
+            value={stated.name}
+            onInput={(event) => set({ name: event.currentTarget.value })}
+          />
+        )}
+      </Field>
+    </div>
+  );
+}

@@ -1,0 +1,67 @@
+/** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
+import type { ImportOptions } from "../api/types";
+import { Choice, Select, Toggle } from "../components/basics";
+import { Field } from "../components/fields";
+import type { ImportFault } from "../lib/columns";
+import { entriesOf } from "../lib/entries";
+import { text } from "../i18n";
+
+const words = text.imports.reading;
+type Change = (options: ImportOptions) => void;
+
+export function ImportReading({
+  faults,
+  options,
+  change,
+}: {
+  faults: ImportFault[];
+  options: ImportOptions;
+  change: Change;
+}) {
+  const named = new Set(faults.map((fault) => fault.option));
+  const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
+  const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
+  return (
+    <div class="import-form">
+      {shown("decimal_mark") && (
+        <Choice
+          label={words.decimalMark}
+          value={options.decimal_mark ?? ""}
+          change={(mark) => put({ decimal_mark: mark === "" ? null : mark })}
+          options={entriesOf(words.marks).map(([value, label]) => ({ value, label }))}
+        />
+      )}
+      {shown("delimiter") && (
+        <Select
+          label={words.delimiter}
+          value={options.delimiter ?? ""}
+          change={(delimiter) => put({ delimiter: (delimiter || null) as NonNullable<ImportOptions["delimiter"]> })}
+          options={entriesOf(words.delimiters).map(([value, label]) => ({ value, label }))}
+        />
+      )}
+      {shown("allow_missing") && (
+        <Toggle
+          label={words.allowMissing}
+          checked={options.allow_missing ?? false}
+          change={(allow_missing) => put({ allow_missing })}
+        />
+      )}
+      {shown("by_order") && (
+        <Toggle label={words.byOrder} checked={options.by_order ?? false} change={(by_order) => put({ by_order })} />
+      )}
+      {(["sheet", "point_name", "file_name"] as const).filter(shown).map((option) => (
+        <Field label={words.texts[option]} help={words.textsHelp[option]}>
+          {(control) => (
+            <input
+              type="text"
+              autocomplete="off"
+              {...control}
+              value={options[option] ?? ""}
+              onInput={(event) => put({ [option]: event.currentTarget.value || null })}
+            />
+          )}
+        </Field>
+      ))}
+    </div>
+  );
+}

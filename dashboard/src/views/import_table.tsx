@@ -1,0 +1,233 @@
+/** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
+import { useId } from "preact/hooks";
+import type { ImportOptions } from "../api/types";
+import { Faults } from "../components/fields";
+import { Scroll } from "../components/table";
+import {
+  cellOf,
+  type ColumnMeaning,
+  dimensionOf,
+  type FilePreview,
+  HEADER,
+  type ImportFault,
+  type MeaningGroup,
+  UNITS,
+  UNKNOWN,
+  withMeaning,
+} from "../lib/columns";
+import { useLines } from "../state/lines";
+import { text } from "../i18n";
+
+const words = text.imports;
+
+interface Props {
+  preview: FilePreview;
+  /** As it was dropped, to show rows that the preview leaves out. */
+  file: File | undefined;
+  faults: ImportFault[];
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+  groups: MeaningGroup[];
+}
+
+export function ImportTable({ preview, file, faults, options, change, groups }: Props) {
+  const id = useId();
+  const further = useLines(file, preview, faults);
+  const rows = [
+    ...preview.first_rows.map((cells, i) => ({ line: preview.first_lines[i] ?? i + 1, cells })),
+    ...further,
+  ];
+  const shown = rows.map(({ line }) => line);
+  const places = faults.map((fault) => cellOf(preview, fault, shown));
+  const at = (line: number, column: number) => faults.filter((_, i) => places[i] === `${line}:${column}`);
+  return (
+    <section class="import-file" aria-labelledby={`${id}-name`}>
+      <h3 id={`${id}-name`} class="file">
+        <bdi>{preview.file}</bdi>
+      </h3>
+      <p class="soft">{words.fileFacts(preview)}</p>
+      <ToLookAt preview={preview} places={places} table={id} />
+      <Scroll label={words.firstRows(preview.file)}>
+        <table class="readings" id={id}>
+          <thead>
+            <tr>
+              <th scope="col">
+                <span class="hidden">{words.line}</span>
+              </th>
+              {preview.columns.map((column, i) => (
+                <ColumnHead
+                  column={column}
+                  faults={at(HEADER, i + 1)}
+                  groups={groups}
+                  options={options}
+                  mean={(meaning) => change(withMeaning(options, preview, i, meaning))}
+                  change={change}
+                />
+              ))}
+            </tr>
+          </thead>
+          <tbody>
+            {rows.map(({ line, cells }, r) => (
+              <tr class={r >= preview.first_rows.length ? "further" : undefined}>
+                <th scope="row">{line}</th>
+                {cells.map((cell, i) => {
+                  const here = at(line, i + 1);
+                  return (
+                    <td class={here.length > 0 ? "faulty" : undefined}>
+                      <bdi>{cell}</bdi>
+                      <Faults faults={here.map(said)} />
+                    </td>
+                  );
+                })}
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </Scroll>
+      <FaultList faults={faults.filter((_, i) => places[i] === null)} />
+      {preview.assumptions.length > 0 && (
+        <ul class="assumptions">
+          {preview.assumptions.map((assumption) => (
+            <li>{assumption}</li>
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}
+
+/** Columns that want a look, far to the right as they may be: a tap brings each into view. */
+function ToLookAt({ preview, places, table }: { preview: FilePreview; places: (string | null)[]; table: string }) {
+  const faulty = new Set(places.flatMap((place) => (place === null ? [] : [Number(place.split(":")[1])])));
+  const columns = preview.columns.filter(
+    ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === UNKNOWN,
+  );
+  if (columns.length === 0) return null;
+  const show = (column: number) => {
+    const head = document.getElementById(table)?.querySelectorAll("thead th")[column];
+    head?.scrollIntoView({ block: "nearest", inline: "center" });
+    head?.querySelector("select")?.focus({ preventScroll: true });
+  };
+  return (
+    <div class="to-look-at">
+      <span>{words.toLookAt}</span>
+      {columns.map(({ column, header }) => (
+        <button type="button" class={faulty.has(column) ? "button bad" : "button"} onClick={() => show(column)}>
+          <bdi>{header || words.columnNumber(column)}</bdi>
+        </button>
+      ))}
+    </div>
+  );
+}
+
+const said = ({ reason, remedy }: ImportFault): string => `${reason}: ${remedy}`;
+
+/** Faults that stand in no cell that is shown, by their place. */
+export function FaultList({ faults }: { faults: ImportFault[] }) {
+  if (faults.length === 0) return null;
+  return (
+    <ul class="warnings" role="alert">
+      {faults.map((fault) => (
+        <li class="note bad">
+          <p>
+            {fault.file !== null && <b>{words.place(fault)}: </b>}
+            {fault.reason}
+          </p>
+          <p>
+            <b>{text.errors.remedy}:</b> {fault.remedy}
+          </p>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+function ColumnHead({
+  column,
+  faults,
+  groups,
+  options,
+  mean,
+  change,
+}: {
+  column: ColumnMeaning;
+  faults: ImportFault[];
+  groups: MeaningGroup[];
+  options: ImportOptions;
+  mean: (meaning: string) => void;
+  change: (options: ImportOptions) => void;
+}) {
+  const header = column.header || words.columnNumber(column.column);
+  const unknown = column.meaning === UNKNOWN;
+  const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
+  const kind = faults.length > 0 || unknown ? "faulty" : column.guessed ? "guessed" : undefined;
+  return (
+    <th scope="col" class={kind}>
+      <bdi class="as-written">{header}</bdi>
+      <select
+        aria-label={words.meaningOf(header)}
+        aria-invalid={kind === "faulty"}
+        value={column.meaning}
+        onChange={(event) => mean(event.currentTarget.value)}
+      >
+        {unknown && (
+          <option value={UNKNOWN} selected>
+            {words.unknown}
+          </option>
+        )}
+        {!listed && (
+          <option value={column.meaning} selected>
+            {column.meaning}
+          </option>
+        )}
+        {groups.map((group) => (
+          <optgroup label={group.name || words.groups[group.group]}>
+            {group.meanings.map((meaning) => (
+              <option value={meaning} selected={meaning === column.meaning}>
+                {words.meanings[meaning] ?? meaning}
+              </option>
+            ))}
+          </optgroup>
+        ))}
+      </select>
+      <Unit column={column} header={header} options={options} change={change} />
+      {column.guessed && <small class="guess">{words.guessed}</small>}
+      {unknown ? <Faults faults={[words.chooseMeaning]} /> : <Faults faults={faults.map(said)} />}
+    </th>
+  );
+}
+
+/** The unit that the file says, or one to choose, which holds for all columns of its dimension. */
+function Unit({
+  column,
+  header,
+  options,
+  change,
+}: {
+  column: ColumnMeaning;
+  header: string;
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+}) {
+  const dimension = dimensionOf(column.meaning);
+  if (dimension === null) return <span class="unit">{column.unit ?? ""}</span>;
+  const stated = options.units?.[dimension] ?? null;
+  if (column.unit !== null && stated === null) return <span class="unit">{column.unit}</span>;
+  return (
+    <select
+      aria-label={words.unitOf(header)}
+      aria-invalid={stated === null}
+      value={stated ?? ""}
+      onChange={(event) =>
+        change({ ...options, units: { ...options.units, [dimension]: event.currentTarget.value || null } })
+      }
+    >
+      <option value="">{words.pickUnit}</option>
+      {UNITS[dimension].map((unit) => (
+        <option value={unit} selected={unit === stated}>
+          {unit}
+        </option>
+      ))}
+    </select>
+  );
+}

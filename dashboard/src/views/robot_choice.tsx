@@ -1,0 +1,58 @@
+/** The robot that was measured: the newest few in view, the others in a list, or a new one. */
+import { useState } from "preact/hooks";
+import type { RobotSummary } from "../api/types";
+import { Choice, Select } from "../components/basics";
+import { text } from "../i18n";
+
+/** As many are in view. */
+const IN_VIEW = 4;
+const OTHERS = "others";
+
+export function RobotChoice({
+  robots,
+  value,
+  change,
+}: {
+  robots: RobotSummary[];
+  value: string;
+  change: (robot: string) => void;
+}) {
+  const few = robots.slice(0, IN_VIEW);
+  const [listed, setListed] = useState(false);
+  const others = robots.length > IN_VIEW;
+  const inList = listed || (value !== "" && !few.some(({ id }) => id === value));
+  return (
+    <>
+      {few.length > 0 && (
+        <Choice
+          label={text.start.robot}
+          value={inList && others ? OTHERS : value}
+          change={(robot) => {
+            setListed(robot === OTHERS);
+            change(robot === OTHERS ? "" : robot);
+          }}
+          options={[
+            ...few.map(({ id, name }) => ({ value: id, label: name })),
+            ...(others ? [{ value: OTHERS, label: text.imports.otherRobot }] : []),
+          ]}
+        />
+      )}
+      <div class="row">
+        {inList && others && (
+          <Select
+            label={text.imports.otherRobot}
+            value={value}
+            change={change}
+            options={[
+              { value: "", label: text.start.pick },
+              ...robots.slice(IN_VIEW).map(({ id, name }) => ({ value: id, label: name })),
+            ]}
+          />
+        )}
+        <a class="button" href="#/robots/new">
+          {text.start.addRobot}
+        </a>
+      </div>
+    </>
+  );
+}

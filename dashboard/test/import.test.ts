@@ -1,0 +1,143 @@
+import { describe, expect, it } from "vitest";
+import type { ImportAnswer, ImportOptions } from "../src/api/types";
+import { cellOf, dimensionOf, type FilePreview, type ImportFault, meaningsFor, withMeaning } from "../src/lib/columns";
+import { linesOf } from "../src/lib/lines";
+import { NOTHING_STATED, statedIn, withStated } from "../src/lib/stated";
+import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";
+
+const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
+  column: number,
+  header,
+  meaning,
+  unit,
+  guessed: false,
+});
+
+const preview = {
+  file: "day.csv",
+  columns: [column(1, "label", "name"), column(2, "A1", "unknown"), column(3, "P10 x", "P10 loaded x", "mm")],
+  header_lines: [2],
+  first_lines: [3, 4],
+} as unknown as FilePreview;
+
+const fault = (part: Partial<ImportFault>): ImportFault => ({
+  file: "day.csv",
+  line: null,
+  column: null,
+  reason: "r",
+  remedy: "m",
+  option: null,
+  ...part,
+});
+
+describe("columns", () => {
+  it("have the dimension of what they mean", () => {
+    const meanings = [
+      "joint 3",
+      "force x",
+      "moment z",
+      "load point y",
+      "P10 loaded x",
+      "position z",
+      "name",
+      "ignored",
+    ];
+    expect(meanings.map(dimensionOf)).toEqual(["angle", "force", "moment", "length", "length", "length", null, null]);
+  });
+
+  it("can mean any part of a campaign, known targets and one more", () => {
+    const groups = meaningsFor([preview], ["P10"]);
+    expect(groups.map((group) => group.name)).toEqual(["", "", "", "P10", "T1", ""]);
+    expect(groups.flatMap((group) => group.meanings)).toContain("P10 deflection z");
+  });
+
+  it("are named by their header, and by their place where there is none", () => {
+    expect(withMeaning({ columns: { B: "joint 2" } }, preview, 1, "joint 1")).toEqual({
+      columns: { B: "joint 2", A1: "joint 1" },
+    });
+    expect(withMeaning({}, preview, 1, "ignored")).toEqual({ columns: { A1: "ignore" } });
+    const bare = { ...preview, columns: preview.columns.map((one) => ({ ...one, header: "" })) };
+    expect(withMeaning({}, bare, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
+  });
+
+  it("show faults in the cells that are shown", () => {
+    const places = [fault({ column: 2 }), fault({ line: 2, column: 2 }), fault({ line: 4, column: 3 })];
+    expect(places.map((one) => cellOf(preview, one, [3, 4]))).toEqual(["0:2", "0:2", "4:3"]);
+    expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4])).toBeNull();
+    expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4, 9])).toBe("9:3");
+    expect(cellOf(preview, fault({ line: 4 }), [3, 4])).toBeNull();
+  });
+});
+
+describe("lines of a file", () => {
+  it("are found by number, cells by the delimiter, quoted ones whole", () => {
+    expect(linesOf('a;b\r\n"c;d";"e ""f"""\r\n;2;', { delimiter: "semicolon" }, [2, 3, 9])).toEqual([
+      { line: 2, cells: ["c;d", 'e "f"'] },
+      { line: 3, cells: ["", "2", ""] },
+    ]);
+    expect(linesOf('"Point 1"  2.5\t3', { delimiter: "whitespace" }, [1])).toEqual([
+      { line: 1, cells: ["Point 1", "2.5", "3"] },
+    ]);
+  });
+});
+
+describe("what no file says", () => {
+  it("is not sent before it is stated", () => {
+    expect(withStated({ columns: {} }, { ...NOTHING_STATED, loadPoint: "0, 1", mass: "heavy" })).toEqual({
+      columns: {},
+    });
+  });
+
+  it("makes a weight a force that hangs down, in N", () => {
+    const options = withStated({ units: { length: "mm" } }, { ...NOTHING_STATED, mass: "150", encoders: "motor" });
+    expect(options).toEqual({ units: { length: "mm", force: "N" }, encoders: "motor", force: [0, 0, -1470.9975] });
+  });
+
+  it("comes back from a template, forces in N", () => {
+    const template: ImportOptions = {
+      encoders: "secondary",
+      load_point: [0, 0, 120],
+      force: [0, 0, -1.5],
+      units: { force: "kN" },
+      flange_targets: { tcp: [1, 2, 3] },
+    };
+    const stated = statedIn(template);
+    expect(stated).toMatchObject({
+      encoders: "secondary",
+      loadPoint: "0, 0, 120",
+      load: "force",
+      force: "0, 0, -1500",
+    });
+    expect(withStated(template, stated)).toEqual({ ...template, force: [0, 0, -1500], units: { force: "N" } });
+  });
+});
+
+describe("templates", () => {
+  const template = { name: "day.csv", options: { layouts: [["label", "A1", "P10 x"]], encoders: "motor" as const } };
+  const answer = (files: FilePreview[]) => ({ files }) as ImportAnswer["preview"];
+
+  it("fit files of the same headers", () => {
+    expect(fits(template, answer([preview, preview]))).toBe(true);
+    expect(fits(template, answer([{ ...preview, columns: preview.columns.slice(1) }]))).toBe(false);
+    expect(fits({ name: "x", options: {} }, answer([preview]))).toBe(false);
+  });
+
+  it("are kept once for the same headers, the newest first", () => {
+    const other = { name: "other.csv", options: { layouts: [["q"]] } };
+    expect(withTemplate([other, template], { ...template, name: "newer.csv" }).map((one) => one.name)).toEqual([
+      "newer.csv",
+      "other.csv",
+    ]);
+    expect(templatesIn(JSON.stringify([template, 3, null]))).toEqual([template]);
+    expect(["", "{}", "[", null].map(templatesIn)).toEqual([[], [], [], []]);
+  });
+
+  it("are told from campaigns", () => {
+    expect(templateIn("t.json", JSON.stringify(template.options))).toEqual({
+      name: "t.json",
+      options: template.options,
+    });
+    for (const other of ["{}", "[]", "no", '{"units": {}, "observations": []}', '{"robot": {}, "columns": {}}'])
+      expect(templateIn("t.json", other)).toBeNull();
+  });
+});
