@@ -26,7 +26,8 @@ docs/replication.md), `links` (elastic links: held-out compensation, certificate
 docs/elastic-links.md; ten minutes), `plan_lists`, `plan_promise` and `plan_nuisance` (see docs/plan.md; some
 minutes each), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
 `programs` (compensated programs beside exact springs and a bare loop of EAIK; hostile files; see
-docs/compensate.md), `exports` (a run in MuJoCo beside C·τ; see docs/exports.md)
+docs/compensate.md), `exports` (a run in MuJoCo beside C·τ; see docs/exports.md),
+`reports` (size, time and bytes; see docs/report.md)
 and `invariance` (why no characteristic length; see
 docs/no-characteristic-length.md).
 """

@@ -29,6 +29,7 @@ GUIDES = (
     "docs/import.md",
     "docs/predict.md",
     "docs/exports.md",
+    "docs/report.md",
     "docs/maps.md",
     "docs/elastic-links.md",
     "docs/geometry.md",
