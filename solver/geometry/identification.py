@@ -88,7 +88,8 @@ def identify_from_sweeps(
     """
     free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
     alone = free if angles == "free" else trusted
-    together = refine_axes(alone, angles=angles) if fit == "together" else None
+    several = len(sweeps.sweeps) > 1
+    together = refine_axes(alone, angles=angles) if fit == "together" and several else None
     agreement = None if together is None else angle_probability(alone, together)
     controller = angle_probability(free, trusted)
     chosen = alone if together is None or disagree(agreement) else together
@@ -119,7 +120,8 @@ def identify_from_poses(
     identified = calibrate(nominal, poses)
     _refuse_exact(identified)
     wrist = "the poses do not determine all axes" if identified.unseen.size else _wrist_of_axes(identified)
-    frame = _Frame(conventions, nominal, name, stated=poses.sigma is not None)
+    stated = poses.sigma is not None and not identified.exceeds_stated
+    frame = _Frame(conventions, nominal, name, stated=stated)
     return _identified_geometry(identified, frame, wrist, identified.findings(), base_targets)
 
 

@@ -13,9 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
+from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
 from jointstiff.solver.geometry.frames import RigidTransform, chain_axes
 from jointstiff.solver.geometry.gauss_newton import LinearFit
@@ -24,6 +26,7 @@ from jointstiff.solver.geometry.sweeps import IdentifiedAxes, PoseReadings, Pose
 from jointstiff.solver.regression import whitener
 from jointstiff.solver.robot import KinematicChain
 
+_BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
@@ -36,11 +39,15 @@ class CalibratedAxes(IdentifiedAxes):
         residuals: (N, T, 3) reading less prediction [m]; zero where absent.
         rank: number of combinations of unknowns that were determined, of 4 n + 3 T.
         only_together: for each combination that was not, the names of the unknowns in it.
+        stated_sigma: standard uncertainty of a coordinate that was stated [m]; None if there was none.
+        exceeds_stated: whether the residuals exceed it beyond chance; `sigma` is then from them.
     """
 
     residuals: FloatArray
     rank: int
     only_together: tuple[tuple[str, ...], ...]
+    stated_sigma: float | None
+    exceeds_stated: bool
 
     @property
     def positions(self) -> int:
@@ -64,8 +71,8 @@ class CalibratedAxes(IdentifiedAxes):
         return float(np.sqrt(np.mean(np.square(read)))) if read.size else 0.0
 
     def findings(self) -> tuple[GeometryFinding, ...]:
-        """Return what was not determined."""
-        return tuple(
+        """Return what was not determined, and residuals beyond the stated noise."""
+        undetermined = tuple(
             GeometryFinding(
                 "parameters_not_identified",
                 "poses",
@@ -77,6 +84,23 @@ class CalibratedAxes(IdentifiedAxes):
                 "add poses in which all joints turn over most of their range",
             )
             for names in self.only_together
+        )
+        return (*self._beyond_noise(), *undetermined)
+
+    def _beyond_noise(self) -> tuple[GeometryFinding, ...]:
+        if not self.exceeds_stated or self.stated_sigma is None:
+            return ()
+        return (
+            GeometryFinding(
+                "residuals_exceed_sigma",
+                "poses",
+                (self.sigma / self.stated_sigma) ** 2,
+                "",
+                f"the residuals give sigma = {length_text(self.sigma)}, but "
+                f"{length_text(self.stated_sigma)} was stated: gears and sag that no geometry explains; the "
+                "uncertainties hold what of it changes from pose to pose",
+                "sweep the joints, which shows gear errors apart, or correct sigma",
+            ),
         )
 
 
@@ -125,22 +149,39 @@ def _evidence(state: PoseState, linear: LinearFit, poses: Poses, readings: PoseR
         )
     dof = coordinates - linear.rank
     rss = float(linear.residual @ linear.residual)
-    sigma = float(np.sqrt(rss / dof)) if poses.sigma is None else poses.sigma
+    exceeds = poses.sigma is not None and bool(stats.chi2.sf(rss / poses.sigma**2, dof) < _BEYOND_NOISE)
+    sigma = float(np.sqrt(rss / dof)) if poses.sigma is None or exceeds else poses.sigma
+    influence = _by_pose(linear, len(poses.angles)) / sigma if exceeds else linear.pseudo_inverse
     unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
     return CalibratedAxes(
         axes=state.axes,
         targets=state.targets,
         names=poses.targets,
-        covariance=sigma**2 * linear.covariance,
-        influence=linear.pseudo_inverse,
+        covariance=sigma**2 * influence @ influence.T,
+        influence=influence,
         sigma=sigma,
         rss=rss,
         dof=dof,
         residuals=unwhitened[..., 0],
         rank=linear.rank,
         only_together=_only_together(linear, len(state.axes), poses.targets),
+        stated_sigma=poses.sigma,
+        exceeds_stated=exceeds,
         unseen=linear.unseen / linear.scale[:, None],
     )
+
+
+def _by_pose(linear: LinearFit, count: int) -> FloatArray:
+    """Contribution (p, N) of each pose's residuals to the unknowns: their outer products are the covariance.
+
+    An angle that is off moves all targets of a pose, each its own way: residuals of one pose are no
+    independent numbers. Those of different poses are taken to be (cluster-robust covariance, Liang and Zeger
+    1986), with the usual correction for the unknowns.
+    """
+    shares = linear.pseudo_inverse.reshape(len(linear.scale), count, -1) * linear.residual.reshape(count, -1)
+    rows = linear.residual.size / count
+    freedom = count - linear.rank / rows
+    return np.asarray(shares.sum(axis=-1) * np.sqrt(count / freedom))
 
 
 def _readings(angles: FloatArray, poses: Poses) -> PoseReadings:

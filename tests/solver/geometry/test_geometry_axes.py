@@ -176,6 +176,16 @@ def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread: float, 
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
+def test_the_sweep_of_a_single_axis_is_fitted_by_itself() -> None:
+    """There is nothing that it could agree with."""
+    read = Cell().sweeps(np.random.default_rng(0)).sweeps[0]
+    one = Sweep(read.name, 0, read.angles[:, :1], read.points, read.present)
+    with pytest.raises(MeasurementError, match="single axis"):
+        identify_from_sweeps(
+            SweepSet((one,), NAMES, JointMap.identity(1), SIGMA), Conventions("axes", "axes")
+        )
+
+
 @pytest.mark.parametrize("factor", [1e3, 2e-3, 1e-3], ids=["mm as m", "barely", "m as mm"])
 def test_readings_in_another_unit_are_refused(factor: float) -> None:
     sweeps = Cell().sweeps()
