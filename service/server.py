@@ -16,13 +16,13 @@ from typing import Final
 
 import uvicorn
 from fastapi import FastAPI
-from prometheus_client import start_http_server
 from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
 from jointstiff.service.access import Keyring, KeysFileError
-from jointstiff.service.api import LimitedChild, Metrics, Posture
+from jointstiff.service.api import LimitedChild, Metrics, Posture, metrics_server
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
+from jointstiff.service.api.metrics import SILENT_SECONDS
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.render import console
@@ -43,6 +43,10 @@ _UNCONTROLLED: Final = (
     "warning: no access control; whoever reaches this address reads, posts and deletes, "
     "unless a proxy refuses them"
 )
+
+
+PROXIES_VARIABLE: Final = "FORWARDED_ALLOW_IPS"
+"""Addresses of proxies that are believed where a request came from; uvicorn reads it."""
 
 
 class ServerError(Exception):
@@ -129,17 +133,7 @@ def run_server(
         app = create_app(store, queue.enqueue, posture, keyring, settings)
         app.state.limited_child = stack.enter_context(closing(LimitedChild(database, quota)))
         app.state.failing_workers = lambda: supervisor.failing
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
-            access_log=False,
-            server_header=False,
-            http=BoundedProtocol,
-            ws="none",
-            backlog=ACCEPTED_AT_ONCE,
-            timeout_graceful_shutdown=_GOODBYE_SECONDS,
-        )
+        config = _configuration(app, log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
@@ -153,15 +147,32 @@ def run_server(
         server.run(sockets=[listener])
 
 
+def _configuration(app: FastAPI, log_format: LogFormat) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        log_level="warning",
+        log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
+        access_log=False,
+        server_header=False,
+        http=BoundedProtocol,
+        ws="none",
+        proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
+        backlog=ACCEPTED_AT_ONCE,
+        timeout_graceful_shutdown=_GOODBYE_SECONDS,
+    )
+
+
 @contextmanager
-def _showing(metrics: Metrics, host: str, port: int) -> Iterator[None]:
+def _showing(metrics: Metrics, host: str, port: int, silence: float = SILENT_SECONDS) -> Iterator[None]:
     """Answer with metrics on a port of their own, in threads of their own."""
     try:
-        server, thread = start_http_server(port, host, metrics.registry)
+        server = metrics_server(host, port, metrics.registry, silence)
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {error}", "choose another --metrics-port"
         ) from error
+    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
+    thread.start()
     try:
         yield
     finally:

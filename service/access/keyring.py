@@ -39,6 +39,7 @@ class Keyring:
         self._file = None if file is None else KeysFile(file)
         self._stored = _NONE
         self._filed = _NONE
+        self._gone: set[str] = set()
         self._is_broken = False
         self._looking = threading.Lock()
 
@@ -53,15 +54,28 @@ class Keyring:
 
     def _look(self) -> None:
         if self._file is not None:
-            try:
-                self._filed = {key.id: key for key in self._file.all()}
-                self._is_broken = False
-            except KeysFileError as error:
-                self._filed = _NONE  # who takes the file away takes its keys away
-                if not self._is_broken:  # not at each look again
-                    _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
-                self._is_broken = True
+            before, self._filed = self._live(), self._in_file(self._file)
+            self._gone |= before - self._live()
+            if self._gone:  # their sessions and links must not come to life again with the file
+                self._store.sessions.end_of(sorted(self._gone))
+                self._gone.clear()
         self._stored = {key.id: key for key in self._store.keys.all()}
+
+    def _live(self) -> set[str]:
+        """Return the ids of the keys in the file that open the service."""
+        now = datetime.now(UTC)
+        return {key.id for key in self._filed.values() if key.is_live(now)}
+
+    def _in_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
+        try:
+            filed = {key.id: key for key in file.all()}
+            self._is_broken = False
+        except KeysFileError as error:
+            filed = {}  # who takes the file away takes its keys away
+            if not self._is_broken:  # not at each look again
+                _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
+            self._is_broken = True
+        return filed
 
     def open_file(self) -> None:
         """Read the file of keys for the first time.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -87,7 +89,8 @@ class KeysFile:
         Raises:
             KeysFileError: the file cannot be read or written.
         """
-        self._write([*(self.all() if self._path.exists() else []), key])
+        with self._turn():
+            self._write([*(self.all() if self._path.exists() else []), key])
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
         """Revoke a key for good; return it.
@@ -96,12 +99,26 @@ class KeysFile:
             KeysFileError: the file cannot be read or written.
             NotFoundError: there is no such key.
         """
-        keys = {key.id: key for key in self.all()}
-        if key_id not in keys:
-            raise NotFoundError(KEY, key_id)
-        keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
-        self._write(list(keys.values()))
+        with self._turn():
+            keys = {key.id: key for key in self.all()}
+            if key_id not in keys:
+                raise NotFoundError(KEY, key_id)
+            keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
+            self._write(list(keys.values()))
         return keys[key_id]
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Hold a lock on the folder: of two who change the file, each finds what the other wrote."""
+        try:
+            folder = os.open(self._path.parent, os.O_RDONLY)
+        except OSError as error:
+            raise KeysFileError(self._path, error.strerror) from error
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)
 
     def _write(self, keys: list[AccessKey]) -> None:
         """Replace the file at once: a service that reads it meanwhile finds the old or the new one."""

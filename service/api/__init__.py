@@ -8,7 +8,7 @@ from jointstiff.service.api.events import Followers
 from jointstiff.service.api.headers import AnswerHeaders
 from jointstiff.service.api.limited import FORWARDED, Forwarded, LimitedChild
 from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
-from jointstiff.service.api.metrics import Metrics
+from jointstiff.service.api.metrics import Metrics, metrics_server
 from jointstiff.service.api.observed import Observed
 from jointstiff.service.api.page import install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
@@ -31,4 +31,5 @@ __all__ = [
     "install_description",
     "install_error_handlers",
     "install_page",
+    "metrics_server",
 ]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
 from contextlib import aclosing, suppress
 from dataclasses import dataclass, field
-from typing import Final
+from typing import ClassVar, Final
 
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import ServerSentEvent
@@ -66,8 +66,39 @@ class _Followed:
         self.changed = asyncio.Event()
 
 
+Question = Callable[[], Awaitable[bool]]
+
+
+async def _always() -> bool:
+    return True
+
+
+class _NowAndThen:
+    """A question that is asked again after some seconds only."""
+
+    def __init__(self, question: Question, seconds: float) -> None:
+        self._question = question
+        self._seconds = seconds
+        self._clock = asyncio.get_running_loop().time
+        self._at = self._clock()
+        self._answer = True
+
+    async def __call__(self) -> bool:
+        if self._answer and self._clock() - self._at >= self._seconds:
+            self._at = self._clock()
+            with suppress(StoreUnavailableError):  # the answer is that of before
+                self._answer = await self._question()
+        return self._answer
+
+
 class Followers:
-    """Those who follow jobs. They belong to one event loop."""
+    """Those who follow jobs. They belong to one event loop.
+
+    Attributes:
+        ALLOWED_SECONDS: between two questions whether one may go on following.
+    """
+
+    ALLOWED_SECONDS: ClassVar[float] = 5.0
 
     def __init__(
         self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS
@@ -83,8 +114,15 @@ class Followers:
         self._followed: dict[str, _Followed] = {}
         self._task: asyncio.Task[None] | None = None
 
-    async def events(self, jobs: Jobs, job_id: str) -> AsyncGenerator[ServerSentEvent]:
+    async def events(
+        self, jobs: Jobs, job_id: str, is_allowed: Question = _always
+    ) -> AsyncGenerator[ServerSentEvent]:
         """Yield `progress` events while a job goes on, then one `end` event with its final state.
+
+        Args:
+            jobs: those of its kind.
+            job_id: the job.
+            is_allowed: asked from time to time; the stream ends once it says no.
 
         Raises:
             Exception: a look at the jobs failed, not because the database is away.
@@ -94,15 +132,17 @@ class Followers:
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._look())
         task, told = self._task, None
+        may_follow = _NowAndThen(is_allowed, self.ALLOWED_SECONDS)
         try:
-            while True:
+            while await may_follow():
                 if followed.news is not None and followed.news is not told:
                     told = followed.news
                     yield told
                 elif followed.over:
                     break
                 else:
-                    await followed.changed.wait()
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(followed.changed.wait(), self.ALLOWED_SECONDS)
         finally:
             followed.followers -= 1
             if followed.followers == 0 and self._followed.get(job_id) is followed:

@@ -18,6 +18,7 @@ from jointstiff.service.access import Keyring, Throttle, digest, mint_token
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.problems import KeyRefusedError, StoreError, WrongKeysError
 from jointstiff.service.store import MINUTE, SESSION_LONGEST, AccessKey, SessionRecord, Store
+from jointstiff.solver.errors import RequestError
 
 SLOW_SECONDS: Final = 1.0
 """Time that each further wrong key of an address takes."""
@@ -85,6 +86,22 @@ class Gate:
             self._note(key.id, key.last_used_at, self._store.keys.used)
         return key
 
+    async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
+        """Return whether an answer that goes on may do so: the key is valid, and the session has not ended.
+
+        Raises:
+            StoreError: the database does not answer.
+        """
+        if self.is_open:
+            return True
+        if key is None or self.keyring.find(key.id) is None:
+            return False
+        token = connection.cookies.get(cookie_name(connection), "")
+        if "authorization" in connection.headers or not _TOKEN.fullmatch(token):
+            return True
+        now = datetime.now(UTC)
+        return await run_sync(self._store.sessions.find, digest(token), now, limiter=self._turns) is not None
+
     async def session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
         """Return the key of a browser's session, and when it ends; nothing if there is none."""
         token = connection.cookies.get(cookie_name(connection), "")
@@ -103,9 +120,15 @@ class Gate:
         """Begin the session of a browser, with a key or with a one-time link.
 
         Raises:
+            RequestError: no key is demanded.
             KeyRefusedError: it does not open the service.
             StoreError: the database does not answer.
         """
+        if self.is_open:
+            raise RequestError(
+                "nobody signs in here: the service demands no key",
+                remedy="open the page; a link stays unused, for a service that demands keys",
+            )
         await self._watch.latest()
         found = await self._checked(key, address) if key is not None else await self._redeemed(link, address)
         token, now = mint_token("jss"), datetime.now(UTC)

@@ -13,10 +13,11 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.query import JobQuery, WaitQuery
-from jointstiff.service.api.access import OPERATOR, VIEWER, RequesterOf
+from jointstiff.service.api.access import OPERATOR, VIEWER, RequesterOf, asked_of
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.examples import JOBS, shown
+from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.parts import (
     DELETED,
     LOCATION,
@@ -163,11 +164,14 @@ def _add_deletion(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) ->
 
 
 def _add_stepped(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    async def events_of(followers: FollowersOf, jobs: Jobs, job_id: str) -> AsyncIterator[ServerSentEvent]:
+    async def events_of(
+        request: Request, followers: FollowersOf, jobs: Jobs, job_id: str
+    ) -> AsyncIterator[ServerSentEvent]:
         # Before the stream begins: a job that is not there is a 404, not an event.
         await run_in_threadpool(jobs.status, job_id)
         await run_in_threadpool(jobs.deletions.refuse_deleted, job_id)
-        return followers.events(jobs, job_id)
+        gate: Gate = request.app.state.gate
+        return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))
 
     @router.get(
         f"/{{{kind.name}_id}}/events",

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 from collections.abc import Callable, Iterator
-from typing import Final
+from socketserver import ThreadingMixIn
+from typing import Any, ClassVar, Final
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
-from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client import CollectorRegistry, Counter, Histogram, make_wsgi_app
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 Gauges = Callable[[], dict[str, float]]
 
+SILENT_SECONDS: Final = 10.0
+"""A connection to the metrics that says nothing for so long is closed."""
 _SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
 _HELP: Final = {
     "database_up": "1 if the last look at the database succeeded.",
@@ -22,6 +28,63 @@ _HELP: Final = {
     "held_body_bytes": "Bytes of bodies that are received or worked on.",
     "unfinished_jobs": "Jobs that are queued or running.",
 }
+
+
+class _Handler(WSGIRequestHandler):
+    """A connection."""
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Log nothing."""
+
+
+class _Threads(ThreadingMixIn, WSGIServer):
+    """A server with a thread for each connection, and few of them."""
+
+    daemon_threads = True
+    CONNECTIONS: ClassVar[int] = 16
+    request_queue_size = CONNECTIONS
+
+    def __init__(self, *given: Any) -> None:  # noqa: ANN401
+        self._room = threading.BoundedSemaphore(self.CONNECTIONS)
+        super().__init__(*given)
+
+    def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Answer in a thread, or close the connection if there are too many."""
+        if self._room.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Answer, and make room."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ANN401
+        """Say nothing of clients that fell silent or left."""
+
+
+def metrics_server(
+    host: str, port: int, registry: CollectorRegistry, silence: float = SILENT_SECONDS
+) -> WSGIServer:
+    """Return a server of metrics that listens, and is still to be run.
+
+    Args:
+        host: address to listen on.
+        port: TCP port.
+        registry: that it shows.
+        silence: after which a connection is closed [s].
+
+    Raises:
+        OSError: the address cannot be listened on.
+    """
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    handler = type("_Patient", (_Handler,), {"timeout": silence})
+    server = type("_Server", (_Threads,), {"address_family": family})((host, port), handler)
+    server.set_app(make_wsgi_app(registry))
+    return server  # type: ignore[no-any-return]
 
 
 class Metrics:

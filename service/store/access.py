@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from datetime import datetime, timedelta
 from typing import Final
@@ -121,6 +122,12 @@ class Sessions:
         """End a session; to do so again changes nothing."""
         with self._database.writing() as connection:
             connection.execute(delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
+
+    def end_of(self, key_ids: Sequence[str]) -> None:
+        """End all sessions of some keys, and their links."""
+        with self._database.writing() as connection:
+            for table in (access_sessions, access_links):
+                connection.execute(delete(table).where(table.c.key_id.in_(key_ids)))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that begins one session of a key; remove those that have ended."""

@@ -22,7 +22,7 @@ from sqlalchemy import URL, Connection, create_engine, make_url, text
 
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.content import TableContent, content_of, revision_of
-from jointstiff.service.store.database import Database, Dialect, open_existing, path_of
+from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 MANIFEST: Final = "manifest.json"
@@ -161,6 +161,7 @@ def _restore_file(url: URL, source: Path, manifest: Manifest, *, overwrite: bool
         raise StoreError(f"{target} exists", "give another file, or --overwrite, which sets it aside")
     partial = target.with_name(f".{target.name}.{os.getpid()}")
     try:
+        make_private(partial)
         shutil.copyfile(source, partial)
         with _opened(partial) as connection:
             _check_arrived(manifest, connection)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,6 +65,8 @@ class Database:
         """
         parsed = _parse(url)
         if _DIALECTS[parsed.drivername] == "sqlite":
+            if not _is_in_memory(parsed):
+                make_private(str(parsed.database))
             database = cls("sqlite", *_sqlite_engines(parsed))
             prepare = _switch_to_wal
         else:
@@ -134,13 +137,17 @@ def open_existing(url: str) -> Database:
     return Database.open(url)
 
 
+def _is_in_memory(url: URL) -> bool:
+    return url.database in {None, "", ":memory:"}
+
+
 def path_of(url: URL) -> Path:
     """Return the file of an SQLite database.
 
     Raises:
         StoreError: it is in memory.
     """
-    if url.database in {None, "", ":memory:"}:
+    if _is_in_memory(url):
         raise StoreError("a database in memory has no file", _URLS)
     return Path(str(url.database))
 
@@ -157,8 +164,14 @@ def _parse(url: str) -> URL:
     return parsed
 
 
+def make_private(path: str | Path) -> None:
+    """Make the file of a new database, for its owner alone; the files beside it get the same mode."""
+    with suppress(OSError):  # it is there, or SQLite says why it cannot be
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o600))
+
+
 def _sqlite_engines(url: URL) -> tuple[Engine, Engine]:
-    in_memory = url.database in {None, "", ":memory:"}
+    in_memory = _is_in_memory(url)
     reader = create_engine(
         url,
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins

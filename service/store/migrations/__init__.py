@@ -18,7 +18,7 @@ from sqlalchemy import Connection, text
 
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.content import revision_of
-from jointstiff.service.store.database import Database
+from jointstiff.service.store.database import Database, make_private
 
 __all__ = ["configuration", "migrate"]
 
@@ -71,6 +71,7 @@ def _keep_copy(connection: Connection) -> None:
     if copy.exists():
         return
     try:
+        make_private(partial)
         connection.execute(text("VACUUM INTO :copy"), {"copy": str(partial)})
         partial.replace(copy)
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -18,7 +19,7 @@ from jointstiff.service.access import throttle as throttle_module
 from jointstiff.service.access.key_text import id_in
 from jointstiff.service.api import Watch
 from jointstiff.service.problems import KeyRefusedError
-from jointstiff.service.store import NotFoundError, Store
+from jointstiff.service.store import NotFoundError, SessionRecord, Store
 
 NOW = datetime.now(UTC)
 KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]
@@ -214,3 +215,32 @@ def test_a_file_that_everyone_can_write_has_no_keys(tmp_path):
     path.chmod(0o666)
     with pytest.raises(KeysFileError, match="chmod o-w"):
         KeysFile(path).all()
+
+
+def test_sessions_of_a_key_do_not_come_back_with_its_file(tmp_path):
+    path = tmp_path / "keys.json"
+    KeysFile(path).add(KEYS[0].record)
+    content = path.read_bytes()
+    with Store.open("sqlite://") as store:
+        keyring = Keyring(store, path)
+        keyring.look()
+        store.sessions.begin(SessionRecord("hash", KEYS[0].record.id, NOW, NOW))
+        store.sessions.offer("link", KEYS[0].record.id, NOW, NOW + timedelta(minutes=10))
+        keyring.look()
+        assert store.sessions.find("hash", NOW)
+        path.unlink()
+        keyring.look()
+        path.write_bytes(content)
+        keyring.look()
+        assert keyring.find(KEYS[0].record.id)
+        assert store.sessions.find("hash", NOW) is None
+        assert store.sessions.redeem("link", NOW) is None
+
+
+def test_of_many_who_write_a_file_at_once_none_loses_a_key(tmp_path):
+    path = tmp_path / "keys.json"
+    minted = [mint(f"key {number}", "viewer", NOW, None).record for number in range(16)]
+    with ThreadPoolExecutor(16) as pool:
+        list(pool.map(lambda record: KeysFile(path).add(record), minted))
+    assert {key.id for key in KeysFile(path).all()} == {record.id for record in minted}
+    assert [each.name for each in tmp_path.iterdir()] == ["keys.json"]

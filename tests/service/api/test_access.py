@@ -8,8 +8,10 @@ import logging
 import re
 from datetime import UTC, datetime, timedelta
 
+import anyio
 import pytest
 from fastapi import APIRouter
+from starlette.requests import HTTPConnection
 from support.in_process import Client
 
 from jointstiff.service.access import digest, mint, mint_token
@@ -294,6 +296,34 @@ def test_a_link_signs_one_browser_in_once_and_in_time(client, store):
     for refused in (again, *others):
         assert refused.status_code == 401
         assert "ten minutes" in refused.json()["detail"]
+
+
+def test_an_open_service_uses_no_link_up(store):
+    token, key = mint_token("jsl"), KEYS["viewer"].record
+    store.keys.add(key)
+    store.sessions.offer(digest(token), key.id, NOW, NOW + timedelta(minutes=10))
+    answer = Client(store).request("POST", "/v1/session", json={"link": token})
+    assert answer.status_code == 422
+    assert "demands no key" in answer.json()["detail"]
+    assert store.sessions.redeem(digest(token), NOW) == key.id
+
+
+@pytest.mark.parametrize("ends", ["session", "key"])
+def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, store):
+    guard, key = client._app.state.gate, KEYS["viewer"].record
+    cookie = signed_in(client)
+    scope = {"type": "http", "headers": [(b"cookie", cookie.encode()), (b"host", b"localhost:8000")]}
+
+    def still_opens():
+        return anyio.run(guard.still_opens, HTTPConnection(scope), key)
+
+    assert still_opens()
+    if ends == "session":
+        client.request("DELETE", "/v1/session", headers={"Cookie": cookie})
+    else:
+        store.keys.revoke(key.id, NOW)
+        guard.keyring.look()
+    assert not still_opens()
 
 
 def test_who_changes_what_stands_in_the_audit(client, store):

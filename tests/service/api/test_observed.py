@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import select
 import socket
+from contextlib import ExitStack
 
 import httpx
 import pytest
@@ -67,6 +69,19 @@ def test_metrics_are_shown_on_a_port_of_their_own(client):
     with _showing(client._app.state.metrics, "127.0.0.1", port):
         answer = httpx.get(f"http://127.0.0.1:{port}/metrics")
     assert "jointstiff_request_seconds_count" in answer.text
+
+
+def test_silent_connections_to_the_metrics_end_and_are_few(client):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with _showing(client._app.state.metrics, "127.0.0.1", port, silence=2.0), ExitStack() as stack:
+        silent = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=30)) for _ in range(17)
+        ]
+        assert silent[-1].recv(1) == b""  # there is no room for it
+        assert not select.select(silent[:-1], [], [], 0)[0]
+        assert silent[0].recv(1) == b""
+        assert httpx.get(f"http://127.0.0.1:{port}/metrics").status_code == 200
 
 
 def test_a_line_of_the_log_has_what_belongs_to_the_request(client, caplog):

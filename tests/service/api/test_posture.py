@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import anyio
 import httpx
 import pytest
 from support.in_process import Client
@@ -11,6 +12,8 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.service.api import Posture
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.cli.app import app as command
+from jointstiff.service.logs import LogFormat
+from jointstiff.service.server import _configuration
 from jointstiff.service.store import Store
 
 ROBOT = ROBOTS["modified DH"]
@@ -129,3 +132,23 @@ def test_the_service_does_not_start_where_nothing_controls_who_is_answered(optio
     assert ended.exit_code == 2
     assert reason in ended.output
     assert "remedy" in ended.output
+
+
+@pytest.mark.parametrize(
+    ("trusted", "seen"), [(None, "127.0.0.1"), ("192.0.2.1", "127.0.0.1"), ("127.0.0.1", "198.51.100.9")]
+)
+def test_only_a_configured_proxy_says_where_a_request_comes_from(trusted, seen, monkeypatch):
+    monkeypatch.delenv("FORWARDED_ALLOW_IPS", raising=False)
+    if trusted:
+        monkeypatch.setenv("FORWARDED_ALLOW_IPS", trusted)
+    addresses = []
+
+    async def app(scope, _receive, _send):
+        addresses.append(scope["client"][0])
+
+    config = _configuration(app, LogFormat.JSON)
+    config.load()
+    headers = [(b"x-forwarded-for", b"198.51.100.9")]
+    scope = {"type": "http", "client": ("127.0.0.1", 80), "scheme": "http", "headers": headers}
+    anyio.run(config.loaded_app, scope, None, None)
+    assert addresses == [seen]

@@ -96,6 +96,21 @@ def test_all_who_follow_a_job_share_one_look():
     assert set(data[0]) == {"id", "state", "progress"}
 
 
+def test_who_may_follow_no_longer_hears_no_more():
+    asked = []
+
+    async def is_allowed():
+        asked.append(len(asked) < 2)
+        return asked[-1]
+
+    async def follow():
+        followers = type("Prompt", (Followers,), {"ALLOWED_SECONDS": 0.05})(pause=0.01)
+        return [event async for event in followers.events(ScriptedJobs([1] * 10_000), "r1", is_allowed)]
+
+    assert [event.event for event in asyncio.run(follow())] == ["progress"]
+    assert asked == [True, True, False]
+
+
 def test_one_look_serves_all_jobs():
     jobs = ScriptedJobs([])
 

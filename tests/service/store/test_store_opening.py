@@ -35,6 +35,13 @@ def test_ping_names_the_database(database_url: str) -> None:
         assert store.ping() == database_url.partition(":")[0]
 
 
+def test_a_new_file_is_its_owners_alone(tmp_path: Path) -> None:
+    with Store.open(f"sqlite:///{tmp_path / 'jointstiff.db'}"):
+        modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    assert set(modes.values()) == {0o600}
+    assert "jointstiff.db-wal" in modes
+
+
 def test_the_migrations_build_what_the_tables_say(database_url: str) -> None:
     Store.open(database_url).close()
     database = Database.open(database_url)
