@@ -20,6 +20,7 @@ from jointstiff.service.cli.report import report
 from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import demo, post, serve, worker
 from jointstiff.service.cli.simulate import simulate
+from jointstiff.service.cli.watch import watch
 
 app = typer.Typer(
     name="jointstiff",
@@ -48,6 +49,7 @@ for command in (
     serve,
     worker,
     post,
+    watch,
     demo,
     backup,
     restore,

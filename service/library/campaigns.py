@@ -71,7 +71,7 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
-    return _parsed(message, content.removeprefix(BOM_UTF8), section)
+    return parse_content(message, content.removeprefix(BOM_UTF8), section)
 
 
 def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
@@ -81,7 +81,7 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
         CampaignError: it is not such a document, or holds what is no JSON.
     """
     try:
-        return _parsed(message, json.dumps(document).encode(), None)
+        return parse_content(message, json.dumps(document).encode())
     except (TypeError, ValueError) as error:
         remedy = "use only strings, numbers, lists and dictionaries; convert arrays to lists"
         raise CampaignError(
@@ -89,7 +89,12 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
         ) from None
 
 
-def _parsed(message: type[Document], content: bytes, section: str | None) -> Document:
+def parse_content(message: type[Document], content: bytes, section: str | None = None) -> Document:
+    """Validate the content of a file of JSON.
+
+    Raises:
+        CampaignError: it is not such a document.
+    """
     try:
         return parse(message, content, section)
     except MalformedError as error:

@@ -43,6 +43,7 @@ class Client:
         *,
         warn: Callable[[str], object] | None = None,
         transport: httpx.BaseTransport | None = None,
+        patience: float = PATIENCE_SECONDS,
     ) -> None:
         """Make a client.
 
@@ -52,6 +53,7 @@ class Client:
                 JOINTSTIFF_KEY, if there is one.
             warn: called when the service does not answer and requests are repeated.
             transport: carries the requests, if not over the network.
+            patience: seconds for which requests are repeated while a service that answered does not.
 
         Raises:
             RefusedError: there can be no such address, or no such key.
@@ -66,11 +68,11 @@ class Client:
             self._http = httpx.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx.InvalidURL as error:
             raise RefusedError(silence(url, error)) from error
-        self._warn = warn
+        self._warn, self._patience = warn, patience
         self._answered = False
         self._retrying = Retrying(
             retry=retry_if_exception(lambda error: self._answered and isinstance(error, AwayError)),
-            stop=stop_before_delay(PATIENCE_SECONDS),
+            stop=stop_before_delay(patience),
             wait=wait_exponential(multiplier=0.2, max=2.0),
             before_sleep=self._announce,
             reraise=True,
@@ -120,16 +122,23 @@ class Client:
         return robot, self.measurement_sets.create(document["measurement_set"] | {"robot_id": robot.id})
 
     def send(
-        self, verb: str, path: str, query: Mapping[str, str] | None = None, document: Document | None = None
+        self,
+        verb: str,
+        path: str,
+        query: Mapping[str, str] | None = None,
+        document: Document | None = None,
+        key: str | None = None,
     ) -> httpx.Response:
         """Send a request until it is answered; return the answer.
 
+        A document is posted with the key, or with one of its own.
+
         Raises:
-            RefusedError: the service refuses, never answered, or has not for `PATIENCE_SECONDS`.
+            RefusedError: the service refuses, never answered, or has not for as long as its patience.
         """
         parts: dict[str, Any] = {"params": query}
         if document is not None:
-            headers = {"Content-Type": "application/json", "Idempotency-Key": uuid4().hex}
+            headers = {"Content-Type": "application/json", "Idempotency-Key": key or uuid4().hex}
             parts |= {"content": json.dumps(plain(document)), "headers": headers}
         return self._retrying(self._try, verb, path, parts)
 
@@ -151,4 +160,4 @@ class Client:
     def _announce(self, attempt: RetryCallState) -> None:
         lost = attempt.outcome.exception() if attempt.outcome is not None else None
         if attempt.attempt_number == 1 and self._warn is not None and isinstance(lost, AwayError):
-            self._warn(f"{lost.problem.detail}; trying again for {PATIENCE_SECONDS:.0f} s")
+            self._warn(f"{lost.problem.detail}; trying again for {self._patience:.0f} s")

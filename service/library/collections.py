@@ -42,9 +42,15 @@ class Collection(Generic[Resource, Summary]):
     def __init__(self, send: Send, name: str, kind: type[Resource], summary: type[Summary]) -> None:
         self._send, self._path, self._kind, self._summary = send, f"/v1/{name}", kind, summary
 
-    def create(self, document: Document) -> Resource:
-        """Post a document; return the resource that it became."""
-        return resource_in(self._send("POST", self._path, self._posted_with, document), self._kind)
+    def create(self, document: Document, *, key: str | None = None) -> Resource:
+        """Post a document; return the resource that it became.
+
+        Args:
+            document: to post.
+            key: idempotency key; one of its own if absent.
+        """
+        answer = self._send("POST", self._path, self._posted_with, document, key=key)
+        return resource_in(answer, self._kind)
 
     def get(self, identifier: str) -> Resource:
         """Return a resource."""

@@ -1,0 +1,100 @@
+"""`jointstiff watch`: post the finished files of a folder as measurements of a robot."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jointstiff.service.cli.answers import refused, warn
+
+if TYPE_CHECKING:
+    from jointstiff.service.library.folder import WatchedFolder
+
+
+def watch(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            exists=True,
+            file_okay=False,
+            metavar="FOLDER",
+            help="Folder to take finished files from; they go to its done/ or rejected/.",
+        ),
+    ],
+    *,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot on the service.")],
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Options of an import, as JSON, by which tables are read; without it only JSON is taken.",
+        ),
+    ] = None,
+    server: Annotated[
+        str,
+        typer.Option(
+            "--url", envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service."
+        ),
+    ] = "http://127.0.0.1:8000",
+    key: Annotated[
+        str | None, typer.Option(envvar="JOINTSTIFF_KEY", metavar="KEY", help="Key with the role operator.")
+    ] = None,
+    interval: Annotated[
+        float, typer.Option(min=0.1, metavar="SECONDS", help="Time between two looks at the folder.")
+    ] = 5.0,
+    settle: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            metavar="SECONDS",
+            help="Time for which a file that is not understood stays unchanged before it is rejected.",
+        ),
+    ] = 60.0,
+    once: Annotated[bool, typer.Option("--once", help="End when nothing is left to wait for.")] = False,
+) -> None:
+    """Post finished files of a folder as measurements of a robot, each with its run, until stopped.
+
+    A file is finished when two looks find it unchanged. Programs that write slowly should write under another
+    name, such as .part, and rename.
+    """
+    import time
+
+    from jointstiff.schemas.imports import ImportRequest
+    from jointstiff.service.library import CampaignError, Client, RefusedError, read_document
+    from jointstiff.service.library.delivery import Delivery
+    from jointstiff.service.library.errors import AwayError
+    from jointstiff.service.library.folder import WatchedFolder
+    from jointstiff.service.render import console
+
+    try:
+        options = None if template is None else read_document(template, ImportRequest)
+        with Client(server, key, patience=0.0) as client:
+            delivery = Delivery(client, robot, options)
+            try:
+                delivery.check()
+            except AwayError as error:
+                warn(f"{error.problem.detail}; files stay until it answers")
+            watched = WatchedFolder(folder, delivery, clock=time.monotonic, settle=settle)
+            console().print(f"watching {folder}; Ctrl-C ends", markup=False, soft_wrap=True)
+            _look(watched, folder)
+            while not (once and watched.is_idle):
+                time.sleep(interval)
+                _look(watched, folder)
+    except (CampaignError, RefusedError) as error:
+        raise refused(error.problem) from error
+    except KeyboardInterrupt:
+        return
+
+
+def _look(watched: "WatchedFolder", folder: Path) -> None:
+    """Look once, and say what happened."""
+    from jointstiff.service.render import console
+
+    for event in watched.look():
+        line = f"{event.file or folder}: {event.message}"
+        if event.kind == "taken":
+            console().print(line, markup=False, soft_wrap=True)
+        else:
+            warn(line)
