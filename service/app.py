@@ -32,6 +32,7 @@ from jointstiff.service.api import (
     install_description,
     install_error_handlers,
     install_page,
+    job_reports,
     keys,
     kinematics,
     maps,
@@ -138,6 +139,7 @@ def create_app(
         deflections,
         exports,
         reports,
+        job_reports,
         health,
     ):
         app.include_router(module.router)

@@ -9,12 +9,14 @@ from jointstiff.solver.doors import names_of
 if TYPE_CHECKING:
     from jointstiff.service.exporting.formats import FORMATS, Format, ModelFormat, export_model
     from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
+    from jointstiff.service.exporting.pairs import pair_csv
     from jointstiff.service.exporting.tables import joints_csv
 else:
     __getattr__ = names_of(
         __name__,
         formats="FORMATS Format ModelFormat export_model",
         model="ExportedModel why_no_stiffness",
+        pairs="pair_csv",
         tables="joints_csv",
     )
 
@@ -25,5 +27,6 @@ __all__ = [
     "ModelFormat",
     "export_model",
     "joints_csv",
+    "pair_csv",
     "why_no_stiffness",
 ]

@@ -8,6 +8,7 @@ from jointstiff.solver.doors import names_of
 
 if TYPE_CHECKING:
     from jointstiff.service.reports.document import Document, Section, State, Table
+    from jointstiff.service.reports.job import REPORTED_KINDS, job_document
     from jointstiff.service.reports.laboratory import (
         LaboratorySettings,
         SettingsError,
@@ -21,6 +22,7 @@ else:
     __getattr__ = names_of(
         __name__,
         document="Document Section State Table",
+        job="REPORTED_KINDS job_document",
         laboratory="LaboratorySettings SettingsError read_laboratory",
         page="POLICY report_page",
         pdf="NoTypstError report_pdf",
@@ -30,6 +32,7 @@ else:
 
 __all__ = [
     "POLICY",
+    "REPORTED_KINDS",
     "Document",
     "LaboratorySettings",
     "NoTypstError",
@@ -39,6 +42,7 @@ __all__ = [
     "State",
     "Table",
     "draft",
+    "job_document",
     "read_laboratory",
     "report_page",
     "report_pdf",

@@ -83,7 +83,7 @@ class State:
         by: name of the key that authorised it.
     """
 
-    kind: Literal["draft", "authorised", "superseded"]
+    kind: Literal["draft", "authorised", "superseded", "unsigned"]
     line: str
     number: int = 0
     issued_at: datetime | None = None
@@ -91,8 +91,8 @@ class State:
 
     @property
     def watermark(self) -> str:
-        """Return what stands across each page; nothing if it is authorised."""
-        return "" if self.kind == "authorised" else self.kind.upper()
+        """Return what stands across each page; nothing if it is authorised, or nobody signs it."""
+        return self.kind.upper() if self.kind in {"draft", "superseded"} else ""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,15 @@ import { text } from "../i18n";
 import { ProblemNote } from "./basics";
 import { save } from "./download";
 
+/** Kinds whose report is for information; that of a run, which is signed, stands among its files. */
+const REPORTED: Record<string, string> = {
+  comparison: "comparisons",
+  pair: "pairs",
+  plan: "plans",
+  map: "maps",
+  program: "programs",
+};
+
 export function JobActions({
   kind,
   job,
@@ -18,7 +27,7 @@ export function JobActions({
 }: {
   /** Of the file that is downloaded. */
   kind: string;
-  job: { id: string };
+  job: { id: string; result?: unknown };
   name: string;
   /** Null while it goes on. */
   remove: (() => Promise<unknown>) | null;
@@ -52,6 +61,11 @@ export function JobActions({
         >
           {text.run.download}
         </button>
+        {kind in REPORTED && job.result && (
+          <a class="button" href={`/v1/${REPORTED[kind]}/${job.id}/report.pdf`} download>
+            {text.run.report}
+          </a>
+        )}
         {remove && (
           <button type="button" class="button quiet" disabled={deletion.busy} onClick={deletion.run}>
             {text.run.delete}

@@ -429,6 +429,7 @@ export const en = {
     shared: "Link copied",
     delete: "Delete",
     download: "Download",
+    report: "Report",
     downloadHint: "Download this run as JSON",
     summary: {
       numbered: "joints have a number",

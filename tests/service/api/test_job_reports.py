@@ -1,0 +1,104 @@
+"""Reports of comparisons, pairs, plans, maps and programs over HTTP, and their tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pypdf
+import pytest
+from support.in_process import Client
+from support.programs import options, path, tool_poses
+
+from jointstiff.service.reports import REPORTED_KINDS
+from jointstiff.service.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+HOSTILE = '[bold red]=1+1 #read("/etc/passwd") <script>'
+MAP = {
+    "area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]],
+    "grid": [2, 2, 1],
+    "place": [0.0, 0.0, 0.25],
+    "turns": 2,
+    "force": [0.0, 300.0, -500.0],
+}
+PLAN = {"readings": 2, "criterion": "d", "load": {"kind": "any_direction", "force": 1500.0}}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with Store.open("sqlite://") as store:
+        yield Client(store)
+
+
+@pytest.fixture(scope="module")
+def jobs(client):
+    """The address of a job of each kind, on a robot whose first joint has a hostile name."""
+
+    def post(collection, body):
+        answer = client.request("POST", f"/v1/{collection}", json=body)
+        assert answer.status_code == 201, answer.text
+        return answer.json()["id"]
+
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    model = campaign["robot"]["model"]
+    escaped = HOSTILE.replace("<", "&lt;").replace('"', "&quot;")
+    urdf = model["urdf"].replace('name="joint_1"', f'name="{escaped}"')
+    robot = post("robots", campaign["robot"] | {"model": model | {"urdf": urdf}})
+    measured = post("measurement-sets", campaign["measurement_set"] | {"robot_id": robot})
+    run = post("runs", {"measurement_set_id": measured})
+    text = program_text("krl", tool_poses(path(3)), 4).encode("latin-1")
+    stated = json.dumps(options("krl") | {"run_id": run})
+    program = client.request(
+        "POST", "/v1/programs", files=[("files", ("cell.src", text))], data={"options": stated}
+    )
+    side = {"measurement_set_id": measured}
+    return {
+        "comparison": f"/v1/comparisons/{post('comparisons', side)}",
+        "pair": f"/v1/pairs/{post('pairs', {'first': side, 'second': side})}",
+        "plan": f"/v1/plans/{post('plans', PLAN | side)}",
+        "map": f"/v1/maps/{post('maps', MAP | {'run_id': run})}",
+        "program": program.headers["location"],
+    }
+
+
+@pytest.mark.parametrize("kind", REPORTED_KINDS)
+def test_each_kind_has_a_report(client, jobs, kind):
+    answer = client.get(f"{jobs[kind]}/report.pdf")
+    assert answer.status_code == 200, answer.text
+    reader = pypdf.PdfReader(io.BytesIO(answer.content))
+    text = " ".join(" ".join(page.extract_text().split()) for page in reader.pages)
+    job = client.get(jobs[kind]).json()
+    assert job["provenance"]["input_hash"] in text
+    assert f"End of report {job['id']}" in text
+    assert "not a test of static compliance after ISO 9283" in text
+    assert "DRAFT" not in text
+    assert json.loads(reader.attachments[f"{kind}.json"][0]) == job
+    assert answer.content == client.get(f"{jobs[kind]}/report.pdf").content
+    page = client.get(f"{jobs[kind]}/report.html").text
+    assert "<table>" in page
+    assert "<script" not in page
+
+
+@pytest.mark.parametrize("kind", ["comparison", "pair", "plan"])
+def test_hostile_names_of_joints_are_text(client, jobs, kind):
+    page = client.get(f"{jobs[kind]}/report.html").text
+    assert "[bold red]=1+1 #read(&quot;/etc/passwd&quot;) &lt;script&gt;" in page
+
+
+def test_a_pair_is_a_table(client, jobs):
+    rows = list(csv.DictReader(io.StringIO(client.get(f"{jobs['pair']}/table.csv").text)))
+    joints = client.get(jobs["pair"]).json()["result"]["joints"]
+    for row, joint in zip(rows, joints, strict=True):
+        assert row["joint"] == joint["name"]
+        assert float(row["first stiffness [N.m/rad]"]) == joint["first"]["stiffness"]
+        assert float(row["ratio of stiffnesses, second to first [1]"]) == joint["ratio"]
+
+
+def test_a_plan_is_a_table(client, jobs):
+    rows = list(csv.DictReader(io.StringIO(client.get(f"{jobs['plan']}/readings.csv").text)))
+    readings = client.get(jobs["plan"]).json()["result"]["readings"]
+    assert [row["label"] for row in rows] == [each["label"] for each in readings]
+    assert float(rows[0]["Fx [N]"]) == pytest.approx(readings[0]["force"][0], abs=0.05)
