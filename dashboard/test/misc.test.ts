@@ -1,7 +1,8 @@
 import { describe, expect, it } from "vitest";
 import { contentKey } from "../src/lib/hash";
 import { link, parse } from "../src/state/router";
-import { documentOf, newDh, numberOf } from "../src/views/dh_editor";
+import type { DhModel } from "../src/api/types";
+import { documentOf, newDh, numberOf, tableOf } from "../src/views/dh_editor";
 
 describe("addresses", () => {
   it("come back as they were made, whatever is in them", () => {
@@ -21,6 +22,8 @@ describe("keys of content", () => {
   });
 });
 
+const blank = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "" };
+
 describe("the DH editor", () => {
   it("reads numbers as people type them", () =>
     expect([
@@ -32,14 +35,39 @@ describe("the DH editor", () => {
       numberOf("1e400"),
     ]).toEqual([1.5, -90, -90, null, null, null]));
   it("sends SI", () => {
-    const document = documentOf("arm", newDh());
+    const rows = [{ ...blank, a: "350", alpha: "-90", upper: "85" }];
+    const document = documentOf("arm", { ...newDh(), rows });
     expect(document?.model).toMatchObject({ format: "dh", convention: "modified" });
-    const row = document?.model.format === "dh" ? document.model.rows[1] : undefined;
+    const row = document?.model.format === "dh" ? document.model.rows[0] : undefined;
+    expect(row).toMatchObject({ d: 0, theta: 0, lower: null });
     expect(row?.a).toBeCloseTo(0.35);
     expect(row?.alpha).toBeCloseTo(-Math.PI / 2);
+    expect(row?.upper).toBeCloseTo((85 * Math.PI) / 180);
   });
   it("sends nothing while something is no number", () => {
     const table = newDh();
-    expect(documentOf("arm", { ...table, rows: [{ a: "1.", alpha: "x", d: "0", theta: "0" }] })).toBeNull();
+    expect(documentOf("arm", { ...table, rows: [{ ...blank, a: "1.", alpha: "x" }] })).toBeNull();
+    expect(documentOf("arm", { ...table, rows: [{ ...blank, a: "1.", lower: "x" }] })).toBeNull();
+  });
+  it("begins empty, and an empty table is no robot", () => {
+    expect(
+      newDh()
+        .rows.flatMap((row) => Object.values(row))
+        .join(""),
+    ).toBe("");
+    expect(documentOf("arm", newDh())).toBeNull();
+  });
+  it("shows a model in millimetres and degrees, and reads it back", () => {
+    const model: DhModel = {
+      format: "dh",
+      convention: "standard",
+      rows: [{ a: -0.57155, alpha: Math.PI / 2, d: 0.1807, theta: 0, lower: -Math.PI, upper: null }],
+    };
+    const map = { matrix: [[-1]], offset: [0] };
+    const table = tableOf(model, map);
+    expect(table.rows).toEqual([{ a: "-571.55", alpha: "90", d: "180.7", theta: "0", lower: "-180", upper: "" }]);
+    const read = documentOf("arm", table);
+    expect(read?.joint_map).toEqual(map);
+    expect(read?.model.format === "dh" && read.model.rows[0]?.a).toBeCloseTo(-0.57155, 12);
   });
 });

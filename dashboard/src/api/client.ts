@@ -1,6 +1,7 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
 import type {
+  Catalogue,
   Comparison,
   ComparisonSummary,
   Geometry,
@@ -21,12 +22,14 @@ import type {
   Problem,
   Program,
   Robot,
+  RobotChange,
   RobotRequest,
   RobotSource,
   RobotSummary,
   Run,
   RunSummary,
   Session,
+  SetChange,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -155,6 +158,9 @@ export const api = {
     call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
   robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),
   addRobot: (document: RobotRequest, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
+  changeRobot: (robot: string, change: RobotChange) =>
+    call<Robot>("PATCH", `/v1/robots/${id(robot)}`, { body: change }),
+  catalogue: () => call<Catalogue>("GET", "/v1/catalogue"),
   deleteRobot: (robot: string) => call<undefined>("DELETE", `/v1/robots/${id(robot)}`),
   restoreRobot: (robot: string) => call<Robot>("POST", `/v1/robots/${id(robot)}/restore`),
   kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
@@ -166,6 +172,8 @@ export const api = {
     call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
   deleteSet: (set: string) => call<undefined>("DELETE", `/v1/measurement-sets/${id(set)}`),
   restoreSet: (set: string) => call<MeasurementSet>("POST", `/v1/measurement-sets/${id(set)}/restore`),
+  changeSet: (set: string, change: SetChange) =>
+    call<MeasurementSetSummary>("PATCH", `/v1/measurement-sets/${id(set)}`, { body: change }),
   /** What files of readings were understood as; nothing is stored. */
   importFiles: (files: File[], stated: ImportOptions = {}, signal?: AbortSignal) =>
     call<ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), ...options(signal) }),

@@ -7,6 +7,7 @@ export type Action = Schemas["Action"];
 export type Advice = Schemas["Advice"];
 export type Assessment = Schemas["Assessment"];
 export type Budget = Schemas["Budget"];
+export type Catalogue = Schemas["Catalogue"];
 export type ComparedFit = Schemas["ComparedFit"];
 export type Comparison = Schemas["Comparison"];
 export type ComparisonSummary = Schemas["ComparisonSummary"];
@@ -29,6 +30,9 @@ export type MapResult = Schemas["MapResult"];
 export type MapSummary = Schemas["MapSummary"];
 export type MeasurementSet = Schemas["MeasurementSet"];
 export type MeasurementSetSummary = Schemas["MeasurementSetSummary"];
+/** What people note about a measurement set. */
+export type Metadata = Required<Pick<MeasurementSet, (typeof METADATA)[number]>>;
+export type NominalArm = Schemas["Arm"];
 export type Observation = Schemas["Observation-Output"];
 export type Pair = Schemas["Pair"];
 export type PairSummary = Schemas["PairSummary"];
@@ -46,6 +50,7 @@ export type Contribution = Schemas["Contribution"];
 export type Reason = Schemas["Reason"];
 export type Residual = Schemas["Residual"];
 export type Robot = Schemas["Robot"];
+export type RobotChange = Schemas["RobotChange"];
 export type RobotDocument = Schemas["RobotDocument-Input"];
 export type RobotRequest = Schemas["RobotRequest"];
 export type RobotSummary = Schemas["RobotSummary"];
@@ -54,6 +59,7 @@ export type RunOptions = Schemas["RunOptions-Output"];
 export type RunRequest = Schemas["RunRequest-Output"];
 export type RunResult = Schemas["RunResult"];
 export type RunSummary = Schemas["RunSummary"];
+export type SetChange = Schemas["SetChange"];
 export type Units = Schemas["Units-Output"];
 
 export type Elasticity = RunRequest["elasticity"];
@@ -75,3 +81,13 @@ export interface Page<Item> {
 
 /** A robot that is stored, or one that is not yet. */
 export type RobotSource = { robot_id: string } | { robot: RobotDocument };
+
+/** Fields of a measurement set that may change after its readings. */
+export const METADATA = [
+  "measured_at",
+  "serial_number",
+  "operator",
+  "instrument",
+  "conditions",
+  "notes",
+] as const satisfies readonly (keyof MeasurementSet)[];

@@ -7,6 +7,8 @@ import type { Loading } from "./load";
 export interface Names {
   robots: RobotSummary[];
   sets: MeasurementSetSummary[];
+  /** What lists leave out; its names still stand on runs. */
+  archived: { robots: RobotSummary[]; sets: MeasurementSetSummary[] };
   robot: (id: string) => string;
   set: (id: string) => string;
 }
@@ -18,16 +20,23 @@ export function useNames(): Loading<Names> {
   return useCached(KEY, loadNames);
 }
 
-/** A robot or a set was added. */
+/** A robot or a set was added or changed. */
 export const namesChanged = (): void => forget(KEY);
 
 async function loadNames(): Promise<Names> {
-  const [robots, sets] = await Promise.all([every(api.robots, {}, 1000), every(api.sets, {}, 1000)]);
-  const robotNames = new Map(robots.map((robot) => [robot.id, robot.name]));
-  const setNames = new Map(sets.map((set) => [set.id, set.name]));
+  const away = { archived: "true" };
+  const [robots, sets, oldRobots, oldSets] = await Promise.all([
+    every(api.robots, {}, 1000),
+    every(api.sets, {}, 1000),
+    every(api.robots, away, 1000),
+    every(api.sets, away, 1000),
+  ]);
+  const robotNames = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.name]));
+  const setNames = new Map([...sets, ...oldSets].map((set) => [set.id, set.name]));
   return {
     robots,
     sets,
+    archived: { robots: oldRobots, sets: oldSets },
     robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
   };

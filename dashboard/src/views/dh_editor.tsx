@@ -1,13 +1,16 @@
 /** A Denavit-Hartenberg table to fill in, and the joint map for coupled axes. */
-import type { DhModel, RobotDocument } from "../api/types";
-import { Choice } from "../components/basics";
+import type { DhModel, JointMap as Map, RobotDocument } from "../api/types";
+import { Choice, Select } from "../components/basics";
 import { Scroll } from "../components/table";
-import { radians } from "../lib/units";
+import { degrees, radians } from "../lib/units";
 import { text } from "../i18n";
+import { useCatalogue } from "./catalogue";
 
 const COLUMNS = ["a", "alpha", "d", "theta"] as const;
+const LIMITS = ["lower", "upper"] as const;
 type Column = (typeof COLUMNS)[number];
-type Row = Record<Column, string>;
+type Limit = (typeof LIMITS)[number];
+type Row = Record<Column | Limit, string>;
 
 /** The table as it is typed: text, so that "-" and "1." can stand while one types. */
 export interface DhTable {
@@ -20,18 +23,12 @@ export interface DhTable {
   offset: string[];
 }
 
-const EMPTY: Row = { a: "0", alpha: "0", d: "0", theta: "0" };
+const EMPTY: Row = { a: "", alpha: "", d: "", theta: "", lower: "", upper: "" };
+const AXES = 6;
 
-/** A six-axis arm to begin with: what is drawn is an arm, and its numbers are to be replaced. */
+/** An empty table of a six-axis arm. */
 export function newDh(): DhTable {
-  const rows: [number, number, number, number][] = [
-    [0, 0, 675, 0],
-    [350, -90, 0, -90],
-    [1150, 0, 0, 0],
-    [41, -90, 1200, 0],
-    [0, 90, 0, 0],
-    [0, -90, 215, 0],
-  ];
+  const rows = Array.from({ length: AXES }, () => EMPTY);
   return resized({
     convention: "modified",
     length: "mm",
@@ -39,14 +36,33 @@ export function newDh(): DhTable {
     mapped: false,
     matrix: [],
     offset: [],
-    rows: rows.map(([a, alpha, d, theta]) => ({
-      a: String(a),
-      alpha: String(alpha),
-      d: String(d),
-      theta: String(theta),
+    rows,
+  });
+}
+
+/** The table of a model, in millimetres and degrees. */
+export function tableOf(model: DhModel, map: Map | null): DhTable {
+  const length = (value: number) => typed(value * 1e3);
+  const angle = (value: number | null | undefined) =>
+    value === null || value === undefined ? "" : typed(degrees(value));
+  return resized({
+    ...newDh(),
+    convention: model.convention,
+    mapped: map !== null,
+    matrix: map?.matrix.map((row) => row.map(typed)) ?? [],
+    offset: map?.offset.map(angle) ?? [],
+    rows: model.rows.map((row) => ({
+      a: length(row.a),
+      alpha: angle(row.alpha),
+      d: length(row.d),
+      theta: angle(row.theta),
+      lower: angle(row.lower),
+      upper: angle(row.upper),
     })),
   });
 }
+
+const typed = (value: number): string => String(Number(value.toFixed(9)));
 
 /** A decimal comma is a point; what is not a number is none. */
 export function numberOf(typed: string): number | null {
@@ -54,18 +70,21 @@ export function numberOf(typed: string): number | null {
   return typed.trim() !== "" && Number.isFinite(value) ? value : null;
 }
 
-/** The robot of a table, or null while something is no number. */
+/** The robot of a table, or null while something is no number, or no length is given. A blank cell is 0. */
 export function documentOf(name: string, table: DhTable): RobotDocument | null {
   const unit = { a: table.length, d: table.length, alpha: table.angle, theta: table.angle };
   const si = (column: Column, typed: string) => {
-    const value = numberOf(typed);
+    const value = typed.trim() === "" ? 0 : numberOf(typed);
     return value === null ? NaN : unit[column] === "mm" ? value / 1e3 : unit[column] === "deg" ? radians(value) : value;
   };
+  const limit = (typed: string) => (typed.trim() === "" ? null : si("theta", typed));
   const rows = table.rows.map((row) => ({
     a: si("a", row.a),
     alpha: si("alpha", row.alpha),
     d: si("d", row.d),
     theta: si("theta", row.theta),
+    lower: limit(row.lower),
+    upper: limit(row.upper),
   }));
   const matrix = table.matrix.map((line) => line.map((typed) => numberOf(typed) ?? NaN));
   const offset = table.offset.map((typed) => si("theta", typed));
@@ -73,7 +92,7 @@ export function documentOf(name: string, table: DhTable): RobotDocument | null {
     ...rows.flatMap((row) => Object.values(row)),
     ...(table.mapped ? [...matrix.flat(), ...offset] : []),
   ];
-  if (numbers.some(Number.isNaN)) return null;
+  if (numbers.some(Number.isNaN) || rows.every((row) => row.a === 0 && row.d === 0)) return null;
   return {
     name,
     model: { format: "dh", convention: table.convention, rows },
@@ -93,8 +112,9 @@ function resized(table: DhTable): DhTable {
 
 export function DhEditor({ table, change }: { table: DhTable; change: (table: DhTable) => void }) {
   const words = text.robots;
+  const angleUnit = table.angle === "deg" ? "°" : "rad";
   const set = (part: Partial<DhTable>) => change({ ...table, ...part });
-  const put = (i: number, column: Column, typed: string) =>
+  const put = (i: number, column: Column | Limit, typed: string) =>
     set({ rows: table.rows.map((row, k) => (k === i ? { ...row, [column]: typed } : row)) });
   return (
     <>
@@ -135,8 +155,12 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
               <th scope="col" aria-label={text.run.joint} />
               {COLUMNS.map((column) => (
                 <th scope="col">
-                  {words.column[column]}{" "}
-                  <small>{column === "a" || column === "d" ? table.length : table.angle === "deg" ? "°" : "rad"}</small>
+                  {words.column[column]} <small>{column === "a" || column === "d" ? table.length : angleUnit}</small>
+                </th>
+              ))}
+              {LIMITS.map((limit) => (
+                <th scope="col">
+                  {words[limit]} <small>{angleUnit}</small>
                 </th>
               ))}
             </tr>
@@ -151,6 +175,17 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
                       label={words.cell(words.column[column] ?? column, i + 1)}
                       value={row[column]}
                       change={(typed) => put(i, column, typed)}
+                      placeholder="0"
+                    />
+                  </td>
+                ))}
+                {LIMITS.map((limit) => (
+                  <td>
+                    <NumberInput
+                      label={words.cell(words[limit], i + 1)}
+                      value={row[limit]}
+                      change={(typed) => put(i, limit, typed)}
+                      placeholder={words.unlimited}
                     />
                   </td>
                 ))}
@@ -180,9 +215,36 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
       <details open={table.mapped} onToggle={(event) => set({ mapped: event.currentTarget.open })}>
         <summary>{words.jointMap}</summary>
         <p class="soft">{words.jointMapHint}</p>
+        <Presets table={table} change={set} />
         <JointMap table={table} change={set} />
       </details>
     </>
+  );
+}
+
+/** Joint maps that many controllers share; they fit tables of as many rows. */
+function Presets({ table, change }: { table: DhTable; change: (part: Partial<DhTable>) => void }) {
+  const words = text.robots;
+  const catalogue = useCatalogue();
+  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const fitting = presets.filter((preset) => preset.joint_map.matrix.length === table.rows.length);
+  const rows = (map: Map) => map.matrix.map((row) => row.map(typed));
+  const current = fitting.find(
+    ({ joint_map }) =>
+      JSON.stringify(rows(joint_map)) === JSON.stringify(table.matrix) && table.offset.every((o) => numberOf(o) === 0),
+  );
+  if (fitting.length === 0) return null;
+  return (
+    <Select
+      label={words.preset}
+      value={current?.id ?? ""}
+      change={(id) => {
+        const chosen = fitting.find((preset) => preset.id === id);
+        if (chosen) change({ matrix: rows(chosen.joint_map), offset: chosen.joint_map.offset.map(typed) });
+      }}
+      options={[{ value: "", label: words.presetNone }, ...fitting.map(({ id, name }) => ({ value: id, label: name }))]}
+      {...(current ? { hint: current.note } : {})}
+    />
   );
 }
 
@@ -226,8 +288,18 @@ function JointMap({ table, change }: { table: DhTable; change: (part: Partial<Dh
   );
 }
 
-function NumberInput({ label, value, change }: { label: string; value: string; change: (typed: string) => void }) {
-  const bad = numberOf(value) === null;
+function NumberInput({
+  label,
+  value,
+  change,
+  placeholder,
+}: {
+  label: string;
+  value: string;
+  change: (typed: string) => void;
+  placeholder?: string;
+}) {
+  const bad = numberOf(value) === null && (placeholder === undefined || value.trim() !== "");
   return (
     <input
       type="text"
@@ -235,6 +307,7 @@ function NumberInput({ label, value, change }: { label: string; value: string; c
       aria-label={label}
       aria-invalid={bad}
       title={bad ? text.robots.number : undefined}
+      {...(placeholder === undefined ? {} : { placeholder })}
       value={value}
       onInput={(event) => change(event.currentTarget.value)}
       onFocus={(event) => event.currentTarget.select()}

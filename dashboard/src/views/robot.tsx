@@ -2,6 +2,7 @@
 import type { Robot } from "../api/types";
 import { api } from "../api/client";
 import { Arm } from "../components/arm";
+import { Changes } from "../components/changes";
 import { Empty, Facts, Name, Show, Title } from "../components/basics";
 import { DeleteButton } from "../components/delete_button";
 import { DataTable } from "../components/table";
@@ -12,6 +13,8 @@ import { useNames } from "../state/names";
 import { storedRobot } from "../state/stored";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { JointMapTable, RowsTable } from "./robot_tables";
+import { Twins } from "./robot_twins";
 import { SetList, useRunsOf } from "./robots";
 import { RunList } from "./run_list";
 
@@ -19,12 +22,12 @@ export function RobotView({ id }: { id: string }) {
   const loaded = useLoad(() => storedRobot(id), [id]);
   return (
     <Show of={loaded} title={text.start.robot}>
-      {(robot) => <RobotPage robot={robot} />}
+      {(robot) => <RobotPage robot={robot} changed={loaded.reload} />}
     </Show>
   );
 }
 
-function RobotPage({ robot }: { robot: Robot }) {
+function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
   const names = valueOf(useNames());
   const runs = valueOf(useRunsOf({ robot_id: robot.id }));
   const sets = names?.sets.filter((set) => set.robot_id === robot.id) ?? [];
@@ -34,6 +37,7 @@ function RobotPage({ robot }: { robot: Robot }) {
         <Title kind={text.start.robot} plain={robot.name}>
           <Name>{robot.name}</Name>
         </Title>
+        {robot.archived && <p class="meta">{text.changes.archived}</p>}
         <div class="actions">
           <a class="button primary" href={link([], { robot: robot.id })}>
             {text.robots.use}
@@ -44,6 +48,12 @@ function RobotPage({ robot }: { robot: Robot }) {
           <a class="button" href={link(["compare", "trend", robot.id])}>
             {text.robots.trend}
           </a>
+          <Changes
+            name={robot.name}
+            archived={robot.archived}
+            change={(change) => api.changeRobot(robot.id, change)}
+            changed={changed}
+          />
           <DeleteButton
             name={robot.name}
             list="#/robots"
@@ -69,6 +79,7 @@ function RobotPage({ robot }: { robot: Robot }) {
           <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint} />
         )}
       </section>
+      <Twins robot={robot} />
       {runs && runs.length > 0 && (
         <section>
           <h2>{text.robots.runsOf}</h2>
@@ -86,8 +97,10 @@ function Kinematics({ robot }: { robot: Robot }) {
   const limit = (value: number | null) => (value === null ? words.unlimited : fixed(degrees(value), 0));
   return (
     <>
+      {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
       <Facts
         facts={[
+          ...(robot.nominal_arm ? [{ label: words.nominal, value: <Name>{robot.nominal_arm}</Name> }] : []),
           {
             label: words.description,
             value:
@@ -101,19 +114,29 @@ function Kinematics({ robot }: { robot: Robot }) {
                 ? words.noCentre
                 : words.notSpherical(`${fixed(miss * 1e3, 2)} ${text.units.mm}`),
           },
+          ...(robot.joint_map ? [] : [{ label: words.map, value: words.identity }]),
         ]}
       />
-      <DataTable
-        caption={words.limits}
-        table={{
-          columns: [
-            { title: text.run.joint },
-            { title: words.lower, unit: text.units.deg },
-            { title: words.upper, unit: text.units.deg },
-          ],
-          rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
-        }}
-      />
+      {robot.model.format === "dh" && <RowsTable model={robot.model} />}
+      {robot.joint_map && (
+        <>
+          <h3>{words.map}</h3>
+          <JointMapTable map={robot.joint_map} />
+        </>
+      )}
+      {robot.model.format === "urdf" && (
+        <DataTable
+          caption={words.limits}
+          table={{
+            columns: [
+              { title: text.run.joint },
+              { title: words.lower, unit: text.units.deg },
+              { title: words.upper, unit: text.units.deg },
+            ],
+            rows: robot.joints.map((joint) => [joint.name, limit(joint.lower), limit(joint.upper)]),
+          }}
+        />
+      )}
     </>
   );
 }

@@ -1,7 +1,7 @@
-/** Adding a robot: a DH table or a URDF, drawn at once, stored when it looks right. */
+/** Adding a robot: an arm of the catalogue, a DH table or a URDF, drawn at once, stored when it looks right. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { RobotDocument } from "../api/types";
+import type { NominalArm, RobotDocument } from "../api/types";
 import { Arm } from "../components/arm";
 import { Choice, ProblemNote, Title } from "../components/basics";
 import { contentKey } from "../lib/hash";
@@ -9,29 +9,37 @@ import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
-import { DhEditor, type DhTable, documentOf, newDh } from "./dh_editor";
+import { ArmChooser, ArmFacts } from "./catalogue";
+import { DhEditor, type DhTable, documentOf, newDh, tableOf } from "./dh_editor";
 import { type UrdfText, UrdfEditor } from "./urdf_editor";
 
-type Format = "dh" | "urdf";
+type Format = "catalogue" | "dh" | "urdf";
 
 export function RobotNewView() {
   const words = text.robots;
   const [name, setName] = useState("");
-  const [format, setFormat] = useState<Format>("dh");
+  const [format, setFormat] = useState<Format>("catalogue");
+  const [arm, setArm] = useState<NominalArm | null>(null);
   const [dh, setDh] = useState<DhTable>(newDh);
   const [urdf, setUrdf] = useState<UrdfText>({ urdf: "", base: "", flange: "" });
   const document = useMemo<RobotDocument | null>(() => {
+    if (format === "catalogue") {
+      return arm && { name: name.trim() || arm.name, model: arm.model, joint_map: arm.joint_map };
+    }
     if (format === "dh") return documentOf(name.trim() || words.namePlaceholder, dh);
     if (!urdf.urdf || !urdf.base || !urdf.flange) return null;
     return { name: name.trim() || words.namePlaceholder, model: { format: "urdf", ...urdf }, joint_map: null };
-  }, [name, format, dh, urdf]);
+  }, [name, format, arm, dh, urdf]);
   const source = useMemo(
     () => document && { robot: { ...document, name: "drawn" } },
     [document && JSON.stringify({ ...document, name: "" })],
   );
   const save = useAction(async () => {
     if (!document) return;
-    const named = { ...document, name: name.trim() };
+    const named =
+      format === "catalogue" && arm
+        ? { name: document.name, model: { format: "catalogue" as const, arm: arm.name } }
+        : { ...document, name: name.trim() };
     const robot = await api.addRobot(named, contentKey("robot", named));
     namesChanged();
     go(link(["robots", robot.id]));
@@ -47,20 +55,28 @@ export function RobotNewView() {
               type="text"
               maxLength={200}
               value={name}
-              placeholder={words.namePlaceholder}
+              placeholder={format === "catalogue" && arm ? arm.name : words.namePlaceholder}
               onInput={(event) => setName(event.currentTarget.value)}
             />
           </label>
           <Choice
-            label={words.description}
+            cards
+            label={words.ways}
             value={format}
             change={setFormat}
             options={[
-              { value: "dh", label: words.dh },
-              { value: "urdf", label: words.urdf },
+              { value: "catalogue", label: words.catalogue, hint: words.catalogueHint },
+              { value: "dh", label: words.dh, hint: words.dhHint },
+              { value: "urdf", label: words.urdf, hint: words.urdfHintShort },
             ]}
           />
-          {format === "dh" ? <DhEditor table={dh} change={setDh} /> : <UrdfEditor given={urdf} change={setUrdf} />}
+          {format === "catalogue" ? (
+            <ArmChooser chosen={arm} choose={setArm} />
+          ) : format === "dh" ? (
+            <DhEditor table={dh} change={setDh} />
+          ) : (
+            <UrdfEditor given={urdf} change={setUrdf} />
+          )}
         </section>
         <section class="card sticky">
           <h2>{words.draw}</h2>
@@ -70,12 +86,26 @@ export function RobotNewView() {
             <button
               type="button"
               class="button primary big"
-              disabled={!document || !name.trim() || save.busy}
+              disabled={!document || (!name.trim() && format !== "catalogue") || save.busy}
               onClick={save.run}
             >
               {save.busy ? words.saving : words.save}
             </button>
+            {format === "catalogue" && arm && (
+              <button
+                type="button"
+                class="button"
+                onClick={() => {
+                  setDh(tableOf(arm.model, arm.joint_map));
+                  setName(name || arm.name);
+                  setFormat("dh");
+                }}
+              >
+                {words.edit}
+              </button>
+            )}
           </div>
+          {format === "catalogue" && arm && <ArmFacts arm={arm} />}
         </section>
       </div>
     </>

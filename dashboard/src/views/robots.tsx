@@ -1,7 +1,10 @@
 /** Lists of robots and of measurement sets. */
+import type { ComponentChild } from "preact";
+import { useState } from "preact/hooks";
 import { api, every } from "../api/client";
-import { Empty, Name, Show, Title, When } from "../components/basics";
+import { Empty, Name, Show, Title, Toggle, When } from "../components/basics";
 import { RobotTabs } from "../components/robot_tabs";
+import { matches, type SetFilter } from "../lib/metadata";
 import { type Names, useNames } from "../state/names";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
@@ -26,40 +29,70 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
   );
 }
 
-function Robots({ names: { robots, sets } }: { names: Names }) {
+/** What lists leave out, on demand. */
+function useArchived(kept: unknown[]): [boolean, ComponentChild] {
+  const [archived, set] = useState(false);
+  const words = text.changes;
+  const toggle = (kept.length > 0 || archived) && <Toggle label={words.showArchived} checked={archived} change={set} />;
+  return [archived, toggle];
+}
+
+const NothingArchived = () => <Empty title={text.changes.noneArchived} hint={text.changes.archiveHint} />;
+
+function Robots({ names }: { names: Names }) {
+  const [archived, toggle] = useArchived(names.archived.robots);
+  const robots = archived ? names.archived.robots : names.robots;
+  const sets = [...names.sets, ...names.archived.sets];
   if (robots.length === 0) {
-    return (
-      <Empty title={text.robots.none} hint={text.robots.noneHint}>
-        <a class="button primary" href="#/robots/new">
-          {text.robots.add}
-        </a>
-      </Empty>
+    return archived ? (
+      <>
+        {toggle}
+        <NothingArchived />
+      </>
+    ) : (
+      <>
+        {toggle}
+        <Empty title={text.robots.none} hint={text.robots.noneHint}>
+          <a class="button primary" href="#/robots/new">
+            {text.robots.add}
+          </a>
+        </Empty>
+      </>
     );
   }
   return (
-    <ul class="rows">
-      {robots.map((robot) => (
-        <li class="item">
-          <a class="main" href={link(["robots", robot.id])}>
-            <span class="what">
-              <Name>{robot.name}</Name>
-              <small>{text.robots.joints(robot.joints.length)}</small>
-            </span>
-            <span class="how">
-              {text.robots.sets}: {sets.filter((set) => set.robot_id === robot.id).length}
-            </span>
-            <span class="when">
-              <When time={robot.created_at} />
-            </span>
-          </a>
-        </li>
-      ))}
-    </ul>
+    <>
+      {toggle}
+      <ul class="rows">
+        {robots.map((robot) => (
+          <li class="item">
+            <a class="main" href={link(["robots", robot.id])}>
+              <span class="what">
+                <Name>{robot.name}</Name>
+                <small>
+                  {text.robots.joints(robot.joints.length)}
+                  {robot.nominal_arm && `, ${text.robots.nominal}`}
+                </small>
+              </span>
+              <span class="how">
+                {text.robots.sets}: {sets.filter((set) => set.robot_id === robot.id).length}
+              </span>
+              <span class="when">
+                <When time={robot.created_at} />
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
+    </>
   );
 }
 
 function Sets({ names }: { names: Names }) {
-  if (names.sets.length === 0) {
+  const [archived, toggle] = useArchived(names.archived.sets);
+  const [filter, setFilter] = useState<SetFilter>({ words: "", from: "", to: "" });
+  const sets = archived ? names.archived.sets : names.sets;
+  if (names.sets.length === 0 && names.archived.sets.length === 0) {
     return (
       <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint}>
         <a class="button primary" href="#/">
@@ -68,7 +101,49 @@ function Sets({ names }: { names: Names }) {
       </Empty>
     );
   }
-  return <SetList names={names} sets={names.sets} />;
+  const found = sets.filter((set) => matches(set, filter));
+  return (
+    <>
+      <FilterRow filter={filter} change={setFilter} />
+      {toggle}
+      {found.length > 0 ? (
+        <SetList names={names} sets={found} />
+      ) : archived && sets.length === 0 ? (
+        <NothingArchived />
+      ) : (
+        <Empty title={text.metadata.noMatch} hint={text.metadata.noMatchHint} />
+      )}
+    </>
+  );
+}
+
+function FilterRow({ filter, change }: { filter: SetFilter; change: (filter: SetFilter) => void }) {
+  const words = text.metadata;
+  const day = (name: "from" | "to") => (
+    <label class="field">
+      <span>{words[name]}</span>
+      <input
+        type="date"
+        value={filter[name]}
+        onInput={(event) => change({ ...filter, [name]: event.currentTarget.value })}
+      />
+    </label>
+  );
+  return (
+    <div class="row">
+      <label class="field">
+        <span>{words.filter}</span>
+        <input
+          type="search"
+          value={filter.words}
+          placeholder={words.filterPlaceholder}
+          onInput={(event) => change({ ...filter, words: event.currentTarget.value })}
+        />
+      </label>
+      {day("from")}
+      {day("to")}
+    </div>
+  );
 }
 
 export function SetList({ names, sets }: { names: Names | null; sets: Names["sets"] }) {
@@ -81,6 +156,12 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
               <Name>{set.name}</Name>
               <small>
                 <Name>{names?.robot(set.robot_id) ?? ""}</Name>
+                {set.serial_number && (
+                  <>
+                    {", "}
+                    <Name>{set.serial_number}</Name>
+                  </>
+                )}
               </small>
             </span>
             <span class="how">
@@ -88,7 +169,7 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
               <small>{text.files.encoders[set.encoders]}</small>
             </span>
             <span class="when">
-              <When time={set.created_at} />
+              <When time={set.measured_at ?? set.created_at} />
             </span>
             <span class="standing">
               {set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>}

@@ -2,6 +2,7 @@
 import type { MeasurementSet } from "../api/types";
 import { api } from "../api/client";
 import { Name, Show, Title, Warnings, When } from "../components/basics";
+import { Changes } from "../components/changes";
 import { DeleteButton } from "../components/delete_button";
 import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
@@ -12,17 +13,18 @@ import { link } from "../state/router";
 import { text } from "../i18n";
 import { useRunsOf } from "./robots";
 import { RunList } from "./run_list";
+import { SetMetadata } from "./set_metadata";
 
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad(() => storedSet(id), [id]);
   return (
     <Show of={loaded} title={text.sets.kind}>
-      {(set) => <SetPage set={set} />}
+      {(set) => <SetPage set={set} changed={loaded.reload} />}
     </Show>
   );
 }
 
-function SetPage({ set }: { set: MeasurementSet }) {
+function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void }) {
   const names = valueOf(useNames());
   const runs = valueOf(useRunsOf({ measurement_set_id: set.id }));
   return (
@@ -35,7 +37,8 @@ function SetPage({ set }: { set: MeasurementSet }) {
           <a href={link(["robots", set.robot_id])}>
             <Name>{names?.robot(set.robot_id) ?? "…"}</Name>
           </a>
-          <When time={set.created_at} />
+          <When time={set.measured_at ?? set.created_at} />
+          {set.archived && <span>{text.changes.archived}</span>}
         </p>
         <div class="actions">
           <a class="button primary" href={link([], { set: set.id })}>
@@ -47,6 +50,12 @@ function SetPage({ set }: { set: MeasurementSet }) {
           <a class="button" href={link(["plans"], { set: set.id })}>
             {text.plan.goOn}
           </a>
+          <Changes
+            name={set.name}
+            archived={set.archived}
+            change={(change) => api.changeSet(set.id, change)}
+            changed={changed}
+          />
           <DeleteButton
             name={set.name}
             list="#/sets"
@@ -60,6 +69,7 @@ function SetPage({ set }: { set: MeasurementSet }) {
           <h2>{text.files.understood}</h2>
           <Preview facts={factsOf(set as never)} />
         </section>
+        <SetMetadata set={set} changed={changed} />
         <section class="card">
           <h2>{text.sets.findings}</h2>
           {set.warnings.length > 0 ? <Warnings warnings={set.warnings} /> : <p class="note good">{text.files.clean}</p>}

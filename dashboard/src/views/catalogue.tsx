@@ -1,0 +1,109 @@
+/** Choosing a nominal arm of the catalogue, and what is known of it. */
+import { useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { Catalogue, NominalArm } from "../api/types";
+import { Facts, Name, Show } from "../components/basics";
+import { fixed } from "../lib/format";
+import { cached } from "../state/cache";
+import { useLoad } from "../state/load";
+import { text } from "../i18n";
+import { JointMapTable, RowsTable } from "./robot_tables";
+
+/** The catalogue is the same as long as the service runs. */
+export const useCatalogue = () => useLoad(() => cached("catalogue", api.catalogue), []);
+
+/** The arms whose names have all the words; blanks and marks between letters do not count. */
+export function found(catalogue: Catalogue, words: string): NominalArm[] {
+  const asked = words.split(/\s+/).map(bare);
+  return catalogue.arms.filter((arm) => asked.every((word) => bare(arm.name).includes(word)));
+}
+
+const bare = (name: string): string => name.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "");
+
+export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choose: (arm: NominalArm) => void }) {
+  const words = text.robots;
+  const catalogue = useCatalogue();
+  const [typed, setTyped] = useState("");
+  return (
+    <>
+      <label class="field">
+        <span>{words.search}</span>
+        <input
+          type="search"
+          value={typed}
+          placeholder={words.searchPlaceholder}
+          onInput={(event) => setTyped(event.currentTarget.value)}
+        />
+      </label>
+      <Show of={catalogue}>{(known) => <Arms arms={found(known, typed)} chosen={chosen} choose={choose} />}</Show>
+    </>
+  );
+}
+
+function Arms({
+  arms,
+  chosen,
+  choose,
+}: {
+  arms: NominalArm[];
+  chosen: NominalArm | null;
+  choose: (arm: NominalArm) => void;
+}) {
+  if (arms.length === 0) return <p class="note warn">{text.robots.noArm}</p>;
+  return (
+    <fieldset class="choice cards arms">
+      <legend>{text.robots.arms}</legend>
+      <div class="options">
+        {arms.map((arm) => (
+          <label class="option">
+            <input
+              type="radio"
+              name="arm"
+              value={arm.name}
+              checked={arm.name === chosen?.name}
+              onChange={() => choose(arm)}
+            />
+            <span>
+              <b>{arm.name}</b>
+              <small>
+                {text.robots.reach} {reachOf(arm)}
+              </small>
+            </span>
+          </label>
+        ))}
+      </div>
+    </fieldset>
+  );
+}
+
+const reachOf = (arm: NominalArm): string =>
+  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${text.robots.reachOf[arm.reach_of]})`;
+
+export function ArmFacts({ arm }: { arm: NominalArm }) {
+  const words = text.robots;
+  const catalogue = useCatalogue();
+  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const preset = useMemo(() => presets.find((each) => each.id === arm.joint_map_preset), [presets, arm]);
+  return (
+    <>
+      <p class="note warn">{words.nominalNote}</p>
+      <RowsTable model={arm.model} />
+      <Facts
+        facts={[
+          { label: words.reach, value: reachOf(arm) },
+          { label: words.origin, value: arm.base },
+          { label: words.map, value: preset ? `${preset.name}. ${preset.note}` : words.identity },
+          {
+            label: words.sources,
+            value: arm.sources.map((source) => (
+              <p>
+                <Name>{source}</Name>
+              </p>
+            )),
+          },
+        ]}
+      />
+      {arm.joint_map && <JointMapTable map={arm.joint_map} />}
+    </>
+  );
+}

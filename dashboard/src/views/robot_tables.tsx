@@ -1,0 +1,56 @@
+/** The kinematics of a robot as tables: rows with limits, and the joint map. */
+import type { DhModel, JointMap } from "../api/types";
+import { DataTable } from "../components/table";
+import { fixed } from "../lib/format";
+import { degrees } from "../lib/units";
+import { text } from "../i18n";
+
+/** Millimetres and degrees without the noise of their factors. */
+const plain = (value: number): string => String(Number(value.toFixed(6))).replace("-", "\u2212");
+
+const limit = (value: number | null | undefined): string =>
+  value === null || value === undefined ? text.robots.unlimited : fixed(degrees(value), 0);
+
+export function RowsTable({ model }: { model: DhModel }) {
+  const words = text.robots;
+  const { mm, deg } = text.units;
+  return (
+    <DataTable
+      caption={words.table}
+      table={{
+        columns: [
+          { title: text.run.joint },
+          { title: words.column.a, unit: mm, show: plain },
+          { title: words.column.alpha, unit: deg, show: plain },
+          { title: words.column.d, unit: mm, show: plain },
+          { title: words.column.theta, unit: deg, show: plain },
+          { title: words.lower, unit: deg },
+          { title: words.upper, unit: deg },
+        ],
+        rows: model.rows.map((row, i) => [
+          String(i + 1),
+          row.a * 1e3,
+          degrees(row.alpha),
+          row.d * 1e3,
+          degrees(row.theta),
+          limit(row.lower),
+          limit(row.upper),
+        ]),
+      }}
+    />
+  );
+}
+
+export function JointMapTable({ map }: { map: JointMap }) {
+  const words = text.robots;
+  const joints = map.matrix.map((_, i) => ({ title: String(i + 1), show: plain }));
+  return (
+    <DataTable
+      caption={words.mapTable}
+      table={{
+        columns: [{ title: text.run.joint }, ...joints, { title: words.offset, unit: text.units.deg, show: plain }],
+        rows: map.matrix.map((row, i) => [String(i + 1), ...row, degrees(map.offset[i] ?? 0)]),
+      }}
+    />
+  );
+}

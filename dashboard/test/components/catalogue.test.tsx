@@ -1,0 +1,127 @@
+// @vitest-environment happy-dom
+import { describe, expect, it, vi } from "vitest";
+import { api } from "../../src/api/client";
+import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
+import { Changes } from "../../src/components/changes";
+import { ArmChooser, ArmFacts, found } from "../../src/views/catalogue";
+import { newestOf } from "../../src/views/robot_twins";
+import { SetMetadata } from "../../src/views/set_metadata";
+import { drawn, press, settled } from "./drawn";
+
+const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upper: null };
+const arm = (name: string): NominalArm => ({
+  name,
+  maker: name.split(" ")[0] ?? "",
+  model: { format: "dh", convention: "modified", rows: [row] },
+  joint_map: { matrix: [[-1]], offset: [0] },
+  joint_map_preset: "kuka",
+  base: "on axis 1, at the floor",
+  reach: 2.696,
+  reach_of: "wrist_centre",
+  sources: ["a data sheet"],
+});
+const catalogue: Catalogue = {
+  arms: [arm("KUKA KR 210 R2700 extra"), arm("FANUC R-2000iC/165F")],
+  joint_maps: [
+    { id: "kuka", name: "A1 turns the other way", note: "Clockwise.", joint_map: { matrix: [[-1]], offset: [0] } },
+  ],
+};
+
+describe("the catalogue", () => {
+  it("finds arms as people type their names", () => {
+    const names = (words: string) => found(catalogue, words).map(({ name }) => name);
+    expect(names("kr210")).toEqual(["KUKA KR 210 R2700 extra"]);
+    expect(names("r2000ic 165")).toEqual(["FANUC R-2000iC/165F"]);
+    expect(names("")).toHaveLength(2);
+    expect(names("irb")).toEqual([]);
+  });
+
+  it("is chosen from, and says what is nominal, where R0 is, and the sources", async () => {
+    vi.spyOn(api, "catalogue").mockResolvedValue(catalogue);
+    const choose = vi.fn();
+    const root = await drawn(<ArmChooser chosen={null} choose={choose} />);
+    await settled(() => {});
+    const radio = root.querySelector<HTMLInputElement>("input[type=radio]");
+    await settled(() => radio?.click());
+    expect(choose).toHaveBeenCalledWith(catalogue.arms[0]);
+    const facts = await drawn(<ArmFacts arm={arm("KUKA KR 210 R2700 extra")} />);
+    await settled(() => {});
+    for (const said of [
+      "Nominal figures",
+      "2696 mm",
+      "wrist centre",
+      "at the floor",
+      "A1 turns",
+      "a data sheet",
+      "350",
+    ])
+      expect(facts.textContent).toContain(said);
+  });
+});
+
+describe("names and the archive", () => {
+  it("change, and blank or unchanged names do not", async () => {
+    const change = vi.fn(async () => {});
+    const changed = vi.fn();
+    const root = await drawn(<Changes name="cell 3" archived={false} change={change} changed={changed} />);
+    for (const typed of [null, " ", "cell 3"]) {
+      vi.stubGlobal("prompt", () => typed);
+      await press(root, "Rename");
+    }
+    expect(change).not.toHaveBeenCalled();
+    vi.stubGlobal("prompt", () => " cell 4 ");
+    await press(root, "Rename");
+    await settled(() => {});
+    expect(change).toHaveBeenLastCalledWith({ name: "cell 4" });
+    await press(root, "Archive");
+    await settled(() => {});
+    expect(change).toHaveBeenLastCalledWith({ archived: true });
+    expect(changed).toHaveBeenCalledTimes(2);
+  });
+});
+
+describe("what is noted about a set", () => {
+  it("is shown, changed, and sent with null where nothing is", async () => {
+    const set = { id: "s1", operator: "M. Keller", notes: "one\ntwo" } as MeasurementSet;
+    const send = vi.spyOn(api, "changeSet").mockResolvedValue({} as never);
+    const root = await drawn(<SetMetadata set={set} changed={() => {}} />);
+    expect(root.textContent).toContain("M. Keller");
+    await press(root, "Edit");
+    const serial = root.querySelector<HTMLInputElement>("input[placeholder='F-211034']");
+    await settled(() => {
+      if (!serial) throw new Error("no field");
+      serial.value = "F-2";
+      serial.dispatchEvent(new Event("input", { bubbles: true }));
+    });
+    await press(root, "Save");
+    await settled(() => {});
+    expect(send).toHaveBeenCalledWith("s1", {
+      measured_at: null,
+      serial_number: "F-2",
+      operator: "M. Keller",
+      instrument: null,
+      conditions: null,
+      notes: "one\ntwo",
+    });
+  });
+});
+
+describe("robots of one kind side by side", () => {
+  const run = (id: string, robot_id: string, set: string, created_at: string, variant_of: string | null = null) =>
+    ({ id, robot_id, measurement_set_id: set, created_at, variant_of }) as RunSummary;
+  it("shows the newest run of each robot and serial number, by the time of measurement", () => {
+    const sets = new Map([
+      ["a1", { serial_number: "A", measured_at: "2026-11-01T00:00:00Z" }],
+      ["a2", { serial_number: "A", measured_at: "2026-11-05T00:00:00Z" }],
+      ["b1", { serial_number: "B", measured_at: null }],
+    ]);
+    const runs = [
+      run("later but older", "r1", "a1", "2026-11-20T00:00:00Z"),
+      run("newest of A", "r1", "a2", "2026-11-06T00:00:00Z"),
+      run("of B", "r1", "b1", "2026-11-03T00:00:00Z"),
+      run("varied", "r1", "b1", "2026-11-04T00:00:00Z", "of B"),
+      run("another robot", "r2", "x", "2026-11-02T00:00:00Z"),
+    ];
+    expect(newestOf(runs, sets).map(({ id }) => id)).toEqual(["newest of A", "of B", "another robot"]);
+  });
+});
