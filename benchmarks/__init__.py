@@ -27,7 +27,8 @@ docs/elastic-links.md; ten minutes), `plan_lists`, `plan_promise` and `plan_nuis
 minutes each), `assessment` (verdicts on planted mistakes and clean sets; ten minutes)
 `programs` (compensated programs beside exact springs and a bare loop of EAIK; hostile files; see
 docs/compensate.md), `exports` (a run in MuJoCo beside C·τ; see docs/exports.md),
-`reports` (size, time and bytes; see docs/report.md)
+`reports` (size, time and bytes; see docs/report.md),
+`importing` (files of readings in ten habits, and 20,000 mutated ones; see docs/import.md; a minute)
 and `invariance` (why no characteristic length; see
 docs/no-characteristic-length.md).
 """

@@ -197,17 +197,15 @@ class _Rows:
     def _sigma(self, row: Row, indices: tuple[int, ...], state: State, faults: Faults) -> float | None:
         """Half of an expanded uncertainty, which has the coverage factor 2."""
         found = self._vector(row, indices, faults, "length")
-        if found is not None and found[0] > 0.0 and state != "deflection":
-            return found[0] / COVERAGE_FACTOR
-        if found is None or len(found):
+        reason = ""
+        if state == "deflection":
+            reason = "an uncertainty of a deflection is not taken: those of its two positions are needed"
+        elif found is None or (found and found[0] <= 0.0):
             reason = "an uncertainty must be positive"
-            if state == "deflection":
-                reason = "an uncertainty of a deflection is not taken: those of its two positions are needed"
-            fault = ImportFileError(
-                self._grid.place(row, indices[0]), reason, "correct it, or skip the column with `ignore`"
-            )
-            faults.add(fault)
-        return None
+        if reason:
+            at = self._grid.place(row, indices[0])
+            faults.add(ImportFileError(at, reason, "correct it, or skip the column with `ignore`"))
+        return found[0] / COVERAGE_FACTOR if found else None
 
     def _vector(
         self, row: Row, indices: tuple[int, ...], faults: Faults, dimension: Dimension

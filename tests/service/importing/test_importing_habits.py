@@ -1,0 +1,243 @@
+"""Habits of people and of measuring software: read to the written numbers, or refused with all faults."""
+
+from __future__ import annotations
+
+import io
+import random
+import zipfile
+
+import pytest
+from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, values_of
+from support.shared_data import MISSING, SHARED
+
+from benchmarks.importing import MUTATIONS, outcome, tallies
+from benchmarks.spreadsheets import HABITS, campaign_of
+from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.service.importing import ImportFileError, SourceFile, understand_files
+from jointstiff.service.resources import import_files
+
+MM = {"length": "mm", "angle": "deg", "force": "N"}
+
+
+def refused(*files, **options):
+    """The reasons of all faults."""
+    with pytest.raises(ImportFileError) as caught:
+        read(*files, **options)
+    return [fault.reason for fault in (caught.value, *caught.value.others)]
+
+
+@pytest.mark.parametrize("habit", HABITS)
+def test_habits_as_they_are(habit):
+    generator = random.Random(7)  # noqa: S311
+    for _ in range(4):
+        campaign = campaign_of(generator)
+        assert outcome(campaign, HABITS[habit](campaign)) == "read"
+
+
+def test_mutated_files_are_never_misread():
+    by_habit, by_kind = tallies(500)
+    assert [name for tally in by_habit.values() for name in tally.misread] == []
+    assert set(by_kind) == set(MUTATIONS)
+    for tally in by_kind.values():  # both outcomes are tested
+        assert tally.counts["read"] > 5
+        assert tally.counts["refused"] > 5
+
+
+def test_the_preview_shows_how_a_header_was_put_together():
+    content = (
+        "Messung Zelle 3\nPunkt;Achse [deg];;Kraft [N];;;P10 unbelastet [mm];;;P10 mit Last [mm];;\n"
+        ";1;2;x;y;z;x;y;z;x;y;z\nc01;10,5;-20;0;0;-1471,5;1,5;2;3;1,5;2;2,5\n"
+    )
+    imported = read(("a.csv", content))
+    file = imported.preview.files[0]
+    assert [column.header for column in file.columns][:5] == [
+        "Punkt", "Achse 1 [deg]", "Achse 2 [deg]", "Kraft x [N]", "Kraft y [N]",
+    ]  # fmt: skip
+    assert file.columns[-1].meaning == "P10 loaded z"
+    assert all(column.guessed for column in file.columns)
+    assert (file.header_lines, file.first_lines) == ([2, 3], [4])
+    assert "1 row above the header were taken for titles" in file.assumptions
+    assert points_of(imported)["c01", "P10", "loaded"] == (1.5, 2.0, 2.5)
+
+
+@pytest.mark.parametrize(
+    "change", [("P10 mit Last", ""), ("Achse", ""), (";1;2;x", ";1;2;"), (";1;2", ";1;1")]
+)
+def test_headers_of_two_rows_with_a_gap_are_refused(change):
+    content = "Punkt;Achse;;P10 ohne Last;;;P10 mit Last;;\n;1;2;x;y;z;x;y;z\nc01;10.5;-20;1;2;3;1;2;2.5\n"
+    assert read(("a.csv", content), units=MM)
+    assert refused(("a.csv", content.replace(*change)), units=MM)
+
+
+SA = """// SpatialAnalyzer
+// FRAME = A::R0
+// AXES = CARTESIAN: X,  Y,  Z ({})
+{}Collection,  Group,  {},  X,  Y,  Z
+Unloaded, c01, P10, 1.0, 2.0, 4.5
+Loaded, c01, P10, 1.0, 2.0, 4.0
+"""
+
+
+@pytest.mark.parametrize("mark", ["", "// "])
+@pytest.mark.parametrize("point", ["Point", "Target"])
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("Inches", 25.4)])
+def test_spatial_analyzers_header(mark, point, unit, factor):
+    imported = read(("a.txt", SA.format(unit, mark, point)))
+    assert imported.units == {"length": "mm"}
+    assert points_of(imported)["c01", "P10", "unloaded"] == tuple(factor * x for x in (1.0, 2.0, 4.5))
+    assert any("'A::R0'" in note for note in imported.preview.files[0].assumptions)
+
+
+def test_contradictions_of_spatial_analyzers_header():
+    file = ("a.txt", SA.format("Inches", "", "Point"))
+    assert refused(file, units={"length": "mm"}) == [
+        "position x is in in by the file's comment, but in mm by `units`"
+    ]
+    assert "'furlongs' of x, y, z is not known" in refused(("a.txt", SA.format("furlongs", "", "Point")))[0]
+    assert "polar" in refused(("a.txt", SA.format("mm", "", "Point").replace("CARTESIAN", "POLAR")))[0]
+    other = ("b.txt", SA.format("mm", "", "Point").replace("A::R0", "B").replace("c01", "c02"))
+    reasons = refused(("a.txt", SA.format("mm", "", "Point")), other)
+    assert reasons == ["the frame is B, but A::R0 in other files"]
+
+
+LEICA = """"Time","Name","X  [mm]","Y  [mm]","Z  [mm]","U(95)  [mm]",
+"2026-11-20 10:00:01","c01_P10_u",1.5,2.25,3.5,0.03,
+"2026-11-20 10:00:09","c01_P10_l",1.5,2.25,3.1,0.04,
+"""
+
+
+def test_leicas_uncertainties_are_the_noise_of_each_reading():
+    options = {"encoders": "motor", "load_point": (0.0, 0.0, 0.0)}
+    joints = SourceFile("joints.csv", "\n".join(JOINTS.splitlines()[:2]).encode())
+    files = [joints, SourceFile("leica.csv", LEICA.encode())]
+    answer = import_files(files, ImportRequest(**options))
+    reading = answer.measurement_set.observations[0].readings[0]
+    assert reading.sigma == pytest.approx(((0.015**2 + 0.02**2) / 2) ** 0.5)
+    assert any("coverage factor 2" in note for note in answer.preview.assumptions)
+    request = ImportRequest(**options, noise={"sigma": 0.01}, show_faults=True)
+    assert "`noise` states another" in import_files(files, request).faults[0].reason
+    assert refused(("a.csv", LEICA.replace("0.04", "")))  # every reading, or none
+    assert refused(("a.csv", LEICA.replace("0.04", "-0.04"))) == ["an uncertainty must be positive"]
+    assert points_of(read(("a.csv", LEICA), ignore=["U(95) [mm]"]))
+
+
+def test_rows_are_matched_by_their_order_only_if_asked_for():
+    rows = {"u": "1.5,2,3\n1.5,2,4\n", "l": "1.5,2,2.5\n1.5,2,3.5\n"}
+    files = [(f"P10_{state}.csv", "X [mm],Y [mm],Z [mm]\n" + text) for state, text in rows.items()]
+    reasons = refused(("joints.csv", JOINTS), *files)
+    assert reasons == ["no column names the observations or points"] * 2
+    imported = read(("joints.csv", JOINTS), *files, by_order=True)
+    assert points_of(imported)["c02", "P10", "loaded"] == (1.5, 2.0, 3.5)
+    assert any("by their order" in note for note in imported.preview.files[1].assumptions)
+    alone = read(*[(name, text.split("\n", 1)[1]) for name, text in files], by_order=True, units=MM)
+    assert points_of(alone)["2", "P10", "unloaded"] == (1.5, 2.0, 4.0)
+    shorter = (files[0][0], files[0][1].rsplit("\n", 2)[0])
+    assert (
+        "1 rows, but 2 in 'joints.csv'"
+        in refused(("joints.csv", JOINTS), shorter, files[1], by_order=True)[0]
+    )
+
+
+def test_columns_are_stated_by_the_caller():
+    content = CAMPAIGN.replace("J1 [deg]", "Winkel  A [deg]").replace("label", "Nr")
+    stated = {"Winkel A [deg]": "J1", "Nr": "label"}
+    assert values_of(read(("a.csv", content), columns=stated)) == values_of(read(("a.csv", CAMPAIGN)))
+    for wrong in ("J1 [rad]", "Fx"):
+        reasons = refused(("a.csv", content), columns=stated | {"Winkel A [deg]": wrong})
+        assert "is in deg, but" in reasons[0]
+    pounds = CAMPAIGN.replace("Fx [N]", "Pull [lbf]")
+    assert "'lbf' is not a known unit" in refused(("a.csv", pounds), columns={"Pull [lbf]": "Fx [N]"})[0]
+
+
+def test_all_faults_are_in_one_answer():
+    content = CAMPAIGN.replace("J1 [deg]", "elbow").replace("Fx [N]", "Fx [kg]").replace("10.5;", "x;")
+    other = CAMPAIGN.replace("c0", "d0").replace("-20.25", "1.2.3").replace("42.75", "?")
+    understood = understand_files(
+        [SourceFile("a.csv", content.encode()), SourceFile("b.csv", other.encode())]
+    )
+    places = [(fault.file, fault.line, fault.column) for fault in understood.faults]
+    assert places == [("a.csv", 2, 2), ("a.csv", 2, 5), ("b.csv", 3, 3), ("b.csv", 4, 4)]
+    meanings = [column.meaning for column in understood.preview.files[0].columns]
+    assert (meanings[1], meanings[2], meanings[4]) == ("unknown", "joint 2", "unknown")
+    many = "\n".join(["x [mm];y [mm];z [mm];name", *(f"a;b;c;P{row}" for row in range(100))])
+    assert len(refused(("loaded.csv", many))) == 20
+
+
+def test_a_template_reads_the_same_form_and_no_other():
+    files = [SourceFile("a.csv", CAMPAIGN.replace("[deg]", "").encode())]
+    request = ImportRequest(units={"angle": "deg"}, encoders="motor", load_point=(0.0, 0.0, 0.0), name="x")
+    first = import_files(files, request)
+    template = ImportRequest.model_validate_json(first.template.model_dump_json())
+    again = import_files([SourceFile("day2.csv", files[0].content)], template)
+    assert again.measurement_set.model_copy(update={"name": "x"}) == first.measurement_set
+    assert again.template == first.template
+    for old, new, reason in (
+        ("J1 ", "q1 ", "does not fit the template; missing: 'J1'; not in the template: 'q1'"),
+        ("[mm]", "[m]", "does not fit the template"),
+        (";", ",", "does not fit the template"),
+        (".", ",", "decimal"),
+    ):
+        changed = SourceFile("a.csv", files[0].content.decode().replace(old, new).encode())
+        shown = import_files([changed], template.model_copy(update={"show_faults": True}))
+        assert any(reason in fault.reason for fault in shown.faults), (old, shown.faults)
+
+
+def test_one_force_for_all_observations():
+    content = "\n".join(
+        ";".join(cell for index, cell in enumerate(line.split(";")) if index not in (4, 5, 6))
+        for line in CAMPAIGN.splitlines()[1:]
+    )
+    files = [SourceFile("a.csv", content.encode())]
+    options = {"encoders": "motor", "load_point": (0.0, 0.0, 0.0)}
+    assert import_files(files, ImportRequest(**options)).missing_fields == ["force"]
+    options["force"] = (0.0, 0.0, -150.0)
+    assert import_files(files, ImportRequest(**options)).missing_fields == ["units.force"]
+    answer = import_files(files, ImportRequest(**options, units={"force": "kgf"}))
+    assert answer.measurement_set.units.force == "kgf"
+    assert {one.force for one in answer.measurement_set.observations} == {(0.0, 0.0, -150.0)}
+
+
+def archive(*names):
+    output = io.BytesIO()
+    with zipfile.ZipFile(output, "w") as file:
+        for name in names:
+            file.writestr(name, b"x")
+    return output.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"%PDF-1.7", "a PDF document"),
+        (b"\xff\xd8\xff\xe0", "a picture (JPEG)"),
+        (b"\0\0\0\x18ftypheic", "a picture (HEIC)"),
+        (b"\xd0\xcf\x11\xe0\xa1", "an old Office document (such as .xls)"),
+        (archive("mimetype", "content.xml"), "an OpenDocument file (such as .ods)"),
+        (archive("xl/workbook.bin"), "a binary Excel workbook (.xlsb)"),
+        (archive("word/document.xml"), "a Word document"),
+        (archive("a.csv"), "a ZIP archive"),
+        (b"  <!DOCTYPE html><html>", "a web page (HTML)"),
+    ],
+)
+def test_what_is_no_table_is_named(content, words):
+    assert words in refused(("a.csv", content))[0]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
+def test_a_real_file_of_poses_is_refused_naming_all_its_faults():
+    content = (SHARED / "ur10_poses" / "measurements_iso_cubes.csv").read_bytes()
+    reasons = refused(("poses.csv", content))
+    assert len(reasons) == 2
+    for header in ("Goal x", "shoulder_pan_joint", "measurement_temperature", "measurement_std_rz"):
+        assert repr(header) in reasons[0], header
+    assert reasons[1] == "measurement x has no unit, nor have 2 others"
+    joints = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+    text = content.decode().splitlines()[0].split(";")
+    columns = {f"{name}_joint": f"J{number} [rad]" for number, name in enumerate(joints, 1)}
+    columns |= {f"measurement_{axis}": f"TMAC unloaded {axis} [mm]" for axis in "xyz"}
+    ignore = [header for header in text if header not in columns]
+    options = ImportOptions(columns=columns, ignore=ignore, by_order=True)
+    imported = understand_files([SourceFile("poses.csv", content)], options).imported
+    assert imported.preview.observation_count == 632
+    assert points_of(imported)["1", "TMAC", "unloaded"] == (2336.7643, -905.76441, -454.63664)
