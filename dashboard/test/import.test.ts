@@ -1,7 +1,8 @@
 import { describe, expect, it } from "vitest";
 import type { ImportAnswer, ImportOptions } from "../src/api/types";
 import { cellOf, dimensionOf, type FilePreview, type ImportFault, meaningsFor, withMeaning } from "../src/lib/columns";
-import { linesOf } from "../src/lib/lines";
+import { frameOf, IN_R0 } from "../src/lib/frame";
+import { linesOf, widthOf } from "../src/lib/lines";
 import { NOTHING_STATED, statedIn, withStated } from "../src/lib/stated";
 import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";
 
@@ -56,6 +57,8 @@ describe("columns", () => {
       columns: { B: "joint 2", A1: "joint 1" },
     });
     expect(withMeaning({}, preview, 1, "ignored")).toEqual({ columns: { A1: "ignore" } });
+    const given = { header: ["name", "ignore", "P10 loaded x"] };
+    expect(withMeaning(given, preview, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
     const bare = { ...preview, columns: preview.columns.map((one) => ({ ...one, header: "" })) };
     expect(withMeaning({}, bare, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
   });
@@ -78,6 +81,31 @@ describe("lines of a file", () => {
     expect(linesOf('"Point 1"  2.5\t3', { delimiter: "whitespace" }, [1])).toEqual([
       { line: 1, cells: ["Point 1", "2.5", "3"] },
     ]);
+  });
+});
+
+describe("the width of a table", () => {
+  it("is that of its first row, past comments", () => {
+    const texts = ["# a;b\n1;2,5;3", "1\t2;3", "1,2\n", "\n a  b c\n", ""];
+    expect(texts.map(widthOf)).toEqual([3, 2, 2, 3, 0]);
+  });
+});
+
+describe("frame of the positions", () => {
+  it("is R0, a geometry's, or a transform once it is whole", () => {
+    expect(frameOf(IN_R0)).toBeNull();
+    expect(frameOf({ ...IN_R0, of: "g1", forces: "tracker" })).toEqual({ geometry_id: "g1", forces: "tracker" });
+    const typed = { ...IN_R0, of: "transform" };
+    expect(frameOf(typed)).toBeUndefined();
+    expect(frameOf({ ...typed, translation: "1 2 3" })).toEqual({
+      rotation: [
+        [1, 0, 0],
+        [0, 1, 0],
+        [0, 0, 1],
+      ],
+      translation: [1, 2, 3],
+      forces: "base",
+    });
   });
 });
 

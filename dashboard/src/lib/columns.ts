@@ -70,11 +70,16 @@ function nextTarget(known: string[]): string {
   return `T${number}`;
 }
 
+/** The header of a column as it stands in the file; empty where there is none, or where the options give one. */
+export const writtenHeader = (options: ImportOptions, column: ColumnMeaning): string =>
+  (options.header ?? []).length > 0 ? "" : column.header;
+
 /** The options by which a column is read as something else. */
-export function withMeaning(options: ImportOptions, file: FilePreview, column: number, meaning: string): ImportOptions {
-  const header = file.columns[column]?.header ?? "";
+export function withMeaning(options: ImportOptions, file: FilePreview, index: number, meaning: string): ImportOptions {
+  const column = file.columns[index];
+  const header = column ? writtenHeader(options, column) : "";
   if (header !== "") return { ...options, columns: { ...options.columns, [header]: sent(meaning) } };
-  const headers = file.columns.map((one, i) => sent(i === column ? meaning : one.meaning));
+  const headers = file.columns.map((one, i) => sent(i === index ? meaning : one.meaning));
   return { ...options, header: headers };
 }
 

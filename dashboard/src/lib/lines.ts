@@ -17,6 +17,13 @@ export function linesOf(content: string, { delimiter }: Pick<FilePreview, "delim
   });
 }
 
+/** The number of cells in the first row of a text, by the mark that parts it most. */
+export function widthOf(content: string): number {
+  const first = content.split(/\r\n|\r|\n/).find((line) => line.trim() !== "" && !/^\s*(#|\/\/|%)/.test(line)) ?? "";
+  const by = (["tab", "semicolon"] as const).find((mark) => first.includes(MARKS[mark]));
+  return cellsOf(first.trim(), by ?? (first.includes(",") ? "comma" : "whitespace")).length;
+}
+
 /** Cells as they stand between delimiters; one between quotation marks within quotation marks parts none. */
 function cellsOf(text: string, delimiter: NonNullable<FilePreview["delimiter"]>): string[] {
   const cells = delimiter === "whitespace" ? text.match(/"(?:[^"]|"")*"|\S+/g) : between(text, MARKS[delimiter]);

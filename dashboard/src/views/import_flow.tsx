@@ -9,6 +9,7 @@ import { Findings } from "../components/findings";
 import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
 import { dimensionOf, meaningsFor } from "../lib/columns";
+import { frameOf, IN_R0 } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
 import { noiseOf, statesNoise } from "../lib/noise";
 import { type Stated, statedIn, withStated } from "../lib/stated";
@@ -22,6 +23,7 @@ import { go, link } from "../state/router";
 import { keepTemplate, keptTemplates } from "../state/templates";
 import { text } from "../i18n";
 import { FileDrop } from "./file_drop";
+import { FrameForm } from "./frame_form";
 import { GoBar } from "./go_bar";
 import { ImportForm } from "./import_form";
 import { ImportReading } from "./import_reading";
@@ -44,6 +46,7 @@ export function ImportFlow({
   const begun = keptDraft(files) ?? { options: template?.options ?? {}, stated: statedIn(template?.options ?? {}) };
   const [options, setOptions] = useState<ImportOptions>(begun.options);
   const [stated, setStated] = useState<Stated>(begun.stated);
+  const [frame, setFrame] = useState(IN_R0);
   const [chosen, setChosen] = useState(asked);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
@@ -51,17 +54,18 @@ export function ImportFlow({
 
   const robots = (known?.robots ?? []).filter((one) => joints === null || one.joints.length === joints);
   const robot = chosen || (robots.length === 1 ? (robots[0]?.id ?? "") : "");
-  const request = { ...withStated(options, stated), ...(robot ? { robot_id: robot } : {}) };
+  const request = { ...withStated(options, stated), ...(robot && frame.of === "" ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
   const set = answer?.measurement_set ?? null;
   const facts = set ? factsOf(set as never) : null;
   const length = facts?.units?.length ?? lengthOf(answer) ?? text.units.mm;
   const source = useMemo(() => (robot ? { robot_id: robot } : null), [robot]);
+  const framed = frameOf(frame);
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
-    const document = { ...set, noise, robot_id: robot };
+    const document = { ...set, noise, frame: framed, robot_id: robot };
     const added = await api.addSet(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
@@ -97,6 +101,10 @@ export function ImportFlow({
         </h2>
         {answer && <ImportForm answer={answer} stated={stated} change={setStated} length={length} />}
         <RobotChoice robots={robots} value={robot} change={setChosen} />
+        <details open={frame.of !== ""}>
+          <summary>{text.frame.title}</summary>
+          <FrameForm frame={frame} change={setFrame} robot={robot} length={length} problem={identify.problem} />
+        </details>
         {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
       </section>
 
@@ -128,8 +136,8 @@ export function ImportFlow({
       />
       <GoBar
         action={identify}
-        ready={set !== null && robot !== "" && !busy}
-        why={busy ? null : lackOf(answer, robot)}
+        ready={set !== null && robot !== "" && framed !== undefined && !busy}
+        why={busy ? null : (lackOf(answer, robot) ?? (framed === undefined ? text.frame.incomplete : null))}
       />
     </div>
   );
@@ -165,7 +173,7 @@ function Content({
         </div>
       )}
       <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
-      <ImportReading faults={faults} options={options} change={change} />
+      <ImportReading files={files} faults={faults} options={options} change={change} />
       {preview.files.map((one) => (
         <ImportTable
           key={one.file}

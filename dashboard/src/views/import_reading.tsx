@@ -3,6 +3,7 @@ import type { ImportOptions } from "../api/types";
 import { Choice, Select, Toggle } from "../components/basics";
 import { Field } from "../components/fields";
 import type { ImportFault } from "../lib/columns";
+import { widthOf } from "../lib/lines";
 import { entriesOf } from "../lib/entries";
 import { text } from "../i18n";
 
@@ -10,10 +11,12 @@ const words = text.imports.reading;
 type Change = (options: ImportOptions) => void;
 
 export function ImportReading({
+  files,
   faults,
   options,
   change,
 }: {
+  files: File[];
   faults: ImportFault[];
   options: ImportOptions;
   change: Change;
@@ -21,8 +24,18 @@ export function ImportReading({
   const named = new Set(faults.map((fault) => fault.option));
   const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
   const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
+  const headless = files.find((file) => faults.some((fault) => fault.option === "header" && fault.file === file.name));
   return (
     <div class="import-form">
+      {headless && /\.xlsx$/i.test(headless.name) === false && (
+        <button
+          type="button"
+          class="button"
+          onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}
+        >
+          {words.nameColumns}
+        </button>
+      )}
       {shown("decimal_mark") && (
         <Choice
           label={words.decimalMark}
@@ -65,3 +78,6 @@ export function ImportReading({
     </div>
   );
 }
+
+/** A header by which no column is used yet: the table is shown, and each is given its meaning there. */
+const unnamed = (content: string): string[] => Array.from({ length: widthOf(content) }, () => "ignore");

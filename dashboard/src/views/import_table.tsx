@@ -1,6 +1,7 @@
 /** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
 import { useId } from "preact/hooks";
 import type { ImportOptions } from "../api/types";
+import { Prose } from "../components/basics";
 import { Faults } from "../components/fields";
 import { Scroll } from "../components/table";
 import {
@@ -14,6 +15,7 @@ import {
   UNITS,
   UNKNOWN,
   withMeaning,
+  writtenHeader,
 } from "../lib/columns";
 import { useLines } from "../state/lines";
 import { text } from "../i18n";
@@ -46,7 +48,7 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
         <bdi>{preview.file}</bdi>
       </h3>
       <p class="soft">{words.fileFacts(preview)}</p>
-      <ToLookAt preview={preview} places={places} table={id} />
+      <ToLookAt preview={preview} options={options} places={places} table={id} />
       <Scroll label={words.firstRows(preview.file)}>
         <table class="readings" id={id}>
           <thead>
@@ -97,7 +99,17 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
 }
 
 /** Columns that want a look, far to the right as they may be: a tap brings each into view. */
-function ToLookAt({ preview, places, table }: { preview: FilePreview; places: (string | null)[]; table: string }) {
+function ToLookAt({
+  preview,
+  options,
+  places,
+  table,
+}: {
+  preview: FilePreview;
+  options: ImportOptions;
+  places: (string | null)[];
+  table: string;
+}) {
   const faulty = new Set(places.flatMap((place) => (place === null ? [] : [Number(place.split(":")[1])])));
   const columns = preview.columns.filter(
     ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === UNKNOWN,
@@ -111,9 +123,13 @@ function ToLookAt({ preview, places, table }: { preview: FilePreview; places: (s
   return (
     <div class="to-look-at">
       <span>{words.toLookAt}</span>
-      {columns.map(({ column, header }) => (
-        <button type="button" class={faulty.has(column) ? "button bad" : "button"} onClick={() => show(column)}>
-          <bdi>{header || words.columnNumber(column)}</bdi>
+      {columns.map((column) => (
+        <button
+          type="button"
+          class={faulty.has(column.column) ? "button bad" : "button"}
+          onClick={() => show(column.column)}
+        >
+          <bdi>{writtenHeader(options, column) || words.columnNumber(column.column)}</bdi>
         </button>
       ))}
     </div>
@@ -131,10 +147,10 @@ export function FaultList({ faults }: { faults: ImportFault[] }) {
         <li class="note bad">
           <p>
             {fault.file !== null && <b>{words.place(fault)}: </b>}
-            {fault.reason}
+            <Prose text={fault.reason} />
           </p>
           <p>
-            <b>{text.errors.remedy}:</b> {fault.remedy}
+            <b>{text.errors.remedy}:</b> <Prose text={fault.remedy} />
           </p>
         </li>
       ))}
@@ -157,9 +173,10 @@ function ColumnHead({
   mean: (meaning: string) => void;
   change: (options: ImportOptions) => void;
 }) {
-  const header = column.header || words.columnNumber(column.column);
+  const header = writtenHeader(options, column) || words.columnNumber(column.column);
   const unknown = column.meaning === UNKNOWN;
   const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
+  const unnamed = unknown && faults.every((fault) => fault.option === "columns");
   const kind = faults.length > 0 || unknown ? "faulty" : column.guessed ? "guessed" : undefined;
   return (
     <th scope="col" class={kind}>
@@ -192,7 +209,7 @@ function ColumnHead({
       </select>
       <Unit column={column} header={header} options={options} change={change} />
       {column.guessed && <small class="guess">{words.guessed}</small>}
-      {unknown ? <Faults faults={[words.chooseMeaning]} /> : <Faults faults={faults.map(said)} />}
+      <Faults faults={unnamed ? [words.chooseMeaning] : faults.map(said)} />
     </th>
   );
 }
