@@ -97,7 +97,8 @@ def identify_from_sweeps(
     used: SweepFit = "one_by_one" if chosen is alone else "together"
     evidence = Evidence(alone, used, controller, agreement)
     identified = widened(chosen, resting_angles(free, controller))
-    wrist = _wrist_of_sweeps(chosen)  # where it was in the sweeps, whatever the angles at rest
+    wrist_joints = resting_angles(free, controller, first=sweeps.joint_map.n - WRIST_JOINTS)
+    wrist = _wrist_of_sweeps(widened(chosen, wrist_joints))  # where the arm had it, whatever its angles
     found = geometry_findings(alone, together or alone) + agreement_findings(agreement)
     frame = _Frame(conventions, nominal, name, stated=sweeps.sigma is not None)
     return _identified_geometry(identified, frame, wrist, found, base_targets, evidence)

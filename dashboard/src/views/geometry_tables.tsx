@@ -30,6 +30,7 @@ export function LinkTables({ links }: { links: GeometryResult["links"] }) {
     <>
       <section class="card">
         <h2>{words.lengths}</h2>
+        <p class="soft">{words.uncertaintyNote}</p>
         <DataTable
           caption={words.lengths}
           table={{

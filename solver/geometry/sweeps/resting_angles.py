@@ -19,17 +19,20 @@ from jointstiff.solver.geometry.sweeps.sweep import STILL
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, influence_of_postures
 
 
-def resting_angles(swept: SweptAxes, probability: float) -> FloatArray:
+def resting_angles(swept: SweptAxes, probability: float, *, first: int = 0) -> FloatArray:
     """Return what gear errors at rest do to axes and targets: (4 n + 3 T, G), one column a standard one.
 
     Args:
         swept: axes fitted one by one with free angles.
         probability: that the controller's angles fit; if it is not small, gears are even and G is 0.
+        first: joint of the controller from which on errors count. Columns go from the last joint inwards, so
+            that those of fewer joints are the first of all.
     """
     columns = []
     if uneven(probability):
         matrix, by_posture = swept.sweeps.joint_map.matrix, influence_of_postures(swept)
-        for fit in swept.fits:
+        turned_from_last = sorted(swept.fits, key=lambda fit: -fit.sweep.joint)
+        for fit in (fit for fit in turned_from_last if fit.sweep.joint >= first):
             joint = fit.sweep.joint
             size = _gear_error(fit)
             for group in _rests(swept, joint):
