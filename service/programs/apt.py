@@ -14,9 +14,17 @@ from jointstiff.service.programs.reader import NUMBER, NUMBER_PATTERN, Reader, w
 
 AXIS: Final = Notation(Orientation.TOOL_AXIS, angle=1, length_decimals=6, angle_decimals=9)
 POSITION: Final = Notation(Orientation.NONE, angle=1, length_decimals=6, angle_decimals=9)
+_UPRIGHT: Final = (0.0, 0.0, 1.0)
 _INCH: Final = 0.0254
 _GOTO: Final = re.compile(rf"(GOTO|FROM)\s*/\s*({NUMBER}(?:\s*,\s*{NUMBER})*)\s*,?\s*$", re.IGNORECASE)
-_WORD: Final = re.compile(r"([A-Z][\w-]*(?: PATH)?)\s*(?:/\s*(.*))?$", re.IGNORECASE)
+_WORD: Final = re.compile(r"([A-Z][\w-]*(?: PATH\b)?)\s*(?:/\s*(.*))?", re.IGNORECASE)
+_ARCS: Final = words(
+    """
+    CIRCLE MOVARC ARCDAT HELIX TLON TLLFT TLRGT GOFWD GOBACK GOLFT GORGT GOUP GODOWN INDIRV INDIRP
+    AUTOPS PSIS GODLTA GO THICK
+    """
+)
+"""Moves that geometry or the place before says, in no numbers of their own."""
 _STILL: Final = words(
     """
     PARTNO PPRINT MACHIN UNITS MULTAX LOADTL LOAD SELCTL TOOLNO SPINDL FEDRAT RAPID COOLNT CUTTER
@@ -38,7 +46,7 @@ def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
     """
     reader = Reader("apt", sources, allowed)
     frames = (FrameName("part"), FrameName("cutter"))
-    unit = MM
+    unit, axis = MM, _UPRIGHT
     for line, start, text in _statements(sources[0]):
         body = text.strip()
         if goto := _GOTO.match(body):
@@ -47,7 +55,7 @@ def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
                 (offset + m.start(), offset + m.end())
                 for m in NUMBER_PATTERN.finditer(body, goto.start(2), goto.end(2))
             ]
-            _goto(reader, line, numbers, unit, frames)
+            axis = _goto(reader, line, numbers, unit, frames, axis)
             continue
         word = _WORD.match(body)
         name = word[1].upper() if word else ""
@@ -59,6 +67,16 @@ def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
                 line,
                 f"{name}/{shown(rest)}: the controller would move the targets",
                 "let the CAM system compute it",
+            )
+        elif name in {"GOTO", "FROM"}:
+            reader.refuse(
+                line, f"the target {shown(body)} is not in numbers", "give x, y, z or x, y, z, i, j, k"
+            )
+        elif name in _ARCS:
+            reader.refuse(
+                line,
+                f"{name}: an arc, or a move whose end is not written",
+                "let the CAM system write linear moves (GOTO) only",
             )
         elif name not in _STILL and name not in reader.allowed:
             reader.refuse(
@@ -82,15 +100,25 @@ def _goto(
     numbers: list[tuple[int, int]],
     unit: float,
     frames: tuple[FrameName, FrameName],
-) -> None:
-    notations = {3: POSITION, 6: AXIS}
-    if len(numbers) not in notations:
+    axis: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Read a target; return the tool's axis, which a target without one keeps."""
+    if len(numbers) not in {3, 6}:
         reader.refuse(line, f"GOTO with {len(numbers)} numbers", "give x, y, z or x, y, z, i, j, k")
-        return
-    notation = notations[len(numbers)]
-    notation = notation if unit == MM else replace(notation, length=unit)
+        return axis
+    notation = AXIS if len(numbers) == 6 else POSITION
+    if unit != MM or (notation is POSITION and axis != _UPRIGHT):
+        notation = replace(notation, length=unit, axis=axis if notation is POSITION else _UPRIGHT)
     target = reader.target("", (0, line), notation, numbers, frames)
     reader.move(line, Motion.LINEAR, (target,))
+    if target is None or len(numbers) == 3:
+        return axis
+    text = reader.sources[0].text
+    i, j, k = (float(text[start:end]) for start, end in numbers[3:])
+    if i == j == k == 0.0:
+        reader.refuse(line, "the tool's axis has no length", "give a unit vector i, j, k")
+        return axis
+    return i, j, k
 
 
 def _statements(source: Source) -> Iterator[tuple[int, int, str]]:

@@ -27,7 +27,7 @@ class _Word:
 
     Attributes:
         joint: index of the joint.
-        kind: `sign` (1 below zero), `positive` (1 above zero), `quadrant` or `turn`.
+        kind: `sign` (1 below zero), `quadrant` or `turn`.
         value: as written.
     """
 
@@ -37,17 +37,16 @@ class _Word:
 
     def range(self) -> tuple[float, float]:
         """Return least and greatest angle [rad]."""
-        if self.kind in {"sign", "positive"}:
-            below = bool(self.value) == (self.kind == "sign")
-            return (-_INF, 0.0) if below else (0.0, _INF)
+        if self.kind == "sign":
+            return (-_INF, 0.0) if self.value else (0.0, _INF)
         if self.kind == "quadrant":
             return _HALF * self.value, _HALF * (self.value + 1)
         return 2 * pi * self.value - pi, 2 * pi * self.value + pi
 
     def of(self, angle: float) -> int:
         """Return the value that an angle [rad] has."""
-        if self.kind in {"sign", "positive"}:
-            return int((angle < 0.0) == (self.kind == "sign"))
+        if self.kind == "sign":
+            return int(angle < 0.0)
         return floor(angle / _HALF) if self.kind == "quadrant" else ceil((angle - pi) / (2 * pi))
 
     def holds(self, angle: float, beside: float) -> bool:
@@ -164,7 +163,8 @@ def _krl_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
                 (_Word(j, "sign", number >> j & 1), _Place(found.span(2), j, number, style)) for j in range(6)
             ]
         else:
-            words.append((_Word(4, "positive", number >> 2 & 1), _Place(found.span(2), 2, number, style)))
+            # Bit 2 is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
+            words.append((_Word(4, "sign", number >> 2 & 1), _Place(found.span(2), 2, number, style)))
     return words
 
 

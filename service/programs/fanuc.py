@@ -39,7 +39,8 @@ _REFUSED: Final = re.compile(
     0,
 )
 _CHANGED: Final = re.compile(r"(?:P|PR|UFRAME|UTOOL)\s*\[[^\]]*\]\s*=|P\s*\[\s*R\s*\[")
-_FRAME: Final = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\S+)\s*$")
+_FRAME: Final = re.compile(r"(UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[1\]|\$MNUTOOLNUM\[1\])\s*=\s*(\S+)\s*$")
+_SAME_FRAME: Final = {"$MNUFRAMENUM[1]": "UFRAME_NUM", "$MNUTOOLNUM[1]": "UTOOL_NUM"}
 _STILL: Final = re.compile(
     r"!|//|--|R\[|SR\[|F\[|DO\[|DI\[|RO\[|RI\[|GO\[|GI\[|AO\[|AI\[|SO\[|UO\[|WO\[|M\[|WAIT\b|LBL\[|JMP\b|IF\b|ELSE|ENDIF|SELECT|FOR\b|ENDFOR|=|"
     r"PAUSE|ABORT|END\b|OVERRIDE|PAYLOAD|TIMER|MESSAGE|UALM|JOINT_MAX|LINEAR_MAX|RSR|MONITOR|RUN_?|"
@@ -48,7 +49,7 @@ _STILL: Final = re.compile(
 )
 _CALL: Final = re.compile(r"(?:^|\W)(?:CALL|RUN)\s+(\w+)")
 _HEAD: Final = re.compile(r"P\s*\[\s*(\d{1,5})\s*(?::[^\]\n]{0,64})?\]\s*\{")
-_GROUP: Final = re.compile(r"GP\s*(\d)\s*(?::[^\n]*)?$", re.MULTILINE)
+_GROUP: Final = re.compile(r"\bGP\s*(\d)\s*:?")
 _TOKEN: Final = re.compile(
     rf"\b(X|Y|Z|W|P|R|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg|inch|in|rad)?", re.IGNORECASE
 )
@@ -68,6 +69,8 @@ class _Program:
     current: dict[str, str] = field(default_factory=dict)
     circle: tuple[int, int] | None = None
     external: tuple[float, ...] | None = None
+    groups: tuple[float, ...] | None = None
+    seen: set[str] = field(default_factory=set)
     depth: int = 0
 
     # /POS
@@ -75,14 +78,21 @@ class _Program:
     def position(self, name: str, start: int, body: str) -> None:
         """Read one position, `P[n]{...}`; `body` begins at `start`."""
         line = self.reader.sources[0].line(start)
+        self.seen.add(name)
+        groups = list(_GROUP.finditer(body))
+        own = [i for i, group in enumerate(groups) if group[1] == "1"]
+        if groups and len(own) != 1:
+            self.reader.refuse(line, f"{name} has no group GP1", "only the arm of group 1 is known")
+            return
+        if groups:
+            ends = [group.start() for group in groups[1:]] + [len(body)]
+            others = [body[g.start() : end] for g, end in zip(groups, ends, strict=True) if g[1] != "1"]
+            self._other_groups(line, name, others)
+            first, last = groups[own[0]].end(), ends[own[0]]
+            start, body = start + first, body[first:last]
         uses = _USES.search(body)
-        groups = [g[1] for g in _GROUP.finditer(body)]
-        if not uses or len(groups) > 1 or groups not in ([], ["1"]):
-            self.reader.refuse(
-                line,
-                f"{name} has more than the robot's group GP1, or no UF and UT",
-                "only programs of group 1 are known",
-            )
+        if not uses:
+            self.reader.refuse(line, f"{name} has no UF and UT", "record the position again")
             return
         tokens = {m[1].upper(): (m, start + m.start(2), start + m.end(2)) for m in _TOKEN.finditer(body)}
         for fields, notation, units in (
@@ -98,6 +108,17 @@ class _Program:
         self.reader.refuse(
             line, f"{name} is neither X, Y, Z, W, P, R nor J1 ... J6", "record the position again"
         )
+
+    def _other_groups(self, line: int, name: str, groups: list[str]) -> None:
+        """Refuse a position at which another group, such as a positioner, stands elsewhere."""
+        values = tuple(float(m[2]) for group in groups for m in _TOKEN.finditer(group) if "*" not in m[2])
+        if self.groups is not None and values != self.groups:
+            self.reader.refuse(
+                line,
+                f"another group moves to {name}",
+                "only programs that keep GP2 ... where they are can be corrected",
+            )
+        self.groups = values if self.groups is None else self.groups
 
     def _add(
         self,
@@ -158,8 +179,8 @@ class _Program:
         elif body.startswith(("!", "//", "--")):
             return
         elif frame := _FRAME.match(body):
-            self._chosen(line, frame[1], frame[2])
-        elif "UFRAME_NUM" in body or "UTOOL_NUM" in body:
+            self._chosen(line, _SAME_FRAME.get(frame[1], frame[1]), frame[2])
+        elif any(name in body for name in ("UFRAME_NUM", "UTOOL_NUM", *_SAME_FRAME)):
             self.reader.refuse(
                 line, "a frame is chosen inside another instruction", "set it on a line of its own"
             )
@@ -190,6 +211,8 @@ class _Program:
     def _point(self, line: int, body: str) -> tuple[int, str] | None:
         point = _POINT.match(body)
         name = f"P[{point[1]}]" if point else ""
+        if name in self.seen and name not in self.positions:  # refused already
+            return None
         if not point or name not in self.positions:
             self.reader.refuse(
                 line,

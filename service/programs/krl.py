@@ -61,6 +61,9 @@ _ASSIGNED: Final = re.compile(
     r"(?:(?:GLOBAL|DECL|CONST|EXT|SIGNAL)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT|[A-Z]\w*)\s+)?(\$?[A-Z]\w*(?:\[\s*\d*\s*\])?(?:\.\w+)*)\s*=(?!=)\s*(.*)$",
     re.IGNORECASE,
 )
+_WITH_FRAMES: Final = re.compile(r"\bWITH\b.*\$(?:TOOL|BASE|IPO_MODE)\b", re.IGNORECASE)
+_INLINE_TOOL: Final = re.compile(r"\$TOOL\s*=\s*STOOL2?\s*\(\s*(\w+)(?:\.TOOL_NO)?\s*\)", re.IGNORECASE)
+_INLINE_BASE: Final = re.compile(r"\$BASE\s*=\s*SBASE\s*\(\s*(\w+)\.BASE_NO\s*\)", re.IGNORECASE)
 _FRAMES_CALL: Final = re.compile(r"BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)", re.IGNORECASE)
 _STILL: Final = re.compile(
     r"(?:DEF|DEFFCT|DEFDAT|END|ENDDAT|ENDFCT|DECL|INT|REAL|BOOL|CHAR|SIGNAL|EXT|EXTFCT|GLOBAL|IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|"
@@ -139,6 +142,10 @@ class _Program:
         self.routine += bool(_DEF.match(body))
         if move := _MOVE.match(body):
             self._move(line, move[1].upper(), body[move.end() :], offset + move.end())
+        elif _WITH_FRAMES.search(body):
+            self.reader.refuse(
+                line, "a block of moves has frames of its own", "set $TOOL and $BASE before it", source
+            )
         elif _RELATIVE.match(body):
             self.reader.refuse(line, "a relative move", NO_TARGET, source)
         elif chosen := _FRAMES_CALL.match(body):
@@ -259,25 +266,26 @@ class _Program:
                 source,
             )
 
-    def _inline_form(self, line: int, literal: _Aggregate | None, value: str) -> None:
+    def _inline_form(self, line: int, literal: _Aggregate | None, value: str) -> bool:
         """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}` or a declared one."""
         found = literal or self.points.get(value.upper())
         if found is None or not {"TOOL_NO", "BASE_NO"} <= set(found.values):
             self.reader.refuse(
                 line, f"the frames {shown(value)} are not in the program", "send the .dat with the .src"
             )
-            return
+            return False
         if found.values.get("IPO_FRAME", "#BASE").upper() != "#BASE":
             self.reader.refuse(
                 line, "the tool is fixed in the cell (IPO_FRAME)", "only tools on the flange are known"
             )
-            return
+            return False
         tool, base = (float(found.values[name]) for name in ("TOOL_NO", "BASE_NO"))
         if not (tool.is_integer() and base.is_integer()):  # nor is infinity
             self.reader.refuse(line, "the number of a frame is no whole number", "give TOOL_NO and BASE_NO")
-            return
+            return False
         self._choose(line, "TOOL", f"TOOL_DATA[{int(tool)}]")
         self._choose(line, "BASE", f"BASE_DATA[{int(base)}]")
+        return True
 
     # targets
 
@@ -302,6 +310,23 @@ class _Program:
         return _Aggregate(source, line, spans, values)
 
     def _move(self, line: int, name: str, text: str, offset: int) -> None:
+        held = self.base, self.tool
+        if not _WITH_FRAMES.search(text) or self._own_frames(line, text):
+            self._moved(line, name, text, offset)
+        self.base, self.tool = held
+
+    def _own_frames(self, line: int, text: str) -> bool:
+        """Take the frames of a spline's inline form: `WITH $TOOL = STOOL2(FP1), $BASE = SBASE(...)`."""
+        tool, base = _INLINE_TOOL.search(text), _INLINE_BASE.search(text)
+        if not tool or not base or tool[1].upper() != base[1].upper():
+            self.reader.refuse(line, "the move has a frame of its own", "set $TOOL and $BASE before the move")
+            return False
+        key = _NAME.match(text.lstrip())
+        if key and key[0].upper() in _HOME and key[0].upper() not in self.points:
+            return True
+        return self._inline_form(line, None, tool[1])
+
+    def _moved(self, line: int, name: str, text: str, offset: int) -> None:
         motion, count = _MOVES[name]
         targets: list[int | None] = []
         for i in range(count):

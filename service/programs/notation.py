@@ -48,6 +48,7 @@ class Notation:
         angle: radians in the unit of angles (1 where there are none).
         length_decimals: digits behind the point that a changed position gets at least.
         angle_decimals: the same of a changed angle or component of an orientation.
+        axis: of the tool, from the tip to the spindle, where a position alone is written.
     """
 
     orientation: Orientation
@@ -55,6 +56,7 @@ class Notation:
     angle: float = DEGREE
     length_decimals: int = 4
     angle_decimals: int = 5
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     @property
     def count(self) -> int:

@@ -51,13 +51,19 @@ _STILL: Final = re.compile(
     r"(?:MODULE|ENDMODULE|PROC|ENDPROC|FUNC|ENDFUNC|TRAP|ENDTRAP|LOCAL|TASK|CONST|PERS|VAR|RECORD|ENDRECORD|IF|ELSE|ELSEIF|ENDIF|FOR|ENDFOR|"
     r"WHILE|ENDWHILE|TEST|CASE|DEFAULT|ENDTEST|RETURN|EXIT|STOP|BREAK|GOTO|WAITTIME|WAITDI|WAITDO|WAITUNTIL|WAITROB|SETDO|SETAO|SETGO|SET|RESET|"
     r"PULSEDO|INVERTDO|TPWRITE|TPERASE|ACCSET|VELSET|CONFL|CONFJ|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|CLKSTART|CLKSTOP|CLKRESET|INCR|DECR|"
-    r"ADD|CLEAR|MOTIONSUP|TRIGGIO|TRIGGEQUIP|ERROR|UNDO|RAISE|RETRY|TRYNEXT|VERSION|LANGUAGE|ISLEEP|IDISABLE|IENABLE|ACTUNIT)\b|[%&]|\w+:$",
+    r"ADD|CLEAR|MOTIONSUP|TRIGGIO|TRIGGEQUIP|ERROR|UNDO|RAISE|RETRY|TRYNEXT|VERSION|LANGUAGE|ISLEEP|IDISABLE|IENABLE|ACTUNIT|DEACTUNIT)\b|[%&]|\w+:$",
     re.IGNORECASE,
 )
 _REFUSED: Final = re.compile(
-    r"(?:PDisp\w*|EOffs\w*|Soft\w*|Search\w|CorrCon|CorrWrite|Cap\w|FC\w+|WaitWObj|DropWObj|ActUnit|DeactUnit|Indr?\w+|StepBwdPath|MoveExtJ)\b",
+    r"(?:PDisp\w*|EOffs\w*|Soft\w*|Search\w|CorrCon|CorrWrite|Cap\w|FC\w+|WaitWObj|DropWObj|Indr?\w+|StepBwdPath|MoveExtJ)\b",
     re.IGNORECASE,
 )
+_COMPACT_IF: Final = re.compile(
+    rf"(?:ELSE)?IF\b.*\b(?:{'|'.join(sorted(_MOVES, key=len, reverse=True))})\b\s|IF\b.*:=",
+    re.IGNORECASE | re.DOTALL,
+)
+_OPENED: Final = re.compile(r"(?:IF\b.*\bTHEN|FOR\b|WHILE\b|TEST\b)", re.IGNORECASE | re.DOTALL)
+_CLOSED: Final = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b", re.IGNORECASE)
 _ASSIGNED: Final = re.compile(r"([A-Za-z]\w*)((?:\s*\{[^}]*\})?(?:\.\w+)*)\s*:=", re.DOTALL)
 _CALL: Final = re.compile(r"([A-Za-z]\w*)\b")
 _NO_AXIS: Final = 8e9
@@ -88,6 +94,7 @@ class _Module:
     bases: dict[str, FrameName] = field(default_factory=lambda: {"WOBJ0": FrameName("wobj0", np.eye(4))})
     routines: frozenset[str] = frozenset()
     external: tuple[float, ...] | None = None
+    depth: int = 0
 
     def line(self, offset: int) -> int:
         """Return the line of an offset."""
@@ -116,26 +123,35 @@ class _Module:
             self.targets[name] = declared[0]
 
     def _tool(self, offset: int, name: str, value: str) -> None:
-        frame = re.match(r"\[\s*TRUE\s*,\s*", value, re.IGNORECASE)
-        pose = frame and _FRAME.match(value, frame.end())
-        frame_pose = self._pose(pose) if pose else None
-        if frame_pose is not None and name.upper() not in self.tools:
-            self.tools[name.upper()] = FrameName(name, frame_pose)
+        pose = self._tool_pose(value)
+        if pose is not None and name.upper() not in self.tools:
+            self.tools[name.upper()] = FrameName(name, pose)
         else:
             self.tools.pop(name.upper(), None)
             self.reader.leave(self.line(offset), f"{name} is no tool on the flange in numbers")
 
+    def _tool_pose(self, value: str) -> FloatArray | None:
+        """Return the pose of a tool on the flange; None for what is none in numbers."""
+        frame = re.match(r"\[\s*TRUE\s*,\s*", value, re.IGNORECASE)
+        pose = frame and _FRAME.match(value, frame.end())
+        return self._pose(pose) if pose else None
+
     def _base(self, offset: int, name: str, value: str) -> None:
+        pose = self._base_pose(value)
+        if pose is not None and name.upper() not in self.bases:
+            self.bases[name.upper()] = FrameName(name, pose)
+        else:
+            self.bases.pop(name.upper(), None)
+            self.reader.leave(self.line(offset), f"{name} is no fixed work object in numbers")
+
+    def _base_pose(self, value: str) -> FloatArray | None:
+        """Return the pose of a fixed work object; None for what is none in numbers."""
         head = re.match(r"\[\s*FALSE\s*,\s*TRUE\s*,\s*\"[^\"]*\"\s*,\s*", value, re.IGNORECASE)
         user = head and _FRAME.match(value, head.end())
         comma = user and re.match(r"\s*,\s*", value[user.end() :])
         part = user and comma and _FRAME.match(value, user.end() + comma.end())
         outer, inner = (self._pose(each) if each else None for each in (user, part))
-        if outer is not None and inner is not None and name.upper() not in self.bases:
-            self.bases[name.upper()] = FrameName(name, outer @ inner)
-        else:
-            self.bases.pop(name.upper(), None)
-            self.reader.leave(self.line(offset), f"{name} is no fixed work object in numbers")
+        return None if outer is None or inner is None else outer @ inner
 
     def _pose(self, match: re.Match[str]) -> FloatArray | None:
         numbers = [float(x) for group in (1, 2) for x in re.findall(NUMBER, match[group])]
@@ -161,6 +177,7 @@ class _Module:
     def instruction(self, start: int, text: str) -> None:
         """Read a statement of a routine."""
         line = self.line(start)
+        self.depth += bool(_OPENED.match(text)) - bool(_CLOSED.match(text))
         if move := _MOVE.match(text):
             self._move(line, move[1].upper(), text[move.end() :], start + move.end())
         elif _REFUSED.match(text):
@@ -169,9 +186,13 @@ class _Module:
                 f"{shown(text)} moves targets or frames while the program runs",
                 "write targets in numbers",
             )
+        elif _COMPACT_IF.match(text):
+            self.reader.refuse(line, "a move or an assignment behind IF", "write IF ... THEN ... ENDIF")
         elif _ASSIGNED.match(text):
             name = text.partition(":=")[0].strip().upper()
-            if name in self.tools or name in self.bases or name.partition(".")[0] in self.tools | self.bases:
+            if not self._set_frame(line, name, text) and (
+                name in self.tools or name in self.bases or name.partition(".")[0] in self.tools | self.bases
+            ):
                 self.reader.refuse(
                     line, f"{shown(name)} changes while the program runs", "declare the frame in numbers"
                 )
@@ -180,6 +201,18 @@ class _Module:
             name = called[1] if called else text
             if name.upper() not in self.routines:
                 self.reader.call(line, name)
+
+    def _set_frame(self, line: int, name: str, text: str) -> bool:
+        """Take a tool or work object that a program without branches and other routines sets in numbers."""
+        if self.depth or len(self.routines) > 1 or not (name in self.tools or name in self.bases):
+            return False
+        value = text.partition(":=")[2].strip()
+        known, read = (self.tools, self._tool_pose) if name in self.tools else (self.bases, self._base_pose)
+        pose = read(value)
+        if pose is None:
+            return False
+        known[name] = FrameName(f"{known[name].name} of line {line}", pose)
+        return True
 
     def _move(self, line: int, name: str, text: str, offset: int) -> None:
         motion, count = _MOVES[name]
@@ -197,7 +230,7 @@ class _Module:
                 )
                 return
             text, offset = text[end + comma.end() :], offset + end + comma.end()
-        frames = self._frames(line, text)
+        frames = self._frames(line, text, 2 if name.endswith("DO") else -1)
         if frames:
             self.reader.move(
                 line, motion, [self._add(line, declared, label, frames) for declared, label in found]
@@ -216,19 +249,26 @@ class _Module:
             return None
         return self.targets[key], name[0], name.end()
 
-    def _frames(self, line: int, text: str) -> tuple[FrameName, FrameName] | None:
+    def _frames(self, line: int, text: str, place: int) -> tuple[FrameName, FrameName] | None:
+        """Return work object and tool, by the arguments behind the target; `place` is that of the tool."""
         work = re.search(r"\\\s*WObj\s*:=\s*(\w+)", text, re.IGNORECASE)
         arguments = [a.strip() for a in re.sub(r"\[[^\[\]]*\]", "", text).split(",")]
-        last = re.match(r"([A-Za-z]\w*)", arguments[-1])
-        if not last or len(arguments) < 3:
+        tool = re.match(r"([A-Za-z]\w*)", arguments[place]) if len(arguments) >= 3 else None
+        if not tool:
             self.reader.refuse(
                 line, "the move names no tool", "write speed, zone and tool, with \\WObj:= where there is one"
             )
             return None
-        base = work[1] if work else "wobj0"
+        base, used = work[1] if work else "wobj0", tool[1]
+        for name, known in ((base, self.bases), (used, self.tools)):
+            if name.upper() not in known and name.upper() in self.changed:
+                self.reader.refuse(
+                    line, f"{shown(name)} changes while the program runs", "declare the frame in numbers"
+                )
+                return None
         return (
             self.bases.get(base.upper(), FrameName(base)),
-            self.tools.get(last[1].upper(), FrameName(last[1])),
+            self.tools.get(used.upper(), FrameName(used)),
         )
 
     def _add(

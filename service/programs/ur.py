@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -54,10 +54,22 @@ _STILL: Final = words(
     write_output_integer_register write_output_float_register read_input_boolean_register
     read_input_integer_register read_input_float_register enter_critical exit_critical
     modbus_set_output_signal modbus_set_output_register rpc_factory socket_open socket_close
-    socket_send_string not and or if while elif return
+    socket_send_string not and or if while elif return set_analog_inputrange
+    set_tool_analog_input_domain set_tool_output_mode set_tool_digital_output_mode set_watchdog
+    set_configurable_digital_input_action set_standard_digital_input_action
+    set_tool_digital_input_action set_safety_mode_transition_hardness set_baselight_mode
     """
 )
 """Routines that neither move the robot nor change its frames."""
+_MOVING: Final = words(
+    """
+    servoj servoc servol speedj speedl force_mode freedrive_mode teach_mode tool_contact optimovej
+    optimovel track_conveyor_linear track_conveyor_circular path_offset_enable path_offset_set
+    path_offset_set_raw set_conveyor_tick_count screw_driving move_until_contact
+    """
+)
+"""Routines that move it where no target in numbers says."""
+_LABEL: Final = re.compile(r"\$\s*\d+\s+\"")
 
 
 @dataclass(frozen=True)
@@ -78,6 +90,8 @@ class _Script:
     literals: dict[str, _Literal]
     changed: set[str]
     routines: frozenset[str]
+    frames: dict[str, FloatArray] = field(default_factory=dict)
+    unsteady: set[str] = field(default_factory=set)
     depth: int = 0
     moved: bool = False
 
@@ -85,7 +99,7 @@ class _Script:
         """Read one line without its comment."""
         body = text.strip()
         offset = start + len(text) - len(text.lstrip())
-        if not body:
+        if not body or _LABEL.match(body):  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
             return
         self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
         if body.startswith(("def ", "sec ", "thread ")):
@@ -108,13 +122,21 @@ class _Script:
                 self.reader.refuse(
                     line, f"{name} stands inside another statement", "give it a line of its own"
                 )
+            elif name in _MOVING and name.upper() not in self.reader.allowed:
+                self.reader.refuse(
+                    line, f"{name} moves the robot where no target says", "use movej, movel, movep or movec"
+                )
             elif name not in _STILL and name not in self.routines:
                 self.reader.call(line, name)
 
     def _assigned(self, line: int, assigned: re.Match[str], offset: int) -> None:
         name, value = assigned[1], assigned[2]
         literal = self._literal(line, value, offset + assigned.start(2))
-        if literal and literal[1].strip() == "" and name not in self.literals:
+        whole = literal is not None and literal[1].strip() == ""
+        self.frames.pop(name, None)
+        if literal and whole and literal[0].notation is POSE and name not in self.unsteady:
+            self.frames[name] = self._pose(literal[0])
+        if literal and whole and name not in self.literals:
             self.literals[name] = literal[0]
             return
         self.changed.add(name)
@@ -181,9 +203,9 @@ class _Script:
         base = FrameName("robot base", np.eye(4))
         if wrapper == "pose_trans":
             frame = _NAME.match(text)
-            if not frame or frame[0] not in self.literals or frame[0] in self.changed:
+            if not frame or frame[0] not in self.frames:
                 return None
-            base = FrameName(frame[0], self._pose(self.literals[frame[0]]))
+            base = FrameName(frame[0], self.frames[frame[0]])
             comma = re.match(r"\s*,\s*", text[frame.end() :])
             if not comma:
                 return None
@@ -229,9 +251,23 @@ def read_ur(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
         r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(\w+)[ \t]*=(?!=)", sources[0].text, re.MULTILINE
     )
     repeated = {name for name, times in Counter(names).items() if times > 1}
-    for parameters in re.findall(r"^[ \t]*def[ \t]+\w+[ \t]*\(([^)\n]*)\)", sources[0].text, re.MULTILINE):
-        repeated |= set(_NAME.findall(parameters))
-    script = _Script(reader, FrameName("active TCP"), {}, repeated, routines)
+    heads = re.findall(r"^[ \t]*def[ \t]+\w+[ \t]*\(([^)\n]*)\)", sources[0].text, re.MULTILINE)
+    parameters = frozenset(name for head in heads for name in _NAME.findall(head))
+    repeated |= parameters
+    several = frozenset(repeated) if len(routines) > 1 else frozenset()
+    unsteady = set(several | parameters | _in_branches(sources[0]) & repeated)
+    script = _Script(reader, FrameName("active TCP"), {}, repeated, routines, unsteady=unsteady)
     for line, start, text in sources[0].lines():
         script.statement(line, start, without_comment(text, "#"))
     return reader.program()
+
+
+def _in_branches(source: Source) -> frozenset[str]:
+    """Return the variables that are assigned in a branch or a loop."""
+    depth, found = 0, set()
+    for _, _, text in source.lines():
+        body = without_comment(text, "#").strip()
+        depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
+        if depth > 1 and (assigned := _ASSIGNED.match(body)):
+            found.add(assigned[1])
+    return frozenset(found)

@@ -29,7 +29,7 @@ def krl_numbers(joints):
 
 def status_and_turn(joints):
     """S (bit 2 alone) and T by KUKA's manual: T has bit i where axis i + 1 is below zero."""
-    return 4 * int(joints[4] > 0.0), sum(1 << i for i in range(6) if joints[i] < 0.0)
+    return 4 * int(joints[4] < 0.0), sum(1 << i for i in range(6) if joints[i] < 0.0)
 
 
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1), (1, -1, 1), (-1, -1, -1)])

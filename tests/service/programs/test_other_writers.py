@@ -1,0 +1,229 @@
+"""Programs in the forms of other people's post-processors: taken as they are meant, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.programs import request
+
+from jointstiff.service.computation.program_frames import ProgramFrames
+from jointstiff.service.programs import ProgramError, StatedConfigurations, read_program
+
+FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+POSE = f"[[10,20,30],[0.5,0.5,0.5,0.5],[0,0,-2,0],{FREE}]"
+
+
+def read(name, text, *more):
+    return read_program([(name, text.encode("latin-1")), *((n, t.encode("latin-1")) for n, t in more)])
+
+
+def frames(program):
+    """Base and tool of each move's last target."""
+    return [
+        (target.base.name, target.tool.name)
+        for target in (program.targets[move.targets[-1]] for move in program.moves)
+    ]
+
+
+def refusal(name, text):
+    with pytest.raises(ProgramError) as caught:
+        read(name, text)
+    return caught.value.faults[0]
+
+
+POSTED = """&ACCESS RVP
+&REL 1
+&PARAM EDITMASK = *
+DEF Milling ( )
+;FOLD INI
+GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
+INTERRUPT ON 3
+BAS (#INITMOV,0 )
+;ENDFOLD (INI)
+FDAT_ACT = {TOOL_NO 0,BASE_NO 0,IPO_FRAME #BASE}
+BAS (#PTP_PARAMS,100)
+PTP $AXIS_ACT
+$BASE = {FRAME: X 500.000,Y 0.000,Z 100.000,A 0.000,B 0.000,C 0.000}
+$TOOL = {FRAME: X 0.000,Y 0.000,Z 200.000,A 0.000,B 0.000,C 0.000}
+$VEL.CP = 0.30000
+$APO.CDIS = 5.000
+$ORI_TYPE=#VAR
+PTP {A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 10.0,A6 0.0}
+PTP {X 100.000, Y 20.000, Z 50.000, A 0.000, B 90.000, C 0.000, S 'B010', T 35} C_PTP
+LIN {E6POS: X 100.5, Y 5.0, Z 6.0, A 0.1, B 2.0, C 3.0, E1 0.0, E2 0} C_DIS
+lin {x 110.000,y 20.000,z 0.000,a 0.000,b 90.000,c 0.000} c_dis
+TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[2]=TRUE
+END
+"""
+
+
+def test_krl_of_a_post_processor():
+    program = read("a.src", POSTED)
+    assert frames(program) == [("$BASE of line 13", "$TOOL of line 14")] * 4
+    assert program.targets[1].branch == "S 'B010', T 35"
+    assert program.targets[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
+
+
+INLINE = """DEF a()
+SPTP XHOME WITH $VEL_AXIS[1] = SVEL_JOINT(100.0), $TOOL = STOOL2(FHOME), $BASE = SBASE(FHOME.BASE_NO)
+SLIN XP1 WITH $VEL = SVEL_CP(2.0, , LCPDAT1), $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), $APO = SAPO(L)
+SLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+END
+"""
+DECLARED = """DEFDAT A
+DECL E6POS XP1={X 1364.43,Y -25.28,Z 1394.6,A 177.9,B 1.2,C 178.9,S 6,T 19,E1 0.0}
+DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
+ENDDAT
+"""
+
+
+def test_krl_spline_inline_forms_have_frames_of_their_own():
+    program = read("a.src", INLINE, ("a.dat", DECLARED))
+    assert frames(program) == [("BASE_DATA[2]", "TOOL_DATA[1]"), ("active $BASE", "active $TOOL")]
+
+
+def test_krl_status_of_recorded_points():
+    """As controllers record them, bit 2 of S goes with the sign of A5 in T: S 6, T 19 and S 2, T 35."""
+    for point, below in (("S 6,T 19", True), ("S 2,T 35", False), ("S 22,T 50", True)):
+        text = f"DEF a()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nPTP {{X 1,Y 2,Z 3,A 0,B 0,C 0,{point}}}\nEND"
+        low, high = StatedConfigurations(read("a.src", text)).ranges([0])[0, 4]
+        assert (low, high) == ((-np.inf, 0.0) if below else (0.0, np.inf))
+
+
+def fanuc(moves, groups="", turn=0.0):
+    positions = "".join(
+        f"P[{i}]{{\n   GP1:\n\tUF : 0, UT : 0,\t\tCONFIG : 'N U T, 0, 0, 0',\n\tX =\t{1600 + i}.081761\tmm,"
+        f"\tY =\t-315.778136\tmm,\tZ =\t423.048370\tmm,\n\tW =\t180.000000\tdeg,\tP =\t-.384\tdeg,\tR ="
+        f"\t0.000000\tdeg\n{groups.format(turn=6.378 + i * turn)}}};\n"
+        for i in (1, 2)
+    )
+    return f"/PROG  CALIB\n/ATTR\nLOCAL_REGISTERS\t= 0,0,0;\n/MN\n{moves}/POS\n{positions}/END\n"
+
+
+FANUC_MOVES = """   1:  UTOOL_NUM=0 ;
+   2:  UFRAME_NUM=0 ;
+\t3:\t;
+\t4:J P[1] 100% FINE \t;
+   5:L P[2] 50.5mm/sec CNT100    ;
+"""
+GROUP = "   GP2:\n\tUF : 0, UT : 0,\t\n\tJ1=     {turn} deg\n"
+
+
+def test_fanuc_with_tabs_and_a_second_group_that_stands_still():
+    assert len(read("a.LS", fanuc(FANUC_MOVES)).moves) == 2
+    program = read("a.LS", fanuc(FANUC_MOVES, GROUP))
+    assert len(program.moves) == 2
+    assert program.targets[1].values == (1602.081761, -315.778136, 423.04837, 180.0, -0.384, 0.0)
+
+
+def test_fanuc_second_group_that_moves_is_refused():
+    fault = refusal("a.LS", fanuc(FANUC_MOVES, GROUP, turn=1.0))
+    assert "group" in fault.reason
+    assert fault.line == 20
+
+
+def rapid(body, head=""):
+    return f"MODULE M\n{head}\nPROC main()\n{body}\nENDPROC\nENDMODULE\n"
+
+
+TOOL = "PERS tooldata t1:=[TRUE,[[0,0,100],[1,0,0,0]],[2,[0,0,15],[1,0,0,0],0,0,0.005]];"
+
+
+def test_rapid_tool_set_in_numbers_before_the_moves():
+    body = f"t1 := [TRUE,[[0,0,200],[1,0,0,0]],[2,[0,0,15],[1,0,0,0],0,0,0.005]];\nMoveL {POSE},v100,z1,t1;"
+    program = read("a.mod", rapid(body, TOOL))
+    assert program.targets[0].tool.pose[2, 3] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "words"),
+    [
+        (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "behind IF"),
+        (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
+        (f"t1.tframe := [[0,0,9],[1,0,0,0]];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
+        (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 5, "changes"),
+    ],
+)  # fmt: skip
+def test_rapid_frames_and_moves_in_branches_are_refused(body, line, words):
+    fault = refusal("a.mod", rapid(body, TOOL))
+    assert fault.line == line
+    assert words in fault.reason
+
+
+def test_rapid_arguments_behind_the_tool_and_units():
+    last = f"MoveL {POSE}\\ID:=1,[20,500,5000,1000],z1,t1 \\WObj:=wobj0;"
+    body = f"ActUnit STN1;\nMoveLDO {POSE},v100,z1,t1,do1,1;\n{last}"
+    assert frames(read("a.mod", rapid(body, TOOL))) == [("wobj0", "t1")] * 2
+
+
+POSTED_UR = """def Milling():
+  global speed_ms    = 0.250
+  global ref_frame = p[0,0,0,0,0,0]
+  ref_frame = p[0.500000, 0.000000, 0.100000, 0.000000, 0.000000, 0.000000]
+  set_tcp(p[0.000000, 0.000000, 0.200000, 0.000000, 0.000000, 0.000000])
+  $ 1 "Robot Program"
+  movej([-1.570796, -1.570796, 1.570796, -1.570796, -1.570796, 0.0],1.2,0.75,0,0)
+  movel(pose_trans(ref_frame,p[0.1, 0.02, 0.05, 2.221441, 2.221441, 0.0]),1.2,speed_ms,0,0.001)
+  ref_frame = p[0.7, 0, 0, 0, 0, 0]
+  movel(pose_trans(ref_frame,p[1e-1, 0.02, 0.05, 2.221441, 2.221441, 0.0]),1.2,speed_ms,0,0.001)
+  speed_ms    = 0.1
+end
+
+Milling()
+"""
+
+
+def test_ur_frames_that_are_set_one_after_the_other():
+    program = read("a.script", POSTED_UR)
+    assert [program.targets[move.targets[0]].base.pose[0, 3] for move in program.moves] == [0.0, 0.5, 0.7]
+
+
+def test_ur_frames_that_a_loop_sets_are_refused():
+    text = POSTED_UR.replace("  ref_frame = p[0.7", "  while True:\n  ref_frame = p[0.7").replace(
+        "end\n", "end\nend\n", 1
+    )
+    assert refusal("a.script", text).line == 8
+
+
+@pytest.mark.parametrize("call", ["servoj([0,0,0,0,0,0], t=0.1)", "force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0])"])
+def test_ur_moves_without_targets_are_refused_as_what_they_are(call):
+    assert "no target" in refusal("a.script", f"movel(p[1,2,3,0,0,0])\n{call}\n").reason
+
+
+CATIA = """$$ Start generation of : Manufacturing Program.1
+PARTNO PART TO BE MACHINED
+PPRINT OPERATION NAME : Tool Change.1
+CUTTER/ 10.000000,  2.000000,  3.000000,  2.000000,  0.000000,$
+         0.000000, 50.000000
+TPRINT/T1 End Mill D 10
+LOADTL/1
+SPINDL/ 12000.0000,RPM,CLW
+FROM/0.,0.,100.
+GOTO  /   10.00000,   20.00000,   30.00000, 0.000000, 0.600000, 0.800000 $$ tilted
+GOTO  /   11.00000,   20.00000,   30.00000
+REWIND/0
+FINI
+"""
+
+
+def test_apt_tool_axis_stays_until_another_is_written():
+    program = read("a.aptsource", CATIA)
+    assert [target.notation.axis for target in program.targets[::2]] == [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)]
+    used = ProgramFrames.of(program, request("apt", CATIA, tool_x=[1.0, 0.0, 0.0]))
+    tilted, kept = used.flange_poses(program, [1, 2])[:, :3, 2]
+    np.testing.assert_allclose(kept, tilted)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["CIRCLE/1,2,3,0,0,1,5", "TLON,GOFWD/ (CIRCLE/ 10., 20., 0., 5.),ON,(LINE/1,2,3,4,5,6)", "INDIRV/1,0,0"],
+)
+def test_apt_arcs_are_refused_as_what_they_are(line):
+    fault = refusal("a.cls", f"GOTO/1,2,3\n{line}\n")
+    assert fault.line == 2
+    assert "arc" in fault.reason
+    assert "leave_alone" not in fault.remedy
+
+
+def test_apt_targets_by_name_are_refused():
+    assert "numbers" in refusal("a.cls", "GOTO/1,2,3\nGOTO/PT1\n").reason
