@@ -49,7 +49,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text is written."""
+    """Delimiter, decimal mark, encoding, line ends and quotation marks of a text."""
 
     delimiter: str = ";"
     mark: str = "."

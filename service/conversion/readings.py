@@ -174,7 +174,7 @@ def content_hash(
 
 
 def _unstated(noise: Noise) -> set[str]:
-    return {name for name in ("encoder_sigma", "instrument", "force") if getattr(noise, name) is None}
+    return {name for name in Noise.model_fields if name != "sigma" and getattr(noise, name) is None}
 
 
 def _flatten(

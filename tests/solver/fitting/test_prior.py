@@ -125,7 +125,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert found.compliance[1] == pytest.approx(1e-7, rel=1e-6)
     assert found.compliance[0] == pytest.approx(whole.compliance[0] - 1e-7, rel=1e-6)
     assert found.joints[1].prior_to_data == np.inf
-    message = message_of(JointResult, found.joints[1], verdict="use")
+    message = message_of(JointResult, found.joints[1], verdict="use", budget=None)
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
