@@ -119,5 +119,5 @@ def why_no_stiffness(joint: JointResult) -> str:
     if joint.compliance < 0.0:
         return "the estimate is negative, which no spring is: identify with compliances not negative"
     least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
-    bound = "" if least is None else f"; it is at least {least / 1e6:.3g} {_UNIT.label}"
+    bound = "" if least is None else f"; it is at least {least / 1e6:.3g} · {_UNIT.label}"
     return f"the readings cannot distinguish the joint from rigid{bound}"

@@ -16,7 +16,7 @@ from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.reports.wording import NO_NUMBER, VERDICTS, percent, rounded
 
 _UNIT = UNITS["MNm/rad"]
-_MICRO = 1e6
+_MICRO, _NANO = 1e6, 1e9
 _MOST_WARNINGS = 12
 _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
@@ -108,10 +108,10 @@ def uncertainty(model: ExportedModel) -> Section:
         budget.expanded_with_model_error,
     ]
     rows = [
-        [name, *(rounded(_MICRO * column[place]) for column in columns)]
+        [name, *(rounded(_NANO * column[place]) for column in columns)]
         for place, name in enumerate(budget.joints)
     ]
-    caption = "Contributions to the standard uncertainty of each compliance [µrad/(N·m)], type A or B"
+    caption = "Contributions to the standard uncertainty of each compliance [nrad/(N·m)], type A or B"
     return Section(
         statements.UNCERTAINTY,
         tables=[Table(head, rows, caption)],

@@ -26,7 +26,7 @@ def state_of(own: Sequence[Authorisation], successor: Authorisation | None, cont
         return draft()
     last = own[-1]
     by = f"Authorised by {last.key_name} (key {last.key_id}) on {moment(last.authorised_at)}."
-    line = f"{by} {last.note}" if last.note else by
+    line = f"{by} Note: {last.note}" if last.note else by
     if last.content_hash != content_hash:
         return draft(f"It was changed since. {line}")
     if successor is not None:

@@ -21,7 +21,8 @@ def rounded(value: float | None, uncertainty: float | None = None) -> str:
     if value is None:
         return NO_NUMBER
     if uncertainty is None or not uncertainty > 0.0:
-        return f"{value:.3g}" if 1e-3 <= abs(value) < 1e6 or value == 0.0 else powers(value)
+        plain = 1e-3 <= abs(value) < 1e6 or value == 0.0
+        return f"{float(f'{value:.3g}'):g}" if plain else powers(value)
     decimals = min(1 - floor(log10(uncertainty)), 9)
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
 

@@ -1,6 +1,8 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
 import type {
+  Authorisation,
+  AuthorisationList,
   Catalogue,
   Comparison,
   ComparisonSummary,
@@ -200,6 +202,10 @@ export const api = {
   restoreComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/restore`),
 
   runReport: (run: string, format: "pdf" | "html") => `/v1/runs/${id(run)}/report.${format}`,
+  authorisations: (run: string, signal?: AbortSignal) =>
+    call<AuthorisationList>("GET", `/v1/runs/${id(run)}/authorisations`, options(signal)),
+  authorise: (run: string, note: string) =>
+    call<Authorisation>("POST", `/v1/runs/${id(run)}/authorisations`, { body: { note: note || null } }),
   runModel: (run: string, format: "csv" | "xlsx" | "urdf" | "sdf" | "mjcf") => `/v1/runs/${id(run)}/model.${format}`,
 
   pairs: (filters: Filters = {}, signal?: AbortSignal) =>

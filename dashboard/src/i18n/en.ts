@@ -494,6 +494,10 @@ export const en = {
     title: "Files",
     pdf: "Report as PDF",
     html: "Report",
+    draft: "Nobody has authorised the report: it is a draft, and says so on each page.",
+    authorisedBy: "Report authorised by",
+    authorise: "Authorise the report",
+    remark: "Remark in the report",
     note: "A report to sign, and the model for other programs. A joint without a number has no spring there, and the file says why.",
     models: {
       csv: ["CSV", "Joints with their intervals"],

@@ -1,5 +1,9 @@
 /** Files of a run to take along: a report to sign, and the model in the formats of other programs. */
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
+import { Name, ProblemNote, When } from "../components/basics";
+import { useAction } from "../state/action";
+import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
 
 const words = text.runFiles;
@@ -22,6 +26,53 @@ export function RunFiles({ run }: { run: string }) {
           </a>
         ))}
       </div>
+      <Authorisations run={run} />
     </section>
+  );
+}
+
+/** Who authorised the report; admins may. */
+function Authorisations({ run }: { run: string }) {
+  const loaded = useLoad(
+    async (signal) => {
+      const [found, session] = await Promise.all([api.authorisations(run, signal), api.session()]);
+      return { items: found.items, may: session.role === "admin" };
+    },
+    [run],
+  );
+  const [note, setNote] = useState("");
+  const authorise = useAction(async () => {
+    await api.authorise(run, note.trim());
+    setNote("");
+    loaded.reload();
+  });
+  const found = valueOf(loaded);
+  if (!found) return loaded.state === "failed" ? <ProblemNote problem={loaded.problem} /> : null;
+  return (
+    <>
+      {found.items.map((each) => (
+        <p key={each.authorised_at}>
+          {words.authorisedBy} <Name>{each.key_name}</Name>, <When time={each.authorised_at} />
+          {each.note && (
+            <>
+              : <Name>{each.note}</Name>
+            </>
+          )}
+        </p>
+      ))}
+      {found.items.length === 0 && <p class="soft">{words.draft}</p>}
+      {found.may && (
+        <div class="row">
+          <label class="field">
+            <span>{words.remark}</span>
+            <input type="text" maxLength={200} value={note} onInput={(event) => setNote(event.currentTarget.value)} />
+          </label>
+          <button type="button" class="button" disabled={authorise.busy} onClick={authorise.run}>
+            {words.authorise}
+          </button>
+        </div>
+      )}
+      {authorise.problem && <ProblemNote problem={authorise.problem} />}
+    </>
   );
 }

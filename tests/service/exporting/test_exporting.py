@@ -151,6 +151,12 @@ def test_hostile_names_are_text(weighed):
     assert not [c for sheet in book for row in sheet.iter_rows() for c in row if c.data_type == "f"]
 
 
+def test_the_file_says_which_geometry_it_has(pulled):
+    found = ExportedModel(pulled.run, pulled.result, pulled.robot, "arm", "g1")
+    assert "as identified, geometry g1" in export_model(found, "mjcf").decode()
+    assert "as it was described, not identified" in export_model(pulled, "mjcf").decode()
+
+
 def test_names_of_the_sdf_differ(pulled):
     arm = parsed(export_model(pulled, "sdf")).find("model")
     names = [each.get("name") for each in arm]
@@ -182,8 +188,10 @@ def statics(mujoco, model, content, q, force):
 
 
 @pytest.mark.process  # MuJoCo asks one for the version of its window library
-def test_mujoco_bends_as_the_springs_do(pulled):
+def test_mujoco_bends_as_the_springs_do(pulled, weighed):
     mujoco = pytest.importorskip("mujoco")
+    held = mujoco.MjModel.from_xml_string(export_model(weighed, "mjcf").decode())
+    assert (held.nu, held.neq) == (5, 1)
     content = export_model(pulled, "mjcf")
     q = np.radians([10.0, -20.0, 30.0, 5.0, 45.0, 0.0])
     posture = Configurations(pulled.robot, q[None])

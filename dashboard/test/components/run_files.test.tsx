@@ -1,0 +1,61 @@
+// @vitest-environment happy-dom
+import { describe, expect, it, vi } from "vitest";
+import { api } from "../../src/api/client";
+import { RunFiles } from "../../src/views/run_files";
+import { drawn, press, settled } from "./drawn";
+
+const done = {
+  note: "checked",
+  supersedes: null,
+  run_id: "r1",
+  key_id: "0123456789",
+  key_name: "Dr. Key",
+  authorised_at: "2026-11-21T09:05:00Z",
+  content_hash: "",
+};
+const session = (role: "admin" | "viewer" | null) => async () => ({
+  access: "keys" as const,
+  key_id: null,
+  key_name: null,
+  role,
+  ends_at: null,
+});
+
+describe("files of a run", () => {
+  it("links the report and each format", async () => {
+    vi.spyOn(api, "authorisations").mockResolvedValue({ items: [] });
+    vi.spyOn(api, "session").mockImplementation(session("viewer"));
+    const root = await drawn(<RunFiles run="r1" />);
+    await settled(() => {});
+    const links = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
+    for (const name of [
+      "report.pdf",
+      "report.html",
+      "model.csv",
+      "model.xlsx",
+      "model.mjcf",
+      "model.sdf",
+      "model.urdf",
+    ])
+      expect(links).toContain(`/v1/runs/r1/${name}`);
+    expect(root.textContent).toContain("it is a draft");
+    expect(root.querySelector("button")).toBeNull();
+  });
+
+  it("lets admins authorise, and says who did", async () => {
+    const list = vi
+      .spyOn(api, "authorisations")
+      .mockResolvedValueOnce({ items: [] })
+      .mockResolvedValue({ items: [done] });
+    vi.spyOn(api, "session").mockImplementation(session("admin"));
+    const authorise = vi.spyOn(api, "authorise").mockResolvedValue(done);
+    const root = await drawn(<RunFiles run="r1" />);
+    await settled(() => {});
+    await press(root, "Authorise the report");
+    await settled(() => {});
+    expect(authorise).toHaveBeenCalledWith("r1", "");
+    expect(list).toHaveBeenCalledTimes(2);
+    expect(root.textContent).toContain("Report authorised by Dr. Key");
+    expect(root.textContent).toContain("checked");
+  });
+});
