@@ -108,7 +108,7 @@ def state_named(word: str, extra: Mapping[str, State]) -> State | None:
         word: to look up.
         extra: the caller's words, which come before ours.
     """
-    text = folded(word)
+    text = "" if word != word.strip() else folded(word)
     for key, state in extra.items():
         if folded(key) == text:
             return state

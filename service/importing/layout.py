@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -23,6 +24,8 @@ _HEADERLESS: Final = MappingProxyType(
         6: ("collection", "group", "point", "x", "y", "z"),
     }
 )
+_LENGTH: Final = re.compile(r"(?<![\d\w.,])(?<!\d )(mm|inch|inches)(?!\w)", re.IGNORECASE)
+"""A unit that is not of a number, as the diameter of a reflector would be."""
 _TRAILING: Final = "every row ends with a delimiter; the empty last column was ignored"
 
 
@@ -71,6 +74,7 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     if options.layouts:
         _check_template(options, shown_headers, Place(grid.file, *heading.lines[-1:]), faults)
     columns = understand(cells, options, said.unit, faults)
+    _check_remarks(grid, heading, columns, faults)
     if said.frame is not None:
         notes = (*notes, f"positions are in the frame {shown(said.frame)}, as the file says")
     if said.unit is not None:
@@ -78,6 +82,19 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     if columns.units.get("length") == "in":
         notes = (*notes, "lengths in inches were converted to mm; so are numbers in options")
     return Layout(shown_headers, heading.lines, columns, rows, said.frame, (*heading.notes, *notes))
+
+
+def _check_remarks(grid: Grid, heading: Heading, columns: Columns, faults: Faults) -> None:
+    """Refuse lengths in another unit than a title or a comment names, such as `Units: inches`."""
+    unit = columns.units.get("length")
+    titles = grid.rows[: heading.start - len(heading.lines)] if heading.start else ()
+    for row in (*titles, *grid.comments):
+        for word in _LENGTH.findall(" ".join(row.cells)):
+            named = "mm" if word.lower() == "mm" else "in"
+            if unit is not None and named != unit:
+                reason = f"{shown(word)} stands here, but lengths are in {unit}"
+                remedy = "correct the unit, or remove the remark"
+                faults.add(ImportFileError(grid.place(row), reason, remedy, "units.length"))
 
 
 def _heading(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[Heading, tuple[str, ...]]:

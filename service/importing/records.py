@@ -156,6 +156,11 @@ class _Rows:
         self._names = _Names(grid, layout, options)
         self._named = "name" in layout.columns.texts
         self._whole = _is_whole(layout) and self._named
+        self._expanded = {
+            replace(quantity, kind="position"): indices
+            for quantity, indices in layout.columns.quantities.items()
+            if quantity.kind == "uncertainty"
+        }
         units = layout.columns.units
         self._length = INCH if units.get("length") == "in" else 1.0
         self._targets: set[str] = set()
@@ -190,7 +195,7 @@ class _Rows:
         if target not in self._targets:
             _check_target(target, place)
             self._targets.add(target)
-        expanded = self._columns.quantities.get(replace(quantity, kind="uncertainty"))
+        expanded = self._expanded.get(quantity)
         sigma = None if expanded is None or vector is None else self._sigma(row, expanded, state, faults)
         return Point(target, state, vector, place, sigma)
 
@@ -213,11 +218,12 @@ class _Rows:
         """The numbers of some columns; None if all of their cells are empty, () if one is faulty."""
         if not any(row.cells[index] for index in indices):
             return None
-        numbers = []
-        for index in indices:
-            with faults.collected():
-                numbers.append(self._number(row, index))
-        if len(numbers) < len(indices):
+        try:
+            numbers = [self._number(row, index) for index in indices]
+        except ImportFileError:
+            for index in indices:
+                with faults.collected():
+                    self._number(row, index)
             return ()
         if dimension == "length" and self._length != 1.0:
             return tuple(self._length * number for number in numbers)

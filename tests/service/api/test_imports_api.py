@@ -33,6 +33,10 @@ def answered(client, *files, **options):
     return ImportAnswer.model_validate_json(answer.content)
 
 
+def _posted(found, robot):
+    return found.measurement_set.model_dump(mode="json", exclude_none=True) | {"robot_id": robot}
+
+
 def refused(answer, *statuses):
     assert answer.status_code in statuses, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
@@ -87,6 +91,45 @@ class TestAnswers:
         before = client.get("/v1/measurement-sets").json()
         answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
         assert client.get("/v1/measurement-sets").json() == before
+
+    def test_mistakes_are_found_before_anything_is_stored(self, client):
+        campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
+        robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
+        sent = campaign["measurement_set"]
+        options = {"encoders": "motor", "load_point": sent["load_point"], "robot_id": robot}
+        table = table_of(campaign)
+        swapped = table.replace(b"unloaded", b"UN").replace(b"loaded", b"unloaded").replace(b"UN", b"loaded")
+        assert answered(client, ("a.csv", table), **options).findings == []
+        found = answered(client, ("a.csv", swapped), **options)
+        assert "force_sign_suspect" in {finding.code for finding in found.findings}
+        stored = client.post("/v1/measurement-sets", json=_posted(found, robot)).json()
+        assert stored["warnings"] == [finding.model_dump(mode="json") for finding in found.findings]
+        fewer = b"\n".join(
+            b";".join(line.split(b";")[:6] + line.split(b";")[7:]) for line in table.split(b"\n")
+        )
+        problem = refused(send(client, ("a.csv", fewer), **options), 422)
+        assert "do not fit the robot" in problem.detail
+        assert refused(send(client, ("a.csv", table), **options | {"robot_id": "none"}), 404, 422)
+
+    def test_faults_are_shown_beside_what_was_understood(self, client):
+        text = CAMPAIGN.replace("J1 [deg]", "elbow").replace("Fx [N]", "Fx")
+        problem = refused(send(client, ("a.csv", text.encode()), **OPTIONS), 422)
+        assert [item.where for item in problem.errors] == ["a.csv:2:2", "a.csv:2:5"]
+        found = answered(client, ("a.csv", text.encode()), **OPTIONS, show_faults=True)
+        assert [fault.option for fault in found.faults] == ["columns", "units.force"]
+        assert found.preview.files[0].columns[1].meaning == "unknown"
+        assert found.measurement_set is None
+        stated = OPTIONS | {"columns": {"elbow": "J1 [deg]"}, "units": {"force": "N"}}
+        mended = answered(client, ("a.csv", text.encode()), **stated)
+        assert (
+            mended.measurement_set
+            == answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS).measurement_set
+        )
+        template = mended.template.model_dump(mode="json", exclude_defaults=True)
+        again = answered(client, ("b.csv", text.encode()), **template)
+        assert again.measurement_set.observations == mended.measurement_set.observations
+        problem = refused(send(client, ("a.csv", CAMPAIGN.encode()), **template), 422)
+        assert "does not fit the template" in problem.detail
 
     def test_excel(self, client):
         from_text = answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
