@@ -10,6 +10,7 @@ import { type Settings, SettingsContext, type Theme, useStoredSettings } from ".
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
+import { FleetView } from "./views/fleet";
 import { GeometriesView } from "./views/geometries";
 import { GeometryView } from "./views/geometry";
 import { MapView } from "./views/map";
@@ -80,7 +81,7 @@ export function App() {
 }
 
 const sectionOf = ({ parts: [first = ""] }: Route): string =>
-  first === "sets" || first === "plans" || first === "geometries"
+  first === "sets" || first === "fleet" || first === "plans" || first === "geometries"
     ? "robots"
     : first === "maps" || first === "programs"
       ? "runs"
@@ -112,6 +113,8 @@ function View({ route }: { route: Route }) {
       return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
+    case "fleet":
+      return <FleetView />;
     case "compare":
       return <Compared kind={second} id={third} query={route.query} />;
     default:
@@ -123,7 +126,7 @@ function Compared({ kind, id, query }: { kind: string | undefined; id: string | 
   if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
   if (kind === "methods" && id) return <ComparisonView id={id} />;
   if (kind === "pairs" && id) return <PairView id={id} />;
-  if (kind === "trend" && id) return <TrendView robot={id} />;
+  if (kind === "trend" && id) return <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} />;
   return <CompareView kind={kind ?? "methods"} />;
 }
 

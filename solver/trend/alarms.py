@@ -41,8 +41,7 @@ class Alarm:
         allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
         return (
             f"{joint} is {size:.1f} ± {100.0 * self.change.relative_uncertainty:.1f} % {word} than its "
-            f"baseline (smoothed over campaigns, ± one standard uncertainty), beyond the limit of "
-            f"{allowed:.1f} %, since {since}"
+            f"baseline (EWMA ± standard uncertainty), beyond the limit of {allowed:.1f} %, since {since}"
         )
 
 

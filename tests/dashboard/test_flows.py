@@ -73,8 +73,10 @@ def test_from_a_robot_to_a_trend(visit, size):
 
     visited.go("#/compare/trend")
     page.get_by_role("link", name=name).click()
-    expect(page.get_by_role("img", name="Stiffness of joint_2")).to_be_visible()
-    assert page.locator("svg[aria-label='Stiffness of joint_2'] circle").count() == 2
+    chart = page.get_by_role("group", name="Stiffness of joint_2 over its campaigns")
+    expect(chart).to_be_visible()
+    assert chart.get_by_role("link").count() == 1  # campaigns by other encoders are left out, and named
+    expect(page.get_by_text("1 campaign left out")).to_be_visible()
 
 
 def test_three_taps_from_a_file_to_its_result(visit):

@@ -132,6 +132,7 @@ VIEWS = (
     "#/compare/methods/{comparison}",
     "#/compare/pairs/{pair}",
     "#/compare/trend/{robot}",
+    "#/fleet",
     "#/runs/nothing-of-this-name",
 )
 """Every view, an error among them."""

@@ -6,6 +6,7 @@ import type {
   Catalogue,
   Comparison,
   ComparisonSummary,
+  Fleet,
   Geometry,
   GeometrySummary,
   Health,
@@ -32,6 +33,7 @@ import type {
   RunSummary,
   Session,
   SetChange,
+  Trend,
 } from "./types";
 
 /** A refusal, or an answer that did not come. */
@@ -165,6 +167,13 @@ export const api = {
   catalogue: () => call<Catalogue>("GET", "/v1/catalogue"),
   deleteRobot: (robot: string) => call<undefined>("DELETE", `/v1/robots/${id(robot)}`),
   restoreRobot: (robot: string) => call<Robot>("POST", `/v1/robots/${id(robot)}/restore`),
+  trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
+    call<Trend>("GET", `/v1/robots/${id(robot)}/trend${query(filters)}`, options(signal)),
+  addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
+    call<unknown>("POST", `/v1/robots/${id(robot)}/trend/baselines`, { body }),
+  acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
+    call<unknown>("POST", `/v1/robots/${id(robot)}/trend/acknowledgements`, { body }),
+  fleet: (signal?: AbortSignal) => call<Fleet>("GET", "/v1/fleet", options(signal)),
   kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
     call<Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, ...options(signal) }),
 

@@ -62,6 +62,13 @@ export type RunRequest = Schemas["RunRequest-Output"];
 export type RunResult = Schemas["RunResult"];
 export type RunSummary = Schemas["RunSummary"];
 export type SetChange = Schemas["SetChange"];
+export type Fleet = Schemas["Fleet"];
+export type FleetRow = Schemas["FleetRow"];
+export type Trend = Schemas["Trend"];
+export type TrendAlarm = Schemas["TrendAlarm"];
+export type TrendChange = Schemas["TrendChange"];
+export type TrendJoint = Schemas["TrendJoint"];
+export type TrendState = TrendJoint["state"];
 export type Units = Schemas["Units-Output"];
 
 export type Elasticity = RunRequest["elasticity"];

@@ -95,15 +95,25 @@ export function Chart({
   width,
   height,
   label,
+  links = false,
   children,
 }: {
   width: number;
   height: number;
   label: string;
+  /** Whether marks in it are links, which a picture would hide. */
+  links?: boolean;
   children: ComponentChildren;
 }) {
   return (
-    <svg class="chart" role="img" aria-label={label} width={width} height={height} viewBox={`0 0 ${width} ${height}`}>
+    <svg
+      class="chart"
+      role={links ? "group" : "img"}
+      aria-label={label}
+      width={width}
+      height={height}
+      viewBox={`0 0 ${width} ${height}`}
+    >
       {children}
     </svg>
   );

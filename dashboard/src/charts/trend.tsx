@@ -1,6 +1,7 @@
-/** One joint over time: a point with its interval for each run, logarithmic. */
+/** One joint over time: a point with its interval for each campaign, its EWMA between limits; logarithmic. */
 import { significant } from "../lib/format";
 import { extent, logarithmic } from "../lib/scale";
+import { go } from "../state/router";
 import { LeftAxis } from "./axis";
 import { Chart } from "./figure";
 import { tip } from "./tip";
@@ -10,63 +11,118 @@ export interface TrendPoint {
   value: number | null;
   low: number | null;
   high: number | null;
+  /** EWMA after this campaign and its limits; null before there are any. */
+  smoothed: number | null;
+  limits: [number, number] | null;
+  /** Whether the EWMA is beyond a limit. */
+  alarm: boolean;
   mark: string;
   title: string;
   /** Address of its run. */
   open?: string;
+  /** Which baseline it belongs to: lines are drawn within one only. */
+  part: number;
+}
+
+export interface TrendBand {
+  part: number;
+  low: number;
+  high: number;
+}
+
+interface Ground {
+  x: (point: TrendPoint) => number;
+  y: (value: number) => number;
 }
 
 export function Trend({
   points,
+  bands,
   width,
-  height = 220,
+  height = 240,
   label,
   unit,
 }: {
   points: TrendPoint[];
+  bands: TrendBand[];
   width: number;
   height?: number;
   label: string;
   unit: string;
 }) {
   const [left, right, bottom] = [60, width - 16, height - 34];
-  const numbers = points.flatMap((p) => [p.value, p.low, p.high]).filter((v): v is number => v !== null && v > 0);
+  const numbers = points
+    .flatMap((p) => [p.value, p.low, p.high, p.smoothed, ...(p.limits ?? [])])
+    .filter((v): v is number => v !== null && v > 0);
   const [low, high] = extent(numbers) ?? [1, 10];
-  const y = logarithmic(low / 1.15, high * 1.15, bottom, 28, 5);
+  const room = Math.max(1.01, (high / low) ** 0.12);
+  const y = logarithmic(low / room, high * room, bottom, 28, 5);
   const times = extent(points.map((p) => p.time)) ?? [0, 1];
-  const x = placeIn(points, times, left + 24, right - 24);
+  const ground = { x: placeIn(points, times, left + 24, right - 24), y };
+  const parts = [...new Set(points.map((p) => p.part))];
   return (
-    <Chart width={width} height={height} label={label}>
+    <Chart width={width} height={height} label={label} links>
       <LeftAxis
         scale={y}
         left={left}
         right={right}
-        format={(v) => (v < 1e4 ? String(Number(v.toPrecision(3))) : significant(v, 2))}
+        format={(v) => (v < 1e4 ? String(Number(v.toPrecision(4))) : significant(v, 3))}
         unit={unit}
       />
-      {[...new Set(points.map((p) => p.mark))].map((mark) => (
-        <path
-          class="thread"
-          d={thread(
-            points.filter((p) => p.mark === mark),
-            x,
-            y,
-          )}
+      {parts.map((part) => (
+        <Part
+          points={points.filter((p) => p.part === part)}
+          band={bands.find((band) => band.part === part)}
+          ground={ground}
         />
       ))}
       {points.map((p) => (
-        <Point point={p} x={x(p)} y={y} top={28} bottom={bottom} />
+        <Point point={p} x={ground.x(p)} y={y} top={28} bottom={bottom} />
       ))}
       {points.length > 0 && <Dates first={times[0]} last={times[1]} from={left} to={right} y={bottom + 22} />}
     </Chart>
   );
 }
 
-/** Through the points of one kind only: encoders switched on are no change of the gearbox. */
-function thread(points: TrendPoint[], x: (point: TrendPoint) => number, y: (value: number) => number): string {
+/** What belongs to one baseline: its band, the EWMA and the limits; other campaigns have their own. */
+function Part({ points, band, ground }: { points: TrendPoint[]; band: TrendBand | undefined; ground: Ground }) {
+  const places = points.map(ground.x);
+  const [from, to] = [Math.min(...places) - 10, Math.max(...places) + 10];
+  const followed = points.filter((p) => p.limits !== null);
+  const line = (value: (p: TrendPoint) => number | null | undefined) => thread(followed, value, ground);
+  return (
+    <g>
+      {band && (
+        <rect
+          class="band"
+          x={from}
+          width={to - from}
+          y={ground.y(band.high)}
+          height={Math.max(1, ground.y(band.low) - ground.y(band.high))}
+        />
+      )}
+      <path class="limit" d={line((p) => p.limits?.[0])} />
+      <path class="limit" d={line((p) => p.limits?.[1])} />
+      <path class="smoothed" d={line((p) => p.smoothed)} />
+      {followed.length === 1 &&
+        followed.flatMap((p) =>
+          (p.limits ?? []).map((limit) => <path class="limit" d={`M${ground.x(p) - 8} ${ground.y(limit)}h16`} />),
+        )}
+    </g>
+  );
+}
+
+function thread(
+  points: TrendPoint[],
+  value: (point: TrendPoint) => number | null | undefined,
+  { x, y }: Ground,
+): string {
   return points
-    .filter((p) => p.value !== null && p.value > 0)
-    .map((p, i) => `${i ? "L" : "M"}${x(p)} ${y(p.value ?? 1)}`)
+    .flatMap((p) => {
+      const found = value(p);
+      return found ? [`${x(p)} ${y(found)}`] : [];
+    })
+    .map((place, i) => `${i ? "L" : "M"}${place}`)
     .join("");
 }
 
@@ -87,8 +143,15 @@ function Point({
   const end = point.high === null ? top : y(point.high);
   const start = point.low === null ? null : point.low > 0 ? y(point.low) : bottom; // zero lies below any decade
   const hidden = start !== null && start - end < 15 && point.value !== null;
+  const { open } = point;
+  const link = open && {
+    role: "link" as const,
+    tabindex: 0, // of an SVG element: its attributes keep their case
+    "aria-label": point.title.replaceAll("\n", ", "),
+    onKeyDown: (event: KeyboardEvent) => event.key === "Enter" && go(open),
+  };
   return (
-    <g class={`interval ${point.mark}`} {...tip(point.title.split("\n"), point.open)}>
+    <g class={`interval ${point.mark}`} {...link} {...tip(point.title.split("\n"), open)}>
       <rect class="hit" x={x - 12} width={24} y={top} height={Math.max(24, bottom - top)} />
       {start !== null && <line x1={x} x2={x} y1={start} y2={end} />}
       {start !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={start} y2={start} />}
@@ -97,6 +160,9 @@ function Point({
       )}
       {point.high === null && point.low !== null && <path class="head" d={`M${x} ${top - 6} l-7 13 h14 z`} />}
       {point.value !== null && point.value > 0 && <circle cx={x} cy={y(point.value)} r={6} />}
+      {point.alarm && point.smoothed !== null && (
+        <path class="alarm" d={`M${x} ${y(point.smoothed) - 9}l9 9l-9 9l-9 -9z`} />
+      )}
     </g>
   );
 }

@@ -2,7 +2,7 @@
 import { text } from "../i18n";
 import { Tabs } from "./basics";
 
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" }) {
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleet" }) {
   return (
     <Tabs
       label={text.robots.tabs}
@@ -11,6 +11,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
         { id: "robots", label: text.robots.title, href: "#/robots" },
         { id: "sets", label: text.robots.sets, href: "#/sets" },
         { id: "geometries", label: text.geometry.title, href: "#/geometries" },
+        { id: "fleet", label: text.fleet.title, href: "#/fleet" },
       ]}
     />
   );

@@ -1,86 +1,61 @@
-/** Each joint of one robot over its runs, with intervals. */
+/** Each joint of one robot over its campaigns: charts against a baseline, alarms, and new baselines. */
 import { useState } from "preact/hooks";
-import { api, every } from "../api/client";
-import type { JointResult, Method, Run } from "../api/types";
+import { api } from "../api/client";
+import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Trend } from "../charts/trend";
-import { Choice, Empty, Name, Show, Title } from "../components/basics";
-import { fixed } from "../lib/format";
-import { shownStiffness } from "../lib/stiffness";
-import { intervalIn, maybeInUnit, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
+import { Choice, Empty, Name, Select, Show, Title } from "../components/basics";
+import { pValue } from "../lib/format";
+import { bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
+import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
 import { useLoad } from "../state/load";
-import { storedRobot } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
+import { storedRobot } from "../state/stored";
 import { text } from "../i18n";
+import { Alarms, NewBaseline } from "./trend_notes";
 
 const words = text.trend;
-const MOST = 40;
+type Encoders = NonNullable<Found["selection"]>["encoders"];
+const ENCODERS: Encoders[] = ["motor", "secondary"];
 const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
 
-interface Timed {
-  run: Run;
-  set: string;
-  encoders: string;
-}
-
-/** Runs of one method, oldest first: constrained ones, as those are what people use. */
-async function load(robot: string, method: Method, signal: AbortSignal): Promise<Timed[]> {
-  const [items, sets] = await Promise.all([
-    every(api.runs, { robot_id: robot, method, elasticity: "joints", state: "succeeded" }, 200, signal),
-    every(api.sets, { robot_id: robot }, 500, signal),
-  ]);
-  const chosen = items
-    .filter((item) => item.positive)
-    .slice(0, MOST)
-    .reverse();
-  const runs = await Promise.all(chosen.map((item) => api.run(item.id, signal)));
-  const known = new Map(sets.map((set) => [set.id, set]));
-  return runs.map((run) => {
-    const set = known.get(run.request.measurement_set_id);
-    return { run, set: set?.name ?? run.id, encoders: set?.encoders ?? "motor" };
-  });
-}
-
-export function TrendView({ robot: id }: { robot: string }) {
-  const [method, setMethod] = useState<Method>("partial_pose");
+export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
+  const [method, setMethod] = useState<Method | null>(null);
+  const [encoders, setEncoders] = useState<Encoders | null>(null);
   const robot = useLoad(() => storedRobot(id), [id]);
-  const runs = useLoad((signal) => load(id, method, signal), [id, method]);
+  const asked = { method, encoders, serial_number: serial };
+  const trend = useLoad((signal) => api.trend(id, asked, signal), [id, method, encoders, serial]);
   return (
     <Show of={robot} title={text.compare.trend}>
-      {({ name, joints }) => (
+      {({ name }) => (
         <>
           <Title kind={text.compare.trend} plain={words.title(name)}>
             <Name>{name}</Name>
           </Title>
           <p class="meta">
             <a href={link(["robots", id])}>{text.start.robot}</a>
+            <a href={link(["fleet"])}>{text.fleet.title}</a>
           </p>
-          <Choice
-            label={words.method}
-            value={method}
-            change={setMethod}
-            options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
-          />
-          <Show of={runs}>
-            {(timed) =>
-              timed.length === 0 ? (
-                <Empty title={words.none} hint={words.noneHint}>
-                  <a class="button primary" href={link([], { robot: id })}>
-                    {text.app.measure}
-                  </a>
-                </Empty>
-              ) : (
-                <>
-                  {timed.length === 1 && <p class="note">{words.one}</p>}
-                  <div class="multiples">
-                    {joints.map((joint) => (
-                      <JointTrend name={joint.name} timed={timed} />
-                    ))}
-                  </div>
-                </>
-              )
-            }
+          <Show of={trend}>
+            {(found) => (
+              <>
+                <Choice
+                  label={words.method}
+                  value={method ?? found.selection?.method ?? "partial_pose"}
+                  change={setMethod}
+                  options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
+                />
+                <Choice
+                  label={words.encoders}
+                  value={encoders ?? found.selection?.encoders ?? "motor"}
+                  change={setEncoders}
+                  options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
+                />
+                {found.serial_numbers.length > 1 && <Serials trend={found} />}
+                <Charts robot={id} trend={found} reload={trend.reload} />
+              </>
+            )}
           </Show>
         </>
       )}
@@ -88,58 +63,101 @@ export function TrendView({ robot: id }: { robot: string }) {
   );
 }
 
-function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
+function Serials({ trend }: { trend: Found }) {
+  return (
+    <Select
+      label={words.serial}
+      value={trend.selection?.serial_number ?? ""}
+      change={(serial) => {
+        location.hash = link(["compare", "trend", trend.robot_id], { serial });
+      }}
+      options={trend.serial_numbers.map((value) => ({ value, label: value }))}
+    />
+  );
+}
+
+function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; reload: () => void }) {
+  if (trend.campaigns.length === 0) {
+    return (
+      <>
+        <Empty title={words.none} hint={words.noneHint}>
+          <a class="button primary" href={link([], { robot })}>
+            {text.app.measure}
+          </a>
+        </Empty>
+        <LeftOut trend={trend} />
+      </>
+    );
+  }
+  return (
+    <>
+      {trend.note !== null && <p class="note">{words.notYet(trend.note)}</p>}
+      <Alarms trend={trend} reload={reload} />
+      <p class="hint">{words.rate(trend.false_alarms)}</p>
+      <div class="multiples">
+        {worstFirst(trend.joints).map((joint) => (
+          <JointTrend key={joint.name} joint={joint} trend={trend} />
+        ))}
+      </div>
+      <NewBaseline trend={trend} reload={reload} />
+      <LeftOut trend={trend} />
+    </>
+  );
+}
+
+function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
   const { unit } = useSettings();
   const { label, column } = STIFFNESS_UNITS[unit];
-  const found = timed.flatMap(({ run, set, encoders }) => {
-    const joint = run.result?.joints.find((one) => one.name === name);
-    return joint ? [{ run, set, encoders, joint }] : [];
-  });
-  const points = found.map(({ run, set, encoders, joint }) => ({
-    time: Date.parse(run.provenance.created_at),
-    value: maybeInUnit(joint.stiffness, unit),
-    low: intervalIn(joint.stiffness_interval, unit)[0],
-    high: joint.stiffness_interval ? intervalIn(joint.stiffness_interval, unit)[1] : maybeInUnit(joint.stiffness, unit),
-    mark: encoders === "secondary" ? "method-0" : "method-1",
-    title: `${set}\n${shown(joint, unit)} ${label}`,
-    open: link(["runs", run.id]),
-  }));
-  const kinds = new Set(found.map((one) => one.encoders));
+  const points = pointsOf(trend, joint, unit, sayer(joint, trend), (run) => link(["runs", run]));
   return (
     <Figure
-      title={name}
-      note={changeOf(found)}
-      legend={
-        kinds.size > 1
-          ? [
-              { label: text.files.encoders.motor, mark: "method-1" },
-              { label: text.files.encoders.secondary, mark: "method-0" },
-            ]
-          : []
-      }
+      title={joint.name}
+      note={noteOf(joint)}
+      legend={[
+        { label: words.campaign, mark: "method-1" },
+        { label: words.inBaseline, mark: "free" },
+        { label: words.smoothed, mark: "smoothed" },
+        { label: words.limits, mark: "limit" },
+        { label: words.band, mark: "band" },
+        ...(points.some((point) => point.alarm) ? [{ label: words.alarm, mark: "alarm" }] : []),
+      ]}
       table={{
         columns: [
-          { title: words.run },
           { title: text.runs.set },
-          { title: words.encoders },
           { title: text.runs.when },
+          { title: words.role },
           { title: text.run.value, unit: column },
           { title: text.run.low, unit: column },
           { title: text.run.high, unit: column },
+          { title: words.smoothed, unit: column },
+          { title: words.lower, unit: column },
+          { title: words.upper, unit: column },
+          { title: words.changed },
         ],
-        rows: found.map(({ run, set, encoders, joint }) => [
-          run.id.slice(0, 8),
-          set,
-          encoders,
-          run.provenance.created_at,
-          maybeInUnit(joint.stiffness, unit),
-          ...intervalIn(joint.stiffness_interval, unit),
-        ]),
+        rows: trend.campaigns.map(({ name, at }, i) => {
+          const point = joint.points[i];
+          return [
+            name,
+            at,
+            point ? words.roles[point.role] : "",
+            maybeInUnit(point?.stiffness, unit),
+            ...intervalIn(point?.interval, unit),
+            maybeInUnit(point?.smoothed, unit),
+            ...(points[i]?.limits ?? [null, null]),
+            point?.change ? changeText(point.change) : (point?.reason ?? ""),
+          ];
+        }),
       }}
     >
       {(width) =>
         points.some((p) => p.value !== null || p.low !== null) ? (
-          <Trend points={points} width={width} label={words.joint(name)} unit={label} />
+          <Trend
+            points={points}
+            bands={bandsOf(joint, unit)}
+            width={width}
+            label={words.joint(joint.name)}
+            unit={label}
+          />
         ) : (
           <p class="soft">{text.verdicts.unobservable}</p>
         )
@@ -148,19 +166,45 @@ function JointTrend({ name, timed }: { name: string; timed: Timed[] }) {
   );
 }
 
-const shown = (joint: JointResult, unit: StiffnessUnit): string =>
-  shownStiffness(joint, unit).value ?? text.run.noValue;
+/** What is said at a point: its campaign, when, and what has changed. */
+const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
+  const [campaign, point] = [trend.campaigns[index], joint.points[index]];
+  if (!campaign || !point) return "";
+  const day = new Date(campaign.at).toLocaleDateString(undefined, { dateStyle: "medium" });
+  const said = point.change ? changeText(point.change) : (point.reason ?? words.roles[point.role]);
+  const alarm = point.exceeded ? joint.alarms.filter((one) => one.since <= campaign.at).at(-1)?.message : undefined;
+  return [
+    campaign.name,
+    campaign.time_source === "measured_at" ? day : words.stored(day),
+    said,
+    ...(alarm ? [alarm] : []),
+  ].join("\n");
+};
 
-/** First to last run with the same encoders: by how much, and whether the intervals allow that nothing happened. */
-function changeOf(found: { joint: JointResult; encoders: string }[]): string {
-  const same = found.filter((one) => one.encoders === found.at(-1)?.encoders);
-  const known = same
-    .map((one) => one.joint)
-    .filter((joint) => joint.stiffness !== null && joint.stiffness > 0 && joint.stiffness_interval);
-  const [first, last] = [known[0], known.at(-1)];
-  if (!first?.stiffness || !last?.stiffness || first === last) return "";
-  const change = last.stiffness / first.stiffness - 1;
-  const [a, b] = [first.stiffness_interval, last.stiffness_interval];
-  const apart = a && b && (b[0] > (a[1] ?? Infinity) || a[0] > (b[1] ?? Infinity));
-  return `${words.change(`${change > 0 ? "+" : ""}${fixed(change * 100, 1)}\u00a0%`)}, ${apart ? words.intervalsApart : words.intervalsOverlap}`;
+/** State of a joint in words: its latest change, or what the pair says. */
+function noteOf({ state, latest, pair }: TrendJoint): string {
+  if (latest) return `${text.fleet.states[state]}: ${words.sinceBaseline(changeText(latest))}`;
+  if (pair) return words.pair(changeText(pair.change), pValue(pair.p_value));
+  return text.fleet.states[state];
+}
+
+function LeftOut({ trend }: { trend: Found }) {
+  if (trend.left_out.length === 0) return null;
+  return (
+    <details>
+      <summary>{words.leftOut(trend.left_out.length)}</summary>
+      <ul class="rows">
+        {trend.left_out.map(({ measurement_set_id: set, name, reason }) => (
+          <li class="item">
+            <a class="main" href={link(["sets", set])}>
+              <span class="what">
+                <Name>{name}</Name>
+                <small>{reason}</small>
+              </span>
+            </a>
+          </li>
+        ))}
+      </ul>
+    </details>
+  );
 }

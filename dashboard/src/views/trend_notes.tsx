@@ -1,0 +1,172 @@
+/** What people note in a trend: alarms that were seen, and new baselines. */
+import { useId, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { Trend, TrendAlarm } from "../api/types";
+import { Name, ProblemNote, Select, When } from "../components/basics";
+import { useAction } from "../state/action";
+import { link } from "../state/router";
+import { text } from "../i18n";
+
+const words = text.trend;
+const [LEAST, MOST] = [3, 20];
+
+interface Noted {
+  trend: Trend;
+  reload: () => void;
+}
+
+interface Raised {
+  joint: string;
+  alarm: TrendAlarm;
+}
+
+/** Alarms that last, each with its reason and who has seen it; those that ended are folded away. */
+export function Alarms({ trend, reload }: Noted) {
+  const raised = trend.joints.flatMap(({ name, alarms }) => alarms.map((alarm) => ({ joint: name, alarm })));
+  const lasting = raised.filter(({ alarm }) => alarm.until === null);
+  const ended = raised.filter(({ alarm }) => alarm.until !== null);
+  const shown = (one: Raised) => (
+    <Alarm key={`${one.joint}/${one.alarm.run_id}`} robot={trend.robot_id} raised={one} reload={reload} />
+  );
+  return (
+    <>
+      {lasting.map(shown)}
+      {ended.length > 0 && (
+        <details>
+          <summary>{words.ended(ended.length)}</summary>
+          {ended.map(shown)}
+        </details>
+      )}
+    </>
+  );
+}
+
+function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; raised: Raised; reload: () => void }) {
+  const seen = alarm.acknowledgement;
+  return (
+    <section class={seen || alarm.until !== null ? "note warn" : "note bad"} aria-label={words.alarmOf(joint)}>
+      <p>
+        <b>{alarm.message}</b>
+      </p>
+      <p>
+        <a href={link(["runs", alarm.run_id])}>{words.firstRun}</a>
+        {alarm.until !== null && (
+          <>
+            {" "}
+            {words.until} <When time={alarm.until} />
+          </>
+        )}
+      </p>
+      {seen ? (
+        <p>
+          {words.seen(seen.acknowledged_by?.key_name ?? null)} <When time={seen.acknowledged_at} />:{" "}
+          <Name>{seen.note}</Name>
+        </p>
+      ) : (
+        <Acknowledge robot={robot} joint={joint} run={alarm.run_id} reload={reload} />
+      )}
+    </section>
+  );
+}
+
+function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: string; run: string; reload: () => void }) {
+  const id = useId();
+  const [note, setNote] = useState("");
+  const send = useAction(async () => {
+    await api.acknowledge(robot, { run_id: run, joint, note: note.trim() });
+    reload();
+  });
+  return (
+    <form
+      class="row"
+      onSubmit={(event) => {
+        event.preventDefault();
+        send.run();
+      }}
+    >
+      <div class="field">
+        <label for={id}>{words.note}</label>
+        <input
+          id={id}
+          type="text"
+          required
+          maxLength={2000}
+          value={note}
+          onInput={(event) => setNote(event.currentTarget.value)}
+        />
+      </div>
+      <button type="submit" class="button" disabled={send.busy || note.trim() === ""}>
+        {words.acknowledge}
+      </button>
+      {send.problem && <ProblemNote problem={send.problem} />}
+    </form>
+  );
+}
+
+/** A new baseline from a campaign on, with its reason. */
+export function NewBaseline({ trend, reload }: Noted) {
+  const ids = [useId(), useId()];
+  const [run, setRun] = useState(trend.campaigns.at(-1)?.run_id ?? "");
+  const [reason, setReason] = useState("");
+  const [size, setSize] = useState(LEAST);
+  const send = useAction(async () => {
+    await api.addBaseline(trend.robot_id, { run_id: run, reason: reason.trim(), campaigns: size });
+    reload();
+  });
+  const day = (at: string) => new Date(at).toLocaleDateString(undefined, { dateStyle: "medium" });
+  return (
+    <details class="baselines">
+      <summary>{words.baselines(trend.baselines.length)}</summary>
+      <ul>
+        {trend.baselines.map(({ starts_at: start, reason: why, campaigns, set_by: by }) => (
+          <li>
+            <When time={start} />: <Name>{why ?? words.firstCampaigns}</Name> ({words.takes(campaigns)}
+            {by ? `, ${by.key_name}` : ""})
+          </li>
+        ))}
+      </ul>
+      <form
+        class="row"
+        onSubmit={(event) => {
+          event.preventDefault();
+          send.run();
+        }}
+      >
+        <Select
+          label={words.from}
+          value={run}
+          change={setRun}
+          options={trend.campaigns.map(({ run_id: value, name, at }) => ({ value, label: `${day(at)}, ${name}` }))}
+        />
+        <div class="field">
+          <label for={ids[0]}>{words.reason}</label>
+          <input
+            id={ids[0]}
+            type="text"
+            required
+            maxLength={200}
+            placeholder={words.reasonExample}
+            value={reason}
+            onInput={(event) => setReason(event.currentTarget.value)}
+          />
+        </div>
+        <div class="field">
+          <label for={ids[1]}>{words.size}</label>
+          <input
+            id={ids[1]}
+            type="number"
+            min={LEAST}
+            max={MOST}
+            step={1}
+            value={size}
+            onInput={(event) => setSize(event.currentTarget.valueAsNumber)}
+          />
+        </div>
+        <button type="submit" class="button" disabled={send.busy || reason.trim() === ""}>
+          {words.begin}
+        </button>
+        {send.problem && <ProblemNote problem={send.problem} />}
+      </form>
+    </details>
+  );
+}

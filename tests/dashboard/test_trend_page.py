@@ -1,0 +1,49 @@
+"""From the fleet to an alarm that is acknowledged, and to the run of a point by keyboard."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+from playwright.sync_api import expect
+from support.browsing import post
+
+from jointstiff.simulator import default_arm, simulate_campaign
+
+SOFTENED = np.array([1.0, 1.0, 0.85, 1.0, 1.0, 1.0])
+
+
+def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
+    arm = default_arm()
+    soft = replace(arm, stiffnesses=arm.stiffnesses * SOFTENED)
+    documents = [
+        simulate_campaign(each, load="pull", configurations=10, seed=seed)
+        for seed, each in enumerate([arm, arm, arm, soft])
+    ]
+    robot = post(api, "/v1/robots", documents[0]["robot"] | {"name": "worn robot"})["id"]
+    for month, document in enumerate(documents, start=1):
+        noted = {"robot_id": robot, "measured_at": f"2026-{month:02d}-10T08:00:00Z", "serial_number": "W-1"}
+        stored = post(api, "/v1/measurement-sets", document["measurement_set"] | noted)
+        post(api, "/v1/runs", {"measurement_set_id": stored["id"]})
+
+    visited = visit("phone")
+    visited.go("#/fleet")
+    page = visited.page
+    row = page.get_by_role("link", name="worn robot")
+    expect(row).to_contain_text("Alarm")
+    row.tap()
+    alarm = page.get_by_role("region", name="Alarm of joint_3")
+    expect(alarm).to_contain_text("softer than its baseline")
+    expect(alarm).to_contain_text("since 2026-04-10")
+    alarm.get_by_label("What was found or decided").fill("gearbox ordered")
+    alarm.get_by_role("button", name="Acknowledge").tap()
+    expect(alarm).to_contain_text("gearbox ordered")
+
+    points = page.get_by_role("group", name="Stiffness of joint_3 over its campaigns").get_by_role("link")
+    expect(points).to_have_count(4)
+    points.last.focus()
+    page.keyboard.press("Enter")
+    expect(page).to_have_url(re.compile("#/runs/"))
+    visited.go("#/fleet")
+    expect(page.get_by_role("link", name="worn robot")).to_contain_text("Acknowledged")
