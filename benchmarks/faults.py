@@ -1,6 +1,6 @@
 """Faults below the service: no room, no writing, a lock, a server that is away; during posts and a long run.
 
-By name only: it takes about five minutes. SQLite's disk is a small one in memory, which takes root.
+By name only: it takes about eight minutes. SQLite's disk is a small one in memory, which takes root.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import httpx
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.services import PostgresqlServer, Service, numbers, post_campaign, postgresql
+from benchmarks.worker_faults import worker_faults
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.campaigns import identify
 from jointstiff.service.workers import examine
@@ -87,7 +88,13 @@ def run(*, quick: bool) -> list[Section]:
             outcomes[f"PostgreSQL: {name}"] = _meet(
                 server(), partial(server_fault, server), seconds, undisturbed
             )
-    return [_section(outcomes)]
+    if quick:
+        return [_section(outcomes)]
+    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as name:
+        hurt = worker_faults(
+            lambda: f"sqlite:///{Path(name) / uuid4().hex}.db", CONFIGURATIONS, RESAMPLING, undisturbed
+        )
+    return [_section(outcomes), hurt]
 
 
 def _undisturbed() -> dict[str, Any]:

@@ -41,6 +41,7 @@ class Service:
         port: int | None = None,
         options: Sequence[str] = (),
         limits: Mapping[int, int] | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         """Start it, and wait until it answers.
 
@@ -50,13 +51,16 @@ class Service:
             port: to listen on; a free one if none is given.
             options: further ones of the command.
             limits: of the process (`resource.RLIMIT_…`).
+            environment: variables beside those of this process.
         """
         self.port = port or _free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         command = [sys.executable, "-m", "jointstiff", "serve", "--port", str(self.port)]
         command += ["--database", database, "--workers", str(workers), *options]
         with tempfile.TemporaryFile() as log:
-            self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+            self.process = subprocess.Popen(
+                command, stdout=subprocess.DEVNULL, stderr=log, env=os.environ | dict(environment or {})
+            )
             for limit, value in (limits or {}).items():
                 resource.prlimit(self.process.pid, limit, (value, value))
             self._wait(lambda: _tail(log.fileno()))

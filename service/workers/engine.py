@@ -9,6 +9,8 @@ Who goes on with what a dead worker left is `jointstiff.service.workers.recovery
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
@@ -74,7 +76,7 @@ class Engine:
     """
 
     def __init__(self, store: Store, jobs: Mapping[str, Jobs], database: str, executor: str) -> None:
-        """Start to work.
+        """Prepare to work, as a context manager does.
 
         Args:
             store: of the jobs.
@@ -103,6 +105,13 @@ class Engine:
         DBOS(config=config)
         _register(_Steps(jobs), self.active)
         DBOS.listen_queues(list(QUEUES.values()))
+
+    def __enter__(self) -> Engine:
+        """Start to work.
+
+        Raises:
+            StoreError: the engine's tables cannot be made or used.
+        """
         with as_store_errors():
             DBOS.launch()
             for kind, queue in QUEUES.items():
@@ -112,8 +121,6 @@ class Engine:
                     polling_interval_sec=_POLL_SECONDS[kind],
                     on_conflict="always_update",
                 )
-
-    def __enter__(self) -> Engine:
         return self
 
     def __exit__(
@@ -174,7 +181,10 @@ def _until_ended(compute: Callable[[Span], str], spans: Sequence[Span]) -> list[
 
 
 def _patient(step: Callable[P, R]) -> Callable[P, R]:
-    """Wait for a database that does not answer, as the engine does: an outage is no result of a step."""
+    """Wait for a database that does not answer, as the engine does: an outage is no result of a step.
+
+    A process without memory ends, as the system would end it: others go on, and count its death.
+    """
 
     @wraps(step)
     def carry_out(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -182,6 +192,8 @@ def _patient(step: Callable[P, R]) -> Callable[P, R]:
         while True:
             try:
                 return step(*args, **kwargs)
+            except MemoryError:  # no result of a step: where there is more memory, it is carried out
+                os.kill(os.getpid(), signal.SIGKILL)
             except StoreUnavailableError:
                 time.sleep(pause)
                 pause = min(2 * pause, _LONGEST_PAUSE)

@@ -94,6 +94,13 @@ class JobQueue:
         )
         return {each.workflow_id: (each.name, str(each.executor_id)) for each in found}
 
+    def has_parts(self, job_id: str) -> bool:
+        """Return whether a job was shared out to parts."""
+        some = self._client.list_workflows(
+            workflow_id_prefix=f"{job_id}-", limit=1, load_input=False, load_output=False
+        )
+        return bool(some)
+
     def resume(self, workflows: Iterable[tuple[str, str]]) -> None:
         """Put workflows (id, kind) back into their queues; whoever still carries one out, loses it."""
         for identifier, kind in workflows:

@@ -15,7 +15,7 @@ BEAT_SECONDS: Final = 5.0
 """Between two signs of life of a worker."""
 KEEP_SECONDS: Final = 3600.0
 """What the steps of a job computed is kept for so long after its end."""
-ATTEMPTS: Final = 6
+ATTEMPTS: Final = 5
 """Deaths of workers over one job, with no step done between them, after which it is given up."""
 _REMOVED: Final = 20
 """Jobs whose steps are removed at a look; deleted jobs of each kind that are."""
@@ -73,8 +73,7 @@ class Recovery:
         """
         living = self._heartbeats.beat(self._executor, timedelta(seconds=SILENT_SECONDS))
         pending = self._engine.queue.pending()
-        inherited, self._inherited = self._inherited, {}
-        duties = [lambda: self._count_deaths(set(inherited), inherited), lambda: self._take_up_idle(pending)]
+        duties = [self.count_own_deaths, lambda: self._take_up_idle(pending)]
         if living and living[0] == self._executor:  # one of the living is enough
             abandoned = {name for name, (_, executor) in pending.items() if executor not in living}
             duties += [
@@ -87,6 +86,15 @@ class Recovery:
         failures = [failure for failure in map(_failure, duties) if failure]  # none keeps from the others
         if failures:
             raise failures[0]
+
+    def count_own_deaths(self) -> None:
+        """Count once what the process before, of the same name, died over: before this one may do so, too.
+
+        Raises:
+            StoreUnavailableError: the database does not answer.
+        """
+        inherited, self._inherited = self._inherited, {}
+        self._count_deaths(set(inherited), inherited)
 
     def hand_over(self) -> None:
         """Leave what this worker has begun to the others, as it is about to end."""
@@ -104,13 +112,16 @@ class Recovery:
     def _count_deaths(self, abandoned: set[str], pending: dict[str, tuple[str, str]]) -> None:
         """Fail a job over which too many workers died, else it would take all others with it.
 
-        A worker dies over the job whose part it computes or whose result it puts together, not over those
-        that it waits for.
+        A worker dies over the job that it shares out, whose part it computes or whose result it puts
+        together, not over those that it waits for.
         """
         computed = {job_of(name) for name in abandoned if pending[name][0] == "part"}
         for jobs in self._jobs.values():
             for job_id in {job_of(name) for name in abandoned}:
-                if not jobs.goes_on(job_id) or not (job_id in computed or jobs.is_computed(job_id)):
+                if not jobs.goes_on(job_id):
+                    continue
+                waits = self._engine.queue.has_parts(job_id) and not jobs.is_computed(job_id)
+                if waits and job_id not in computed:
                     continue
                 if jobs.log.died(job_id) >= ATTEMPTS:
                     jobs.fail(

@@ -47,9 +47,11 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     store = Store.open(database)
     jobs = Parts.of(store).jobs
     store.heartbeats.beat(executor, timedelta(seconds=SILENT_SECONDS))  # before it takes any work
-    with Engine(store, jobs, database, executor) as engine:
-        inputs = [store.deletions(kind) for kind in (store.sets.resource, store.robots.resource)]
-        recovery = Recovery(store.heartbeats, jobs, engine, executor, inputs=inputs)
+    engine = Engine(store, jobs, database, executor)
+    inputs = [store.deletions(kind) for kind in (store.sets.resource, store.robots.resource)]
+    recovery = Recovery(store.heartbeats, jobs, engine, executor, inputs=inputs)
+    recovery.count_own_deaths()
+    with engine:
         keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
         gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
         console().print(f"worker {executor} ready", markup=False)

@@ -41,6 +41,10 @@ class QueueEngine:
         self.resumed = []
         self.renewed = []
         self.forgotten = []
+        self.shared_out = set()
+
+    def has_parts(self, job_id):
+        return job_id in self.shared_out
 
     def pending(self):
         return dict(self.taken)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
@@ -102,6 +105,7 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
     poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
     runs.log.report(heavy.id, 0, runs.current(heavy.id).progress.total)
     runs.log.report(waiting.id, 0, 120)
+    engine.shared_out = {poison.id, waiting.id, heavy.id}
     recovery = recovery_of(store, runs, engine)
     for number in range(3):
         assert {runs.current(run.id).state for run in (poison, waiting, heavy)} == {"queued"}
@@ -111,6 +115,16 @@ def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_
         engine.ended = {run.id: Outcome("PENDING", VERSION) for run in (poison, waiting, heavy)}
         recovery.look()
     assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
+
+
+def test_a_run_that_workers_die_over_before_it_is_shared_out_fails(store, runs, engine, monkeypatch):
+    monkeypatch.setattr("jointstiff.service.workers.recovery.ATTEMPTS", 3)
+    poison = runs.create(request(stored_set(store)), None)
+    engine.ended = {poison.id: Outcome("PENDING", VERSION)}
+    engine.inherited = {poison.id: ("job", "alive")}
+    for state in ("queued", "queued", "failed"):
+        recovery_of(store, runs, engine).count_own_deaths()
+        assert runs.current(poison.id).state == state
 
 
 def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, engine, monkeypatch):
@@ -237,3 +251,14 @@ def test_a_step_waits_for_the_database(monkeypatch):
         return value
 
     assert step(3) == 3
+
+
+def test_a_process_without_memory_ends_and_its_step_has_no_result(monkeypatch):
+    monkeypatch.setattr("os.kill", lambda pid, sign: sys.exit(f"{pid} {sign}"))
+
+    @_patient
+    def step():
+        raise MemoryError
+
+    with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
+        step()

@@ -1,0 +1,196 @@
+"""Workers that die at each step, run out of memory, or are of another version; and pickles in a backup."""
+
+from __future__ import annotations
+
+import base64
+import pickle
+import resource
+import sqlite3
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import httpx
+
+from benchmarks.report import Figure, Section
+from benchmarks.services import Service, numbers, post_campaign
+from jointstiff.service.store import back_up, restore
+from jointstiff.service.workers import examine
+
+__all__ = ["worker_faults"]
+
+_CLEAR_SECONDS: Final = 120.0
+_ENDED: Final = frozenset({"succeeded", "failed", "cancelled"})
+_DYING: Final = """
+import os, signal, sys
+if "jointstiff.service.workers" in sys.orig_argv:
+    import jointstiff.service.jobs.life as life
+    import jointstiff.service.store.job_log as log
+    from jointstiff.service.workers.recovery import WorkerLostError
+    from jointstiff.solver.errors import SolverError
+
+    def die(*_):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def refuse(*_):
+        raise SolverError("planted", remedy="none")
+
+    def fail(self, job_id, failure, before=life.Jobs.fail):
+        before(self, job_id, failure) if isinstance(failure, WorkerLostError) else die()
+"""
+_STEPS: Final = {
+    "plan": "    life.Jobs.start = die\n",
+    "compute": "    log.JobLog.report = die\n",
+    "conclude": "    life.Jobs.conclude = die\n",
+    "fail": "    log.JobLog.report = refuse\n    life.Jobs.fail = fail\n",
+}
+"""Code by which a worker dies in a step, each time."""
+_OTHER_VERSION: Final = """
+import sys
+if "jointstiff.service.workers" in sys.orig_argv:
+    import jointstiff.service.workers.queue as queue
+    queue.VERSION -= 1
+"""
+
+
+@contextmanager
+def _changed(folder: Path, code: str) -> Iterator[dict[str, str]]:
+    """Yield the environment in which workers run some code first."""
+    place = Path(tempfile.mkdtemp(dir=folder))
+    (place / "sitecustomize.py").write_text(code, encoding="utf-8")
+    yield {"PYTHONPATH": str(place)}
+
+
+def worker_faults(
+    new: Callable[[], str], configurations: int, resampling: dict[str, int], undisturbed: dict[str, Any]
+) -> Section:
+    """Let workers of SQLite databases, which `new` makes, meet their faults; all at the same time."""
+    with tempfile.TemporaryDirectory(prefix="jointstiff-workers-") as name, ThreadPoolExecutor(8) as pool:
+        folder = Path(name)
+        dying = {
+            step: pool.submit(_dies, new(), folder, _DYING + code, configurations, resampling)
+            for step, code in _STEPS.items()
+        }
+        others = {
+            "out of memory": pool.submit(_starved, new(), configurations, resampling),
+            "of another version": pool.submit(_other, new(), folder, configurations, resampling),
+        }
+        planted = pool.submit(_planted, new(), folder, configurations, resampling)
+        ended = {step: task.result() for step, task in dying.items()}
+        runs = {fault: task.result() for fault, task in others.items()}
+        pickled = planted.result()
+    rows = [
+        (f"dies at the step {step}, each time", f"{run['state']}", f"{s:.0f} s")
+        for step, (run, s) in ended.items()
+    ]
+    rows += [(fault, run["state"], "") for fault, run in runs.items()]
+    rows += [("a pickle planted in a backup", pickled, "")]
+    return Section(
+        title="Workers",
+        columns=("worker", "its job", "after"),
+        rows=tuple(rows),
+        figures=(
+            *(
+                Figure(
+                    f"worker dies at the step {step}: until a clear state", s, "at most", _CLEAR_SECONDS, " s"
+                )
+                for step, (_, s) in ended.items()
+            ),
+            *(
+                Figure(f"worker {fault}: run not the same", int(numbers(run) != undisturbed), "at most", 0)
+                for fault, run in runs.items()
+            ),
+            Figure(
+                "pickle in a backup: run, not seen, or its job does not end",
+                int(pickled != "failed"),
+                "at most",
+                0,
+            ),
+        ),
+    )
+
+
+def _begun(client: httpx.Client, configurations: int, resampling: dict[str, int]) -> str:
+    body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
+    return str(client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"])
+
+
+def _ended(client: httpx.Client, address: str, seconds: float) -> dict[str, Any]:
+    deadline = time.monotonic() + seconds
+    while True:
+        run: dict[str, Any] = client.get(address).raise_for_status().json()
+        if run["state"] in _ENDED or time.monotonic() > deadline:
+            return run
+        time.sleep(0.5)
+
+
+def _dies(
+    database: str, folder: Path, code: str, configurations: int, resampling: dict[str, int]
+) -> tuple[dict[str, Any], float]:
+    """Return the run, and the time until it had ended [s]."""
+    with (
+        _changed(folder, code) as environment,
+        Service(database, 1, environment=environment) as service,
+        httpx.Client(base_url=service.url, timeout=90) as client,
+    ):
+        address = _begun(client, configurations, resampling)
+        began = time.monotonic()
+        run = _ended(client, address, 1.5 * _CLEAR_SECONDS)
+        seconds = time.monotonic() - began
+    return run, seconds if run["state"] == "failed" and run["error"] else float("inf")
+
+
+def _starved(database: str, configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
+    """Take a worker all further memory in the middle; the one that follows has enough."""
+    with Service(database, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        address = _begun(client, configurations, resampling)
+        while client.get(address).json()["progress"]["done"] == 0:
+            time.sleep(0.05)
+        for pid in service.workers():
+            resource.prlimit(pid, resource.RLIMIT_DATA, (1 << 20, 1 << 20))
+        return _ended(client, address, _CLEAR_SECONDS)
+
+
+def _other(database: str, folder: Path, configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
+    """Start a worker of an earlier version, which has to leave the run alone, and then one of this one."""
+    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        address = _begun(client, configurations, resampling)
+        with (
+            _changed(folder, _OTHER_VERSION) as environment,
+            Service(database, 1, environment=environment) as old,
+        ):
+            time.sleep(30.0)
+            waits = client.get(address).json()["state"] == "queued" and old.workers()
+        if not waits:
+            return {**client.get(address).json(), "state": "taken by the other version"}
+        with Service(database, 1):
+            return _ended(client, address, _CLEAR_SECONDS)
+
+
+class _Planted:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return open, (str(self._path), "w")
+
+
+def _planted(database: str, folder: Path, configurations: int, resampling: dict[str, int]) -> str:
+    """Return what becomes of a job whose row in a backup holds a pickle."""
+    ran = folder / "ran"
+    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        address = _begun(client, configurations, resampling)
+    pickled = base64.b64encode(pickle.dumps(_Planted(ran))).decode()
+    with closing(sqlite3.connect(database.removeprefix("sqlite:///"))) as connection, connection:
+        connection.execute("UPDATE workflow_status SET inputs = ?, serialization = 'py_pickle'", (pickled,))
+    back_up(database, folder / "backup")
+    restored = f"sqlite:///{folder / 'restored.db'}"
+    restore(restored, folder / "backup", overwrite=False)
+    seen = "pickle" in {fault.code for fault in examine(restored).faults}
+    with Service(restored, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+        state = str(_ended(client, address, _CLEAR_SECONDS)["state"])
+    return "RUN" if ran.exists() else state if seen else "not seen by the doctor"
