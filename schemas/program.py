@@ -194,6 +194,11 @@ class ProgramRequest(ProgramForm):
         description="The program: one file, or a .src and its .dat; and the table of loads."
     )
 
+    @property
+    def file_name(self) -> str:
+        """Name of the first file, for listings."""
+        return self.files[0].name
+
 
 class Spread(Message):
     """Median, 95 % quantile and greatest value over the points under load."""
@@ -264,6 +269,7 @@ class ProgramSummary(Message):
     id: Identifier
     robot_id: Identifier
     run_id: Identifier
+    file_name: Name | None = Field(default=None, description="Name of its first file.")
     state: JobState
     created_at: Timestamp
 

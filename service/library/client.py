@@ -16,10 +16,12 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import Geometry, GeometrySummary
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.pair import Pair, PairSummary
+from jointstiff.schemas.program import Program, ProgramSummary
 from jointstiff.schemas.robot import Robot, RobotSummary
 from jointstiff.schemas.run import RunSummary
 from jointstiff.service.library.answers import alien, no_address, problem_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
+from jointstiff.service.library.compensated import Programs
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
 from jointstiff.service.problems import http_problem
@@ -84,6 +86,7 @@ class Client:
         self.runs = Jobs(self.send, "runs", TabledRun, RunSummary)
         self.comparisons = Jobs(self.send, "comparisons", Comparison, ComparisonSummary)
         self.pairs = Jobs(self.send, "pairs", Pair, PairSummary)
+        self.programs = Programs(self.send, "programs", Program, ProgramSummary)
         self.geometries = Jobs(self.send, "geometries", Geometry, GeometrySummary)
 
     def __enter__(self) -> Client:
@@ -128,16 +131,21 @@ class Client:
         query: Mapping[str, str] | None = None,
         document: Document | None = None,
         key: str | None = None,
+        files: Mapping[str, bytes] | None = None,
     ) -> httpx.Response:
         """Send a request until it is answered; return the answer.
 
-        A document is posted with the key, or with one of its own.
+        A document is posted with the key, or with one of its own; with files, as the `options` of a form.
 
         Raises:
             RefusedError: the service refuses, never answered, or has not for as long as its patience.
         """
         parts: dict[str, Any] = {"params": query}
-        if document is not None:
+        if files is not None:
+            parts |= {"headers": {"Idempotency-Key": key or uuid4().hex}}
+            parts |= {"files": [("files", (name, content)) for name, content in files.items()]}
+            parts |= {"data": {"options": json.dumps(plain(document or {}))}}
+        elif document is not None:
             headers = {"Content-Type": "application/json", "Idempotency-Key": key or uuid4().hex}
             parts |= {"content": json.dumps(plain(document)), "headers": headers}
         return self._retrying(self._try, verb, path, parts)

@@ -15,6 +15,7 @@ from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.geometry import Geometry
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.pair import Pair
+from jointstiff.schemas.program import Program
 from jointstiff.schemas.run import Run
 from jointstiff.service.library.answers import resource_in
 
@@ -24,7 +25,7 @@ Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
 Summary = TypeVar("Summary", bound=Message)
 Send = Callable[..., httpx.Response]
-Job = TypeVar("Job", bound=Run | Comparison | Pair | Geometry)
+Job = TypeVar("Job", bound=Run | Comparison | Pair | Geometry | Program)
 
 
 def plain(document: Document) -> dict[str, Any]:

@@ -57,23 +57,27 @@ def _worst(result: ProgramResult) -> Table:
         "name",
         "line",
         "deflection [mm]",
-        f"{100 * result.confidence:g} %",
+        f"{100 * result.confidence:g} %, readings only",
+        "with model error",
         "residual [mm]",
     ):
         table.add_column(heading, justify="right")
     for point in result.worst[:_SHOWN]:
-        low, high = point.interval or (None, None)
-        interval = "—" if low is None or high is None else f"{1e3 * low:.3f} … {1e3 * high:.3f}"
         capped = " (capped)" if point.capped else ""
         table.add_row(
             str(point.number),
             Text(point.name),
             str(point.line),
             f"{1e3 * point.deflection:.3f}",
-            interval,
+            _interval(point.interval),
+            _interval(point.interval_with_model_error),
             f"{1e3 * point.residual:.4f}{capped}",
         )
     return table
+
+
+def _interval(ends: tuple[float, float] | None) -> str:
+    return "—" if ends is None else f"{1e3 * ends[0]:.3f} … {1e3 * ends[1]:.3f}"
 
 
 def _millimetres(spread: Spread | None) -> tuple[str, ...]:

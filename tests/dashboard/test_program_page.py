@@ -44,3 +44,6 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     assert len(read_program([("pocket.src", corrected)]).targets) == 6
     made = page.url.rsplit("/", 1)[1]
     assert api.get(f"/v1/programs/{made}/program").content == corrected
+    visited.go(f"#/runs/{stored.run}/program")
+    listed = page.locator("section", has_text="Compensated programs of this robot")
+    expect(listed.get_by_role("link", name="pocket.src").first).to_have_attribute("href", re.compile(made))

@@ -15,6 +15,7 @@ import type {
   Kinematics,
   Map as WorkMap,
   MapSummary,
+  ProgramSummary,
   MeasurementSet,
   MeasurementSetSummary,
   Page,
@@ -243,6 +244,8 @@ export const api = {
   programTable: (program: string) => `/v1/programs/${id(program)}/points.csv`,
   programPoints: (program: string) => textOf(api.programTable(program)),
   programFile: (program: string, file: string) => `/v1/programs/${id(program)}/program${query({ file })}`,
+  programs: (filters: Filters = {}, signal?: AbortSignal) =>
+    call<Page<ProgramSummary>>("GET", `/v1/programs${query(filters)}`, options(signal)),
   addProgram: (files: File[], stated: unknown, key: string) =>
     call<Program>("POST", "/v1/programs?wait=1", { body: form(files, stated), key }),
   cancelProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/cancel`),

@@ -8191,6 +8191,11 @@ export interface components {
             /** Run Id */
             run_id: string;
             /**
+             * File Name
+             * @description Name of its first file.
+             */
+            file_name: string | null;
+            /**
              * State
              * @enum {string}
              */

@@ -30,6 +30,7 @@ export type Map = Schemas["Map"];
 export type MapRequest = Schemas["MapRequest-Output"];
 export type MapResult = Schemas["MapResult"];
 export type MapSummary = Schemas["MapSummary"];
+export type ProgramSummary = Schemas["ProgramSummary"];
 export type MeasurementSet = Schemas["MeasurementSet"];
 export type MeasurementSetSummary = Schemas["MeasurementSetSummary"];
 /** What people note about a measurement set. */

@@ -17,6 +17,7 @@ import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
 import { ProgramForm } from "./program_form";
+import { ProgramList } from "./program_list";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -142,7 +143,10 @@ function Body({
       ) : part === "map" ? (
         <MapForm context={context} />
       ) : part === "program" ? (
-        <ProgramForm context={context} />
+        <>
+          <ProgramForm context={context} />
+          <ProgramList robot={context.set.robot_id} />
+        </>
       ) : part === "evidence" ? (
         <EvidencePart context={context} result={run.result} />
       ) : (

@@ -1,0 +1,38 @@
+"""A long program through the service and its workers, by the client of notebooks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.programs import options, path, tool_poses
+
+from jointstiff.service.library import Client
+from jointstiff.service.programs import read_program
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+POINTS = 10_050
+"""A few more than are corrected at once."""
+
+
+@pytest.mark.process
+def test_a_long_program_is_corrected_in_steps_by_workers(services):
+    text = program_text("csv", tool_poses(path(POINTS)), 4).encode()
+    seen = []
+    with Client(services("sqlite").url) as client:
+        campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+        _, stored = client.post_campaign(campaign)
+        run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
+        stated = options("csv") | {"run_id": run.id}
+        found = client.programs.compensate({"path.csv": text}, stated, seen.append)
+        assert found.state == "succeeded", found.error
+        assert (found.progress.done, found.progress.total) == (POINTS, POINTS)
+        assert found.result.corrected == POINTS
+        assert all(step.unit == "points" for step in seen)
+        (corrected,) = client.programs.files(found).values()
+        program = read_program([("path.csv", corrected)])
+        old = read_program([("path.csv", text)])
+        moved = program.numbers(range(POINTS))[:, :3] - old.numbers(range(POINTS))[:, :3]
+        assert 0.1 < np.linalg.norm(moved, axis=1).max() < 5.0  # mm
+        assert client.programs.points(found).count("\n") == POINTS + 1
+        assert found.id in {listed.id for listed in client.programs.list(robot_id=stored.robot_id)}
