@@ -94,3 +94,6 @@ export function cellOf(file: FilePreview, { line, column }: ImportFault, shown: 
   if (line === null || file.header_lines.includes(line)) return `${HEADER}:${column}`;
   return shown.includes(line) ? `${line}:${column}` : null;
 }
+
+/** A fault and its remedy in one sentence. */
+export const said = ({ reason, remedy }: ImportFault): string => `${reason}: ${remedy}`;

@@ -1,7 +1,9 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
 import type { ImportOptions } from "../api/types";
 import { type Campaign, understand } from "../lib/campaign";
-import type { Stated } from "../lib/stated";
+import { IN_R0, type StatedFrame } from "../lib/frame";
+import { type Typed, typedOf } from "../lib/metadata";
+import { type Stated, statedIn } from "../lib/stated";
 import { type Template, templateIn } from "../lib/template";
 import type { FileFault } from "../i18n";
 
@@ -18,7 +20,18 @@ export type Opened =
 export interface Draft {
   options: ImportOptions;
   stated: Stated;
+  frame: StatedFrame;
+  /** What is noted about the measurement. */
+  typed: Typed;
 }
+
+/** Nothing said yet but what a template says. */
+export const freshDraft = (options: ImportOptions): Draft => ({
+  options,
+  stated: statedIn(options),
+  frame: IN_R0,
+  typed: typedOf({}),
+});
 
 /** Tables that were not identified yet, so that one may add a robot meanwhile. */
 let kept: Opened | null = null;

@@ -6,28 +6,29 @@ import { Arm } from "../components/arm";
 import { Busy, ProblemNote } from "../components/basics";
 import { save } from "../components/download";
 import { Findings } from "../components/findings";
+import { MetadataForm } from "../components/metadata_form";
 import { Preview } from "../components/preview";
 import { factsOf } from "../lib/campaign";
-import { dimensionOf, meaningsFor } from "../lib/columns";
-import { frameOf, IN_R0 } from "../lib/frame";
+import { dimensionOf } from "../lib/columns";
+import { frameOf } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
+import { notedIn } from "../lib/metadata";
 import { noiseOf, statesNoise } from "../lib/noise";
 import { type Stated, statedIn, withStated } from "../lib/stated";
-import { fits, type Template } from "../lib/template";
+import type { Template } from "../lib/template";
 import { useAction } from "../state/action";
 import { useImport } from "../state/import";
 import { valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
-import { keepDraft, keepFiles, keptDraft, type Opened } from "../state/opened";
+import { freshDraft, keepDraft, keepFiles, keptDraft, type Opened } from "../state/opened";
 import { go, link } from "../state/router";
-import { keepTemplate, keptTemplates } from "../state/templates";
+import { keepTemplate } from "../state/templates";
 import { text } from "../i18n";
 import { FileDrop } from "./file_drop";
 import { FrameForm } from "./frame_form";
 import { GoBar } from "./go_bar";
+import { ImportContent } from "./import_content";
 import { ImportForm } from "./import_form";
-import { ImportReading } from "./import_reading";
-import { FaultList, ImportTable } from "./import_table";
 import { MethodStep, useRunForm } from "./method_step";
 import { RobotChoice } from "./robot_choice";
 
@@ -43,14 +44,15 @@ export function ImportFlow({
   take: (...files: File[]) => void;
 }) {
   const known = valueOf(useNames());
-  const begun = keptDraft(files) ?? { options: template?.options ?? {}, stated: statedIn(template?.options ?? {}) };
+  const begun = keptDraft(files) ?? freshDraft(template?.options ?? {});
   const [options, setOptions] = useState<ImportOptions>(begun.options);
   const [stated, setStated] = useState<Stated>(begun.stated);
-  const [frame, setFrame] = useState(IN_R0);
+  const [frame, setFrame] = useState(begun.frame);
+  const [typed, setTyped] = useState(begun.typed);
   const [chosen, setChosen] = useState(asked);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
-  keepDraft(files, { options, stated });
+  keepDraft(files, { options, stated, frame, typed });
 
   const robots = (known?.robots ?? []).filter((one) => joints === null || one.joints.length === joints);
   const robot = chosen || (robots.length === 1 ? (robots[0]?.id ?? "") : "");
@@ -65,7 +67,7 @@ export function ImportFlow({
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
-    const document = { ...set, noise, frame: framed, robot_id: robot };
+    const document = { ...set, ...notedIn(typed), noise, frame: framed, robot_id: robot };
     const added = await api.addSet(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
@@ -88,7 +90,7 @@ export function ImportFlow({
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
         {answer ? (
-          <Content answer={answer} files={files} options={options} change={setOptions} use={use} />
+          <ImportContent answer={answer} files={files} options={options} change={setOptions} use={use} />
         ) : (
           busy && <Busy label={words.readingFiles} />
         )}
@@ -104,6 +106,12 @@ export function ImportFlow({
         <details open={frame.of !== ""}>
           <summary>{text.frame.title}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} problem={identify.problem} />
+        </details>
+        <details>
+          <summary>{text.metadata.title}</summary>
+          <div class="import-form">
+            <MetadataForm typed={typed} change={setTyped} />
+          </div>
         </details>
         {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
       </section>
@@ -140,60 +148,6 @@ export function ImportFlow({
         why={busy ? null : (lackOf(answer, robot) ?? (framed === undefined ? text.frame.incomplete : null))}
       />
     </div>
-  );
-}
-
-/** The files as they were understood, and the templates that fit them. */
-function Content({
-  answer,
-  files,
-  options,
-  change,
-  use,
-}: {
-  answer: ImportAnswer;
-  files: File[];
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
-  use: (template: Template) => void;
-}) {
-  const { preview, faults } = answer;
-  const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
-  const named = new Set(preview.files.map(({ file }) => file));
-  const offered = useMemo(() => keptTemplates().find((one) => fits(one, preview)), [answer]);
-  const inUse = (options.layouts ?? []).length > 0;
-  return (
-    <>
-      {offered && !inUse && (
-        <div class="note good row">
-          <p>{words.fits(offered.name)}</p>
-          <button type="button" class="button" onClick={() => use(offered)}>
-            {words.useTemplate}
-          </button>
-        </div>
-      )}
-      <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
-      <ImportReading files={files} faults={faults} options={options} change={change} />
-      {preview.files.map((one) => (
-        <ImportTable
-          key={one.file}
-          preview={one}
-          file={files.find(({ name }) => name === one.file)}
-          faults={faults.filter(({ file }) => file === one.file)}
-          options={options}
-          change={change}
-          groups={groups}
-        />
-      ))}
-      {preview.assumptions.length > 0 && (
-        <ul class="assumptions">
-          {preview.assumptions.map((assumption) => (
-            <li>{assumption}</li>
-          ))}
-        </ul>
-      )}
-      {answer.missing_fields.length === 0 && answer.missing.length > 0 && <p>{answer.missing.join(", ")}</p>}
-    </>
   );
 }
 

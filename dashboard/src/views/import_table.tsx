@@ -6,19 +6,18 @@ import { Faults } from "../components/fields";
 import { Scroll } from "../components/table";
 import {
   cellOf,
-  type ColumnMeaning,
-  dimensionOf,
   type FilePreview,
   HEADER,
   type ImportFault,
   type MeaningGroup,
-  UNITS,
+  said,
   UNKNOWN,
   withMeaning,
   writtenHeader,
 } from "../lib/columns";
 import { useLines } from "../state/lines";
 import { text } from "../i18n";
+import { ColumnHead } from "./import_column";
 
 const words = text.imports;
 
@@ -136,8 +135,6 @@ function ToLookAt({
   );
 }
 
-const said = ({ reason, remedy }: ImportFault): string => `${reason}: ${remedy}`;
-
 /** Faults that stand in no cell that is shown, by their place. */
 export function FaultList({ faults }: { faults: ImportFault[] }) {
   if (faults.length === 0) return null;
@@ -155,96 +152,5 @@ export function FaultList({ faults }: { faults: ImportFault[] }) {
         </li>
       ))}
     </ul>
-  );
-}
-
-function ColumnHead({
-  column,
-  faults,
-  groups,
-  options,
-  mean,
-  change,
-}: {
-  column: ColumnMeaning;
-  faults: ImportFault[];
-  groups: MeaningGroup[];
-  options: ImportOptions;
-  mean: (meaning: string) => void;
-  change: (options: ImportOptions) => void;
-}) {
-  const header = writtenHeader(options, column) || words.columnNumber(column.column);
-  const unknown = column.meaning === UNKNOWN;
-  const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
-  const unnamed = unknown && faults.every((fault) => fault.option === "columns");
-  const kind = faults.length > 0 || unknown ? "faulty" : column.guessed ? "guessed" : undefined;
-  return (
-    <th scope="col" class={kind}>
-      <bdi class="as-written">{header}</bdi>
-      <select
-        aria-label={words.meaningOf(header)}
-        aria-invalid={kind === "faulty"}
-        value={column.meaning}
-        onChange={(event) => mean(event.currentTarget.value)}
-      >
-        {unknown && (
-          <option value={UNKNOWN} selected>
-            {words.unknown}
-          </option>
-        )}
-        {!listed && (
-          <option value={column.meaning} selected>
-            {column.meaning}
-          </option>
-        )}
-        {groups.map((group) => (
-          <optgroup label={group.name || words.groups[group.group]}>
-            {group.meanings.map((meaning) => (
-              <option value={meaning} selected={meaning === column.meaning}>
-                {words.meanings[meaning] ?? meaning}
-              </option>
-            ))}
-          </optgroup>
-        ))}
-      </select>
-      <Unit column={column} header={header} options={options} change={change} />
-      {column.guessed && <small class="guess">{words.guessed}</small>}
-      <Faults faults={unnamed ? [words.chooseMeaning] : faults.map(said)} />
-    </th>
-  );
-}
-
-/** The unit that the file says, or one to choose, which holds for all columns of its dimension. */
-function Unit({
-  column,
-  header,
-  options,
-  change,
-}: {
-  column: ColumnMeaning;
-  header: string;
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
-}) {
-  const dimension = dimensionOf(column.meaning);
-  if (dimension === null) return <span class="unit">{column.unit ?? ""}</span>;
-  const stated = options.units?.[dimension] ?? null;
-  if (column.unit !== null && stated === null) return <span class="unit">{column.unit}</span>;
-  return (
-    <select
-      aria-label={words.unitOf(header)}
-      aria-invalid={stated === null}
-      value={stated ?? ""}
-      onChange={(event) =>
-        change({ ...options, units: { ...options.units, [dimension]: event.currentTarget.value || null } })
-      }
-    >
-      <option value="">{words.pickUnit}</option>
-      {UNITS[dimension].map((unit) => (
-        <option value={unit} selected={unit === stated}>
-          {unit}
-        </option>
-      ))}
-    </select>
   );
 }

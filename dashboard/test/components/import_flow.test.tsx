@@ -1,0 +1,122 @@
+// @vitest-environment happy-dom
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { forget } from "../../src/state/cache";
+import { ImportFlow } from "../../src/views/import_flow";
+import { drawn, settled } from "./drawn";
+
+const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
+  column: number,
+  header,
+  meaning,
+  unit,
+  guessed: header === "theta2_deg",
+});
+
+/** What the service would say: encoders are missing until they are stated, a column until it is named. */
+function answerTo(options: Record<string, unknown>) {
+  const named = "Achsw" in ((options["columns"] as object | undefined) ?? {});
+  return {
+    preview: {
+      files: [
+        {
+          file: "day.csv",
+          format: "text",
+          sheet: null,
+          encoding: "utf-8",
+          delimiter: "semicolon",
+          decimal_mark: "point",
+          columns: [
+            column(1, "label", "name"),
+            column(2, "Achsw", named ? "joint 1" : "unknown", named ? "deg" : null),
+            column(3, "theta2_deg", "joint 2", "deg"),
+          ],
+          row_count: 9,
+          first_rows: [["c01", "12.5", "3"]],
+          assumptions: ["2 rows above the header were taken for titles"],
+          header_lines: [3],
+          first_lines: [4],
+        },
+      ],
+      targets: [],
+      joint_count: null,
+      assumptions: [],
+    },
+    faults: [
+      ...(named
+        ? []
+        : [{ file: "day.csv", line: 3, column: 2, reason: "unknown", remedy: "say it", option: "columns" }]),
+      { file: "day.csv", line: 6, column: 3, reason: "'1.2.3' is no number", remedy: "correct it", option: null },
+      { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
+    ],
+    missing_fields: options["encoders"] ? [] : ["encoders"],
+    missing: [],
+    findings: null,
+    template: null,
+    measurement_set: null,
+  };
+}
+
+const asked: { method: string; path: string; options: Record<string, unknown> }[] = [];
+
+beforeEach(() => {
+  asked.length = 0;
+  forget("names");
+  vi.stubGlobal("fetch", async (path: string, { method = "GET", body }: { method?: string; body?: FormData } = {}) => {
+    const options = body instanceof FormData ? JSON.parse(String(body.get("options"))) : {};
+    asked.push({ method, path, options });
+    const answer = path === "/v1/imports" ? answerTo(options) : { items: [], next: null };
+    return { ok: true, status: 200, json: async () => answer };
+  });
+});
+afterEach(() => vi.unstubAllGlobals());
+
+const content = "# t\n# t\nlabel;Achsw;theta2_deg\nc01;12.5;3\nc02;1;2\nc03;4;1.2.3\n";
+const opened = {
+  kind: "tables" as const,
+  files: [new File([content], "day.csv"), new File(["%PDF"], "plan.pdf")],
+  template: null,
+};
+
+const flow = () =>
+  drawn(<ImportFlow opened={{ ...opened, files: [...opened.files] }} robot="" take={() => undefined} />);
+const wait = () => settled(() => undefined).then(() => new Promise((done) => setTimeout(done, 350)));
+const last = () => asked.filter(({ path }) => path === "/v1/imports").at(-1)?.options;
+
+describe("tables of readings", () => {
+  it("show faults in their cells, with rows further down, and by file where no cell is theirs", async () => {
+    const root = await flow();
+    await wait();
+    await settled(() => undefined);
+    const faulty = [...root.querySelectorAll(".faulty")].map((cell) => cell.textContent);
+    expect(faulty[0]).toContain("Choose what it means");
+    expect(faulty[1]).toBe("1.2.3'1.2.3' is no number: correct it");
+    expect(root.querySelector("tr.further th")?.textContent).toBe("6");
+    expect(root.querySelector(".warnings")?.textContent).toContain("plan.pdf: a PDF document");
+    expect(root.querySelector(".guessed")?.textContent).toContain("theta2_deg");
+  });
+
+  it("are read again with the meaning that is chosen, and nothing is posted elsewhere", async () => {
+    const root = await flow();
+    await wait();
+    const select = root.querySelector<HTMLSelectElement>("[aria-label='Meaning of Achsw']");
+    expect(select?.value).toBe("unknown");
+    await settled(() => {
+      if (select) select.value = "joint 1";
+      select?.dispatchEvent(new Event("change", { bubbles: true }));
+    });
+    await wait();
+    expect(last()).toMatchObject({ columns: { Achsw: "joint 1" }, show_faults: true });
+    expect(root.querySelectorAll("th.faulty")).toHaveLength(0);
+    const posted = asked.filter(({ method }) => method !== "GET").map(({ path }) => path);
+    expect(new Set(posted)).toEqual(new Set(["/v1/imports"]));
+  });
+
+  it("ask for what no file says", async () => {
+    const root = await flow();
+    await wait();
+    await settled(() => root.querySelector<HTMLInputElement>("input[value=secondary]")?.click());
+    await wait();
+    expect(last()).toMatchObject({ encoders: "secondary" });
+    expect(root.querySelector<HTMLButtonElement>(".button.big")?.disabled).toBe(true);
+  });
+});
