@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from jointstiff.service.cli.answers import failed, refuse_existing, refused, wri
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.schemas.measurement import MeasurementSetDocument
+    from jointstiff.schemas.measurement import MeasurementSetDocument, SetMetadata
     from jointstiff.schemas.robot import RobotDocument
 
 
@@ -56,6 +57,34 @@ def write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None
     refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
     write_text(path, json.dumps(template, indent=1, ensure_ascii=False))
+
+
+def noted_in(texts: Sequence[str]) -> SetMetadata:
+    """Return what `--about KEY=VALUE` says of a set.
+
+    Raises:
+        CampaignError: a key or a value is none.
+    """
+    from pydantic import ValidationError
+
+    from jointstiff.schemas.measurement import SetMetadata
+    from jointstiff.service.library import CampaignError
+    from jointstiff.service.problems import invalid_request
+
+    pairs = (text.partition("=") for text in texts)
+    try:
+        return SetMetadata.model_validate({key.strip(): value.strip() for key, _, value in pairs})
+    except ValidationError as error:
+        faults = [{**fault, "loc": ("--about", *fault["loc"])} for fault in error.errors()]
+        raise CampaignError(invalid_request(faults)) from None
+
+
+def with_notes(answer: ImportAnswer, noted: SetMetadata) -> ImportAnswer:
+    """Return an answer whose measurement set says what was noted of it."""
+    if answer.measurement_set is None:
+        return answer
+    stated = {name: getattr(noted, name) for name in noted.model_fields_set}
+    return answer.model_copy(update={"measurement_set": answer.measurement_set.model_copy(update=stated)})
 
 
 def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool) -> None:

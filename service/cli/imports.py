@@ -9,7 +9,9 @@ import typer
 from jointstiff.service.cli.answers import refused
 from jointstiff.service.cli.import_documents import (
     joined,
+    noted_in,
     read_template,
+    with_notes,
     write_campaign,
     write_template,
 )
@@ -120,6 +122,14 @@ def import_readings(
     ] = None,
     flange_targets: FlangeTargets = None,
     robot: NamedRobot = None,
+    about: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Note about the set: measured_at, serial_number, operator, instrument, conditions or notes. "
+            "Repeatable.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -177,6 +187,7 @@ def import_readings(
     }
     stated = {field: value for field, value in chosen.items() if value not in (None, {}, False)}
     try:
+        noted = noted_in(about or [])
         if template is not None:
             stated = joined(read_template(template), stated)
         asking = may_ask() and not as_json
@@ -185,6 +196,7 @@ def import_readings(
         if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
             owner = read_robot(named)
             answer = _inspected(answer, owner)
+        answer = with_notes(answer, noted)
     except CampaignError as error:
         raise refused(error.problem) from error
     if as_json:

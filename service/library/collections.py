@@ -65,6 +65,10 @@ class Collection(Generic[Resource, Summary]):
             yield from page.items
             query = None if page.next is None else filters | {"cursor": page.next}
 
+    def change(self, identifier: str, changes: Document) -> None:
+        """Change what may change of a robot or a measurement set: its name, metadata, archive."""
+        self._send("PATCH", self._address(identifier), None, changes)
+
     def delete(self, identifier: str) -> None:
         """Delete a resource."""
         self._send("DELETE", self._address(identifier))

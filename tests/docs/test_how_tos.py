@@ -25,6 +25,7 @@ from jointstiff.service.cli.app import app
 GUIDES = (
     "README.md",
     "docs/first-campaign.md",
+    "docs/robots.md",
     "docs/two-encoders.md",
     "docs/import.md",
     "docs/predict.md",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import pytest
 from support.workbooks import table_of
 from typer.testing import CliRunner
@@ -64,11 +66,24 @@ def test_a_table_and_the_name_of_an_arm_make_a_campaign(folder):
     (folder / "cell.csv").write_bytes(table_of(campaign))
     point = ",".join(map(repr, campaign["measurement_set"]["load_point"]))
     options = ("--robot", "KUKA KR 210 R2700", "--encoders", "motor", "--load-point", point)
-    shown = run("import", "cell.csv", *options, "--output", "new.json")
+    about = ("--about", "serial_number=F-211034", "--about", "notes=load = 150 kg")
+    when = ("--about", "measured_at=2026-11-20T14:30:00+01:00")
+    shown = run("import", "cell.csv", *options, *about, *when, "--output", "new.json")
     assert shown.exit_code == 0, shown.output
     written = Campaign.model_validate_json((folder / "new.json").read_text())
     assert written.robot.name == "KUKA KR 210 R2700 extra (nominal)"
     assert written.robot.joint_map is not None
+    assert written.measurement_set.serial_number == "F-211034"
+    assert written.measurement_set.notes == "load = 150 kg"
+    assert written.measurement_set.measured_at == datetime(2026, 11, 20, 13, 30, tzinfo=UTC)
+    for faulty, said in (
+        ("serial=F", "serial"),
+        ("measured_at=2026-11-20", "measured_at"),
+        ("notes", "notes"),
+    ):
+        refused = run("import", "cell.csv", *options, "--about", faulty)
+        assert refused.exit_code == 2
+        assert f"--about.{said}" in refused.stderr
 
 
 def test_a_plan_begins_with_an_arm(folder):

@@ -12,6 +12,7 @@ import httpx
 import pytest
 
 from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.library import Client, RefusedError
 from jointstiff.service.library import client as module
@@ -197,6 +198,10 @@ def test_collections_are_read_page_by_page_and_deleted(service, campaign):
         robot = client.robots.get(stored.robot_id)
         assert robot.name == campaign["robot"]["name"]
         assert [each.id for each in client.robots.list(name=robot.name)] == [robot.id]
+        client.robots.change(robot.id, {"name": "cell 3, renamed"})
+        client.measurement_sets.change(stored.id, SetChange(operator="M. Keller"))
+        assert client.robots.get(robot.id).name == "cell 3, renamed"
+        assert client.measurement_sets.get(stored.id).operator == "M. Keller"
         other = client.runs.create({"measurement_set_id": stored.id, "method": "partial_pose"})
         listed = client.runs.list(robot_id=robot.id, limit="1")
         assert [each.id for each in listed] == [other.id, run.id]
