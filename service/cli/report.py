@@ -8,13 +8,21 @@ from typing import Annotated
 import typer
 
 from jointstiff.service.cli.answers import failed, refuse_existing, refused, write_bytes
-from jointstiff.service.cli.options import CampaignFile, LaboratoryFile, Overwrite, RunFile
+from jointstiff.service.cli.options import LaboratoryFile, Overwrite, RunFile
 
 _SUFFIXES = (".pdf", ".html")
 
 
 def report(
-    file: CampaignFile,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Campaign; or comparison, pair, plan, map or program, as its command prints it with --json.",
+        ),
+    ],
     *,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="Write it there: .pdf or .html.")
@@ -23,9 +31,9 @@ def report(
     laboratory: LaboratoryFile = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a report on a campaign: results, uncertainty, method, traceability. It is a draft."""
+    """Write a report: results, uncertainty, method, traceability. That on a campaign is a draft."""
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library import CampaignError, models, read_campaign
+    from jointstiff.service.library import CampaignError, models
     from jointstiff.service.library.campaigns import read_document
     from jointstiff.service.reports import LaboratorySettings, SettingsError, read_laboratory
 
@@ -35,10 +43,10 @@ def report(
     try:
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         measured = None if run is None else read_document(run, Run)
-        content = models.reported(read_campaign(file), output.suffix.lower() == ".pdf", settings, measured)
+        content = models.reported(file, output.suffix.lower() == ".pdf", settings, measured)
     except CampaignError as error:
         raise refused(error.problem) from error
     except SettingsError as error:
         raise failed(error.reason, error.remedy) from error
     write_bytes(output, content)
-    typer.echo(f"{output}: {len(content):,} bytes, a draft")
+    typer.echo(f"{output}: {len(content):,} bytes")

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.job import Job
 from jointstiff.service.exporting import ExportedModel, ModelFormat, export_model
-from jointstiff.service.library.campaigns import as_campaign_error, model_run, prepared_campaign
+from jointstiff.service.jobs import KINDS
+from jointstiff.service.library.campaigns import (
+    as_campaign_error,
+    model_run,
+    prepared_campaign,
+    read_document,
+)
+from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.reports import (
+    REPORTED_KINDS,
     LaboratorySettings,
     RunSubject,
     draft,
+    job_document,
     report_page,
     report_pdf,
     run_document,
 )
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.campaign import Campaign
     from jointstiff.schemas.run import Run
 
 
@@ -36,22 +47,43 @@ def exported(campaign: Campaign, name: ModelFormat, run: Run | None = None) -> b
         return export_model(model, name)
 
 
-def reported(campaign: Campaign, as_pdf: bool, settings: LaboratorySettings, run: Run | None = None) -> bytes:
-    """Return the report on a campaign, which is a draft.
+def reported(path: Path, as_pdf: bool, settings: LaboratorySettings, run: Run | None = None) -> bytes:
+    """Return the report on a file: on a campaign, or on another job.
 
     Args:
-        campaign: robot and readings.
+        path: a campaign, or a comparison, pair, plan, map or program as its command prints it with `--json`.
         as_pdf: PDF, or HTML.
         settings: of the laboratory.
-        run: of that campaign; identified now, as the campaign says, if None.
+        run: of the campaign; identified now, as the campaign says, if None.
 
     Raises:
-        CampaignError: robot, readings or run cannot be used, or Typst is not installed.
+        CampaignError: the file, the run or the settings cannot be used, or Typst is not installed.
     """
-    subject = RunSubject(_model(campaign, run), campaign.measurement_set, settings)
-    document = run_document(subject, draft())
+    try:
+        campaign = read_document(path, Campaign)
+    except CampaignError as error:
+        job = None if run is not None else _job(path)
+        if job is None:
+            raise error from None
+        document = job_document(job, job.model_dump_json(), settings)
+    else:
+        subject = RunSubject(_model(campaign, run), campaign.measurement_set, settings)
+        document = run_document(subject, draft())
     with as_campaign_error("report"):
         return report_pdf(document) if as_pdf else report_page(document)
+
+
+def _job(path: Path) -> Job | None:
+    """Return the job with a result that a file holds; None if it holds none."""
+    for kind in KINDS:
+        if kind.name in REPORTED_KINDS:
+            try:
+                job = read_document(path, kind.message)
+            except CampaignError:
+                continue
+            if job.result is not None:
+                return job
+    return None
 
 
 def _model(campaign: Campaign, run: Run | None) -> ExportedModel:

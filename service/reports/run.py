@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import Final
 
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.report import Party
@@ -15,7 +16,10 @@ from jointstiff.service.reports.run_method import adjustment, method, traceabili
 from jointstiff.service.reports.run_results import assessment, results, uncertainty
 from jointstiff.service.reports.wording import NOT_STATED, moment
 
-_TITLE = "Report on joint stiffness"
+MAX_ATTACHED_BYTES: Final = 2_500_000
+"""JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
+_TITLE: Final = "Report on joint stiffness"
+_BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +37,13 @@ class RunSubject:
     settings: LaboratorySettings
 
     def run_json(self) -> bytes:
-        """Return the run as it is attached."""
-        return self.model.run.model_dump_json(indent=1).encode()
+        """Return the run as it is attached: a large one without what it says of each observation."""
+        run = self.model.run
+        whole = run.model_dump_json().encode()
+        if len(whole) <= MAX_ATTACHED_BYTES or run.result is None:
+            return whole
+        less = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
+        return run.model_copy(update={"result": less}).model_dump_json().encode()
 
     def content_hash(self) -> str:
         """Return the SHA-256 of what a report states: run, names, metadata of the set, laboratory, logo."""
@@ -81,7 +90,12 @@ def run_document(subject: RunSubject, state: State) -> Document:
             ),
         ],
         attachments=[
-            Attachment("run.json", "application/json", "The run, with all its numbers", subject.run_json()),
+            Attachment(
+                "run.json",
+                "application/json",
+                "The run; a large one without its residuals",
+                subject.run_json(),
+            ),
             Attachment("joints.csv", "text/csv", "The joints as a table", joints_csv(subject.model)),
         ],
     )
@@ -136,6 +150,9 @@ def _origin(subject: RunSubject) -> Section:
             ("SHA-256 of what is stated", subject.content_hash()),
             ("Versions", versions),
             ("Geometry", "as described" if geometry is None else f"as identified, geometry {geometry}"),
-            ("Attached", "run.json (the run, with all its numbers), joints.csv (the joints as a table)"),
+            (
+                "Attached",
+                "run.json (the run; a large one without its residuals), joints.csv (the joints as a table)",
+            ),
         ],
     )

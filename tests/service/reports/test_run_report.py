@@ -172,6 +172,13 @@ def test_run_and_table_are_attached_and_it_is_pdf_a(signed, subject, run):
     assert len(signed) <= 1_000_000
 
 
+def test_a_large_run_is_attached_without_its_residuals(subject, run, monkeypatch):
+    monkeypatch.setattr("jointstiff.service.reports.run.MAX_ATTACHED_BYTES", 20_000)
+    attached = Run.model_validate_json(subject.run_json())
+    assert attached.result.residuals == []
+    assert attached.result.joints == run.result.joints
+
+
 def test_states(subject, campaign, run):
     own, now = [authorised(subject)], subject.content_hash()
     successor = authorised(subject, supersedes=run.id).model_copy(update={"run_id": "next"})
@@ -257,3 +264,16 @@ def test_the_terminal_writes_with_settings(document, run, tmp_path):
         assert shown.exit_code == 0, shown.output
         assert b"Logo" in (tmp_path / name).read_bytes() or name == "report.pdf"
     assert "Metrology Lab" in pages_of(Path(tmp_path / "report.pdf").read_bytes())[0]
+
+
+def test_the_terminal_reports_on_other_jobs(document, tmp_path):
+    campaign, job = tmp_path / "campaign.json", tmp_path / "comparison.json"
+    campaign.write_text(json.dumps(document))
+    job.write_text(CliRunner().invoke(app, ["compare", str(campaign), "--json"]).stdout)
+    shown = CliRunner().invoke(app, ["report", str(job), "-o", str(tmp_path / "comparison.pdf")])
+    assert shown.exit_code == 0, shown.output
+    assert "Comparison of methods" in pages_of((tmp_path / "comparison.pdf").read_bytes())[0]
+    (tmp_path / "other.json").write_text("{}")
+    shown = CliRunner().invoke(app, ["report", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.pdf")])
+    assert shown.exit_code == 2
+    assert "robot: required field is missing" in shown.output
