@@ -23,6 +23,8 @@ dd { margin: 0; white-space: pre-line; }
 figure { margin: 1rem 0; } figure svg { width: 100%; }
 .state { font-weight: bold; text-transform: uppercase; }
 .sign { display: grid; grid-template-columns: 1fr 1fr; gap: 3rem; margin-top: 4rem; }
+body[data-mark]::before { content: attr(data-mark); position: fixed; top: 40%; left: 12%; z-index: -1;
+  font-size: 9rem; font-weight: bold; color: #e8e8e8; transform: rotate(-35deg); }
 .sign p { border-top: 1px solid #222; } .end { text-align: center; }
 """
 POLICY: Final = (
@@ -35,10 +37,11 @@ POLICY: Final = (
 def report_page(document: Document) -> bytes:
     """Return a report as HTML."""
     title, number = escape(document.title), escape(document.number)
+    mark = f' data-mark="{document.state.watermark}"' if document.state.watermark else ""
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title} {number}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{_STYLE}</style></head><body><header>",
+        f"<style>{_STYLE}</style></head><body{mark}><header>",
         _letterhead(document.letterhead),
         f"<h1>{title}</h1><p>{number}</p>",
         f'<p><span class="state">{escape(document.state.kind)}</span>: {escape(document.state.line)}</p>',
