@@ -53,7 +53,8 @@ def without_time_and_name(answer: httpx.Response) -> dict[str, str]:
 
 @pytest.mark.parametrize("method", ["PATCH", "PUT"])
 def test_a_refused_method_names_those_that_are_taken(client, addresses, method):
-    for address, methods in addresses.items():
+    refusing = {address: methods for address, methods in addresses.items() if method not in methods}
+    for address, methods in refusing.items():
         answer = client.request(method, address)
         assert answer.status_code == 405, address
         assert allowed(answer) == methods, address
