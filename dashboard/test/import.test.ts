@@ -1,6 +1,14 @@
 import { describe, expect, it } from "vitest";
 import type { ImportAnswer, ImportOptions } from "../src/api/types";
-import { cellOf, dimensionOf, type FilePreview, type ImportFault, meaningsFor, withMeaning } from "../src/lib/columns";
+import {
+  cellOf,
+  dimensionOf,
+  type FilePreview,
+  type ImportFault,
+  meaningsFor,
+  withMeaning,
+  withoutColumns,
+} from "../src/lib/columns";
 import { frameOf, IN_R0 } from "../src/lib/frame";
 import { linesOf, widthOf } from "../src/lib/lines";
 import { NOTHING_STATED, statedIn, withStated } from "../src/lib/stated";
@@ -61,6 +69,12 @@ describe("columns", () => {
     expect(withMeaning(given, preview, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
     const bare = { ...preview, columns: preview.columns.map((one) => ({ ...one, header: "" })) };
     expect(withMeaning({}, bare, 1, "joint 1")).toEqual({ header: ["name", "joint 1", "P10 loaded x"] });
+  });
+
+  it("are left out together", () => {
+    expect(withoutColumns({}, preview, preview.columns.slice(1))).toEqual({
+      columns: { A1: "ignore", "P10 x": "ignore" },
+    });
   });
 
   it("show faults in the cells that are shown", () => {

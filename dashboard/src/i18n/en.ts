@@ -197,6 +197,8 @@ export const en = {
     chooseUnit: "Choose its unit; it holds for all columns of its kind.",
     chooseMeaning: "Choose what it means, or that it is not used.",
     toLookAt: "To look at:",
+    andMore: (count: number) => `and ${count} more`,
+    leaveUnknown: (count: number) => `Do not use the ${count} that were not understood`,
     guessed: "guessed: check",
     groups: {
       texts: "Texts",

@@ -83,6 +83,10 @@ export function withMeaning(options: ImportOptions, file: FilePreview, index: nu
   return { ...options, header: headers };
 }
 
+/** The options by which columns are not used. */
+export const withoutColumns = (options: ImportOptions, file: FilePreview, columns: ColumnMeaning[]): ImportOptions =>
+  columns.reduce((before, { column }) => withMeaning(before, file, column - 1, IGNORED), options);
+
 const sent = (meaning: string): string => (meaning === IGNORED ? "ignore" : meaning);
 
 /** The line of a header's cells among the lines of a table. */

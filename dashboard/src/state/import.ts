@@ -13,24 +13,27 @@ export interface Understood {
   busy: boolean;
 }
 
-/** While a new answer is on its way the last one stays. */
+/** While a new answer is on its way the last one stays, and counts as busy from the first moment. */
 export function useImport(files: File[], options: ImportOptions): Understood {
-  const [understood, set] = useState<Understood>({ answer: null, problem: null, busy: true });
   const asked = JSON.stringify(options);
+  const [{ of, ...heard }, set] = useState<Omit<Understood, "busy"> & { of: string | null }>({
+    answer: null,
+    problem: null,
+    of: null,
+  });
   useEffect(() => {
     const abort = new AbortController();
-    set((last) => ({ ...last, busy: true }));
     const ask = () =>
       api.importFiles(files, { ...options, show_faults: true }, abort.signal).then(
-        (answer) => abort.signal.aborted || set({ answer, problem: null, busy: false }),
+        (answer) => abort.signal.aborted || set({ answer, problem: null, of: asked }),
         (error: unknown) =>
-          abort.signal.aborted || set(({ answer }) => ({ answer, problem: problemOf(error), busy: false })),
+          abort.signal.aborted || set(({ answer }) => ({ answer, problem: problemOf(error), of: asked })),
       );
-    const pause = setTimeout(() => void ask(), understood.answer === null ? 0 : PAUSE_MS);
+    const pause = setTimeout(() => void ask(), of === null ? 0 : PAUSE_MS);
     return () => {
       clearTimeout(pause);
       abort.abort();
     };
   }, [files, asked]);
-  return understood;
+  return { ...heard, busy: of !== asked };
 }

@@ -144,7 +144,7 @@ export function ImportFlow({
       />
       <GoBar
         action={identify}
-        ready={set !== null && robot !== "" && framed !== undefined && !busy}
+        ready={set !== null && robot !== "" && framed !== undefined && !busy && problem === null}
         why={busy ? null : (lackOf(answer, robot) ?? (framed === undefined ? text.frame.incomplete : null))}
       />
     </div>

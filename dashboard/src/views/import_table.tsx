@@ -13,6 +13,7 @@ import {
   said,
   UNKNOWN,
   withMeaning,
+  withoutColumns,
   writtenHeader,
 } from "../lib/columns";
 import { useLines } from "../state/lines";
@@ -47,7 +48,7 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
         <bdi>{preview.file}</bdi>
       </h3>
       <p class="soft">{words.fileFacts(preview)}</p>
-      <ToLookAt preview={preview} options={options} places={places} table={id} />
+      <ToLookAt preview={preview} options={options} change={change} places={places} table={id} />
       <Scroll label={words.firstRows(preview.file)}>
         <table class="readings" id={id}>
           <thead>
@@ -97,15 +98,20 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
   );
 }
 
+/** As many columns are named. */
+const IN_VIEW = 8;
+
 /** Columns that want a look, far to the right as they may be: a tap brings each into view. */
 function ToLookAt({
   preview,
   options,
+  change,
   places,
   table,
 }: {
   preview: FilePreview;
   options: ImportOptions;
+  change: (options: ImportOptions) => void;
   places: (string | null)[];
   table: string;
 }) {
@@ -114,6 +120,7 @@ function ToLookAt({
     ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === UNKNOWN,
   );
   if (columns.length === 0) return null;
+  const unknown = columns.filter(({ meaning }) => meaning === UNKNOWN);
   const show = (column: number) => {
     const head = document.getElementById(table)?.querySelectorAll("thead th")[column];
     head?.scrollIntoView({ block: "nearest", inline: "center" });
@@ -122,15 +129,21 @@ function ToLookAt({
   return (
     <div class="to-look-at">
       <span>{words.toLookAt}</span>
-      {columns.map((column) => (
+      {columns.slice(0, IN_VIEW).map((column) => (
         <button
           type="button"
-          class={faulty.has(column.column) ? "button bad" : "button"}
+          class={faulty.has(column.column) || column.meaning === UNKNOWN ? "button bad" : "button"}
           onClick={() => show(column.column)}
         >
           <bdi>{writtenHeader(options, column) || words.columnNumber(column.column)}</bdi>
         </button>
       ))}
+      {columns.length > IN_VIEW && <span class="soft">{words.andMore(columns.length - IN_VIEW)}</span>}
+      {unknown.length > 1 && (
+        <button type="button" class="button" onClick={() => change(withoutColumns(options, preview, unknown))}>
+          {words.leaveUnknown(unknown.length)}
+        </button>
+      )}
     </div>
   );
 }
