@@ -33,7 +33,8 @@ class Case(NamedTuple):
 
     name: str
     between: float = 0.0
-    """τ / u of every joint."""
+    """τ / u of every joint, or of one."""
+    is_of_one: bool = False
     common: float = 0.0
     """Error that all joints of a campaign share, such as of the force, in units of u; part of u."""
     ratio: float = 1.0
@@ -51,6 +52,9 @@ CASES: Final = (
     Case("error common to the joints 0.8 u", common=0.8),
     Case("u from 0.5 to 2 times", ratio=4.0),
     Case("u(c)/c = 0.15", relative=0.15),
+    Case("between campaigns 1 u, one joint alone", between=1.0, is_of_one=True),
+    Case("between campaigns 2 u, one joint alone", between=2.0, is_of_one=True),
+    Case("between campaigns 5 u, one joint alone", between=5.0, is_of_one=True),
 )
 
 
@@ -62,7 +66,7 @@ def run(*, quick: bool) -> list[Section]:
     for name, outcome in found.items():
         rows.append((name, *(f"{100.0 * share:.2f}" for share in outcome)))
     honest = found[CASES[0].name]
-    worst = max(outcome.by_robot for outcome in found.values())
+    worst = max(found[case.name].by_robot for case in CASES if not case.is_of_one)
     classical = _classical(robots)
     rate = 100.0 * FALSE_ALARMS
     return [
@@ -81,7 +85,13 @@ def run(*, quick: bool) -> list[Section]:
                 Figure(
                     "false alarms by robot, readings alone", 100.0 * honest.by_robot, "at most", rate, " %"
                 ),
-                Figure("false alarms by robot, worst of the cases", 100.0 * worst, "at most", rate, " %"),
+                Figure(
+                    "false alarms by robot, worst where joints are alike",
+                    100.0 * worst,
+                    "at most",
+                    rate,
+                    " %",
+                ),
                 Figure(
                     f"drift of {DRIFT} u a campaign found, readings alone",
                     100.0 * honest.found,
@@ -99,7 +109,7 @@ def run(*, quick: bool) -> list[Section]:
             ),
             notes=(
                 "a false alarm by robot is one of any of its joints, at any of the campaigns",
-                "the drift is of one joint, which softens, and begins after the baseline",
+                "the drift is of one joint (the one that scatters): it softens, beginning after the baseline",
                 f"for comparison, limits of ±{_CLASSICAL_LIMIT} standard deviations by joint: "
                 f"{100.0 * classical[0]:.1f} % false alarms by joint with the baseline's uncertainty, "
                 f"{100.0 * classical[1]:.1f} % if it is ignored ({100.0 * classical[2]:.1f} % by robot)",
@@ -141,6 +151,8 @@ def _chunk(case: Case, robots: int, generator: np.random.Generator) -> tuple[Boo
     noise = np.sqrt(1.0 - case.common**2) * generator.standard_normal(shape)
     noise += case.common * generator.standard_normal((robots, 1, shape[-1]))
     true = case.between * case.relative * generator.standard_normal(shape)
+    if case.is_of_one:
+        true[:, 1:] = 0.0
     drift = np.zeros(shape)
     drift[:, 0, LEAST_BASELINE:] = -DRIFT * case.relative * np.arange(1, LIFE + 1)
     return _alarms(true, scale * noise, scale), _alarms(true + drift, scale * noise, scale)[:, 0]

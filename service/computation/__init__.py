@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     )
     from jointstiff.service.computation.program import ProgramWork, packed, unpacked, without_contents
     from jointstiff.service.computation.run import run_hash, run_work
-    from jointstiff.service.computation.trend import Campaign, TrendInput, trend_of
+    from jointstiff.service.computation.trend import Campaign, JointNumbers, TrendInput, trend_of
     from jointstiff.service.computation.work import QuickWork, Span, SteppedWork, Work, hash_of
 else:
     __getattr__ = names_of(
@@ -45,13 +45,14 @@ else:
         prepared="PreparedRobot PreparedSet build_robot check_set prepare_robot prepare_set",
         program="ProgramWork packed unpacked without_contents",
         run="run_hash run_work",
-        trend="Campaign TrendInput trend_of",
+        trend="Campaign JointNumbers TrendInput trend_of",
         work="QuickWork Span SteppedWork Work hash_of",
     )
 
 __all__ = [
     "Campaign",
     "ComparisonWork",
+    "JointNumbers",
     "MapWork",
     "Planned",
     "PreparedRobot",

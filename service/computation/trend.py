@@ -9,9 +9,9 @@ from math import exp
 from typing import Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
-from jointstiff.schemas.run import JointResult
 from jointstiff.solver.trend import (
     FALSE_ALARMS,
     LIFE,
@@ -28,6 +28,21 @@ from jointstiff.solver.trend import (
 _OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"
 
 
+class JointNumbers(BaseModel):
+    """Part of a joint's result that a trend reads, of runs of any version."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    name: str
+    status: str
+    verdict: str = "use"
+    compliance: float | None
+    standard_uncertainty: float | None
+    stiffness: float | None
+    stiffness_interval: tuple[float, float | None] | None
+    reason: str | None = None
+
+
 @dataclass(frozen=True)
 class Campaign:
     """A campaign that enters a trend.
@@ -41,7 +56,7 @@ class Campaign:
     name: str
     at: datetime
     time_source: Literal["measured_at", "created_at"]
-    joints: Mapping[str, JointResult]
+    joints: Mapping[str, JointNumbers]
 
 
 @dataclass(frozen=True)
@@ -148,7 +163,7 @@ def _series(given: TrendInput, name: str, inside: Sequence[int]) -> tuple[list[i
     return [i for i, _ in found], Series(values, uncertainties)
 
 
-def _number(joint: JointResult | None) -> tuple[float, float] | None:
+def _number(joint: JointNumbers | None) -> tuple[float, float] | None:
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
     return log_stiffness(joint.compliance, joint.standard_uncertainty)
@@ -179,7 +194,7 @@ def _joint(
     )
 
 
-def _bare_point(joint: JointResult | None) -> messages.TrendPoint:
+def _bare_point(joint: JointNumbers | None) -> messages.TrendPoint:
     return messages.TrendPoint(
         stiffness=None if joint is None else joint.stiffness,
         interval=None if joint is None else joint.stiffness_interval,
@@ -193,7 +208,7 @@ def _bare_point(joint: JointResult | None) -> messages.TrendPoint:
     )
 
 
-def _why_not(joint: JointResult | None) -> str | None:
+def _why_not(joint: JointNumbers | None) -> str | None:
     if joint is None:
         return "the run has no such joint"
     if joint.status != "identified":

@@ -7,15 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Final
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jointstiff.schemas import trend as messages
-from jointstiff.schemas.assessment import Assessment
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.run import JointResult, Run, RunRequest
-from jointstiff.service.computation import Campaign, TrendInput, trend_of
+from jointstiff.schemas.run import Method, Run, Weighting
+from jointstiff.service.computation import Campaign, JointNumbers, TrendInput, trend_of
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.robots import described
 from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store, TrendNote
@@ -25,7 +24,7 @@ _RUNS: Final = Resource(Run.kind, Run.collection)
 _AT_ONCE: Final = 200
 _MOST_RUNS: Final = 2_000
 _MOST_ROBOTS: Final = 200
-_REMEMBERED: Final = 4_096
+_REMEMBERED: Final = 2_000
 _STATES: Final[Mapping[messages.JointState, int]] = {
     "alarm": 0,
     "acknowledged": 1,
@@ -34,21 +33,39 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
 }
 
 
-class _Numbers(BaseModel):
-    """Part of a run's result that a trend reads."""
+class _Part(BaseModel):
+    """Part of a stored document; the rest of it is not looked at, whatever version wrote it."""
 
-    model_config = ConfigDict(extra="ignore")
-
-    joints: list[JointResult]
-    assessment: Assessment
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class _ReadRun(BaseModel):
-    """Part of a run that a trend reads."""
+class _Reason(_Part):
+    message: str
 
-    model_config = ConfigDict(extra="ignore")
 
-    request: RunRequest
+class _Verdict(_Part):
+    verdict: str
+    reasons: list[_Reason]
+
+
+class _Numbers(_Part):
+    joints: list[JointNumbers]
+    assessment: _Verdict | None = None
+
+
+class _Options(_Part):
+    method: Method
+    weighting: Weighting
+    positive: bool
+    elasticity: str = "joints"
+    complementary_stiffness: Literal["neglected", "included"] = "neglected"
+    priors: dict[str, object] = {}
+    stiffness_bounds: dict[str, object] = {}
+    stiffness_order: list[object] = []
+
+
+class _ReadRun(_Part):
+    request: _Options
     result: _Numbers
 
 
@@ -247,9 +264,10 @@ def _selection(
 def _unfit(candidate: _Candidate) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
     asked, result = candidate.run.request, candidate.run.result
-    if result.assessment.verdict == "do_not_use":
-        reasons = [reason.message for reason in result.assessment.reasons]
-        return f"its assessment is: do not use{f' ({reasons[0]})' if reasons else ''}"
+    verdict = result.assessment
+    if verdict is not None and verdict.verdict == "do_not_use":
+        why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
+        return f"its assessment is: do not use{why}"
     if asked.elasticity != "joints":
         return "its links or coupling are elastic, so that its joints' numbers are effective ones"
     for name, stated in (
