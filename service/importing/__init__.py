@@ -5,12 +5,13 @@ reading        files to readings: the way through
 ├── preview    what was understood, in words
 ├── assembly   records of all files put together by label
 ├── records    rows to records
-│   ├── naming     which observation, target and state a name stands for
+│   ├── row_names > naming    which observation, target and state a row and a name stand for
+│   ├── row_order  labels of rows without names
 │   └── numbers    numbers, read strictly; the decimal mark
 ├── layout     the rows of data below a header
 │   ├── heading    where the header is: in rows, or in a comment
 │   ├── comments   unit and frame that comments say
-│   └── columns > header > words, units    what the columns mean
+│   └── columns > column_units > header > words, units    what the columns mean
 └── grid       rows of cells, of
     ├── text > encoding      delimited text
     └── workbook > sheet > archive    Excel

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.columns import HeaderCell, collapsed
+from jointstiff.service.importing.column_units import HeaderCell
+from jointstiff.service.importing.columns import collapsed
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError
 from jointstiff.service.importing.grid import Grid, Row
 from jointstiff.service.importing.header import Meaning, is_joint, meaning_of, split_unit, state_named

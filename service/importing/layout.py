@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import Final
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.columns import Columns, HeaderCell, collapsed, understand
+from jointstiff.service.importing.column_units import HeaderCell
+from jointstiff.service.importing.columns import Columns, collapsed, understand
 from jointstiff.service.importing.comments import read_comments
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import CellKind, Grid, Row

@@ -18,7 +18,8 @@ from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.layout import Layout, lay_out
 from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
 from jointstiff.service.importing.preview import preview_all, preview_file
-from jointstiff.service.importing.records import labels_in_order, read_mark, read_records
+from jointstiff.service.importing.records import read_mark, read_records
+from jointstiff.service.importing.row_order import labels_in_order
 from jointstiff.service.importing.text import read_text
 from jointstiff.service.importing.units import Dimension
 from jointstiff.service.importing.workbook import read_workbook

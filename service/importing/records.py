@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 from typing import Final
 
 from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
 from jointstiff.service.importing.columns import Quantity
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import DIMENSIONS, Kind, state_named
+from jointstiff.service.importing.header import DIMENSIONS, Kind
 from jointstiff.service.importing.layout import Layout
-from jointstiff.service.importing.naming import Naming, Template, check_name, default_file, default_point
+from jointstiff.service.importing.naming import Naming, check_name
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
+from jointstiff.service.importing.row_names import Names
+from jointstiff.service.importing.row_order import is_whole
 from jointstiff.service.importing.units import INCH, Dimension
 
 COVERAGE_FACTOR: Final = 2.0
@@ -79,46 +80,6 @@ def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[Decim
     return decide_mark(grid.file, cells, options.decimal_mark)
 
 
-def labels_in_order(tables: Sequence[tuple[Grid, Layout]], faults: Faults) -> list[str]:
-    """Return the labels of observations by row, for files without names.
-
-    Args:
-        tables: all files.
-        faults: where to tell of rows that cannot be matched.
-
-    Returns:
-        Those of the table that has a row for each observation; numbers from 1 if there is none.
-    """
-    named = [(grid, [row.cells[layout.columns.texts["name"]] for row in layout.rows])
-             for grid, layout in tables if "name" in layout.columns.texts and _is_whole(layout)]  # fmt: skip
-    unnamed = [(grid, layout) for grid, layout in tables if "name" not in layout.columns.texts]
-    if not unnamed:
-        return []
-    first, labels = named[0] if named else (unnamed[0][0], [])
-    told = len(faults.found)
-    labels = labels or [str(number) for number in range(1, 1 + len(unnamed[0][1].rows))]
-    for grid, other in named[1:]:
-        if other != labels:
-            reason = f"the labels are not those of {shown(first.file)} in their order"
-            faults.add(ImportFileError(Place(grid.file), reason, "give every table the same labels"))
-    for grid, layout in unnamed:
-        if len(layout.rows) != len(labels):
-            fault = ImportFileError(
-                Place(grid.file),
-                f"there are {len(layout.rows)} rows, but {len(labels)} in {shown(first.file)}: they cannot "
-                "be matched by their order",
-                "give every file a row for each observation, or name the points",
-            )
-            faults.add(fault)
-    return labels if len(faults.found) == told else []
-
-
-def _is_whole(layout: Layout) -> bool:
-    """Return whether a table has one row for each observation."""
-    columns = layout.columns
-    return not columns.needed and "target" not in columns.texts and "state" not in columns.texts
-
-
 def read_records(
     grid: Grid,
     layout: Layout,
@@ -153,9 +114,9 @@ class _Rows:
         self, grid: Grid, layout: Layout, mark: DecimalMark, options: ImportOptions, labels: Sequence[str]
     ) -> None:
         self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
-        self._names = _Names(grid, layout, options)
+        self._names = Names(grid, layout, options)
         self._named = "name" in layout.columns.texts
-        self._whole = _is_whole(layout) and self._named
+        self._whole = is_whole(layout) and self._named
         self._expanded = {
             replace(quantity, kind="position"): indices
             for quantity, indices in layout.columns.quantities.items()
@@ -249,103 +210,3 @@ def _check_target(target: str, place: Place) -> None:
         check_name(target)
     except Fault as fault:
         raise fault.at(place) from None
-
-
-class _Names:
-    """Label, target and state of each row: from columns, from the point's name, from the file's name."""
-
-    def __init__(self, grid: Grid, layout: Layout, options: ImportOptions) -> None:
-        self._grid = grid
-        self._texts = layout.columns.texts
-        self._needed = layout.columns.needed
-        self._named = "name" in self._texts
-        self._wanted = (*(("label",) if self._named else ()), *sorted(self._needed))
-        kinds: tuple[Kind, ...] = ("collection", "group", "name")
-        self._kinds = [kind for kind in kinds if kind in self._texts]
-        self._words = options.state_words
-        self._stem = PurePath(grid.file).stem
-        self._defaults: dict[frozenset[str], Naming] = {}
-        self._point: Template | None = None
-        self._file = Naming()
-        try:
-            if options.point_name and self._needed:
-                self._point = Template(options.point_name)
-            if options.file_name and self._needed:
-                self._file = Template(options.file_name).parse(self._stem, self._words)
-        except Fault as fault:
-            raise fault.at(Place(grid.file)) from None
-
-    def of(self, row: Row) -> Naming:
-        """Return what is said of a row.
-
-        Raises:
-            ImportFileError: something is missing or contradicts.
-        """
-        name, columns = self._joined(row), self._in_columns(row)
-        try:
-            if not self._named:
-                naming = Naming()
-            elif self._point is not None:
-                naming = self._point.parse(name, self._words)
-            else:
-                naming = default_point(name, self._needed, self._words)
-            naming = _merged(_merged(columns, naming), self._file)
-            lacking = frozenset(kind for kind in self._wanted if getattr(naming, kind) is None)
-            if lacking:
-                naming = _merged(naming, self._default(lacking))
-            if self._named:
-                check_name(naming.label or "")
-        except Fault as fault:
-            raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
-        return naming
-
-    def _default(self, lacking: frozenset[str]) -> Naming:
-        if lacking not in self._defaults:
-            try:
-                self._defaults[lacking] = default_file(self._stem, lacking, self._words)
-            except Fault as fault:
-                raise fault.at(Place(self._grid.file)) from None
-        return self._defaults[lacking]
-
-    def _joined(self, row: Row) -> str:
-        """The name of a point, with its collection and group before it if there are such columns."""
-        parts = [self._text(row, kind) for kind in self._kinds]
-        if len(parts) > 1 and any("::" in part for part in parts):
-            place = self._grid.place(row, self._texts["name"])
-            raise ImportFileError(place, f"the name {shown('::'.join(parts))} contains ::", "rename it")
-        return "::".join(parts)
-
-    def _in_columns(self, row: Row) -> Naming:
-        target = self._text(row, "target") if "target" in self._texts else None
-        if "state" not in self._texts:
-            return Naming(None, target)
-        word = self._text(row, "state")
-        state = state_named(word, self._words)
-        if state is None:
-            raise ImportFileError(
-                self._grid.place(row, self._texts["state"]),
-                f"{shown(word)} is not a known state",
-                "use `unloaded`, `loaded` or `deflection`, or give `state_words`",
-                "state_words",
-            )
-        return Naming(None, target, state)
-
-    def _text(self, row: Row, kind: Kind) -> str:
-        index = self._texts[kind]
-        place = self._grid.place
-        if row.kinds is not None and row.kinds[index] not in ("text", "number"):
-            raise ImportFileError(place(row, index), f"{row.kinds[index]} as {kind}", "enter it as text")
-        if not row.cells[index]:
-            raise ImportFileError(place(row, index), f"the {kind} is empty", "fill it in, in every row")
-        return row.cells[index]
-
-
-def _merged(first: Naming, second: Naming) -> Naming:
-    for kind in ("label", "target", "state"):
-        one, other = getattr(first, kind), getattr(second, kind)
-        if one is not None and other is not None and one != other:
-            raise Fault(
-                f"the {kind} is {shown(one)} by one name and {shown(other)} by another",
-                "correct the name of the point or of the file, or the templates",
-            )
-    return Naming(first.label or second.label, first.target or second.target, first.state or second.state)

@@ -10,7 +10,8 @@ import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, values_of
 from support.shared_data import MISSING, SHARED
 
-from benchmarks.importing import MUTATIONS, outcome, tallies
+from benchmarks.importing import outcome, tallies
+from benchmarks.mutations import MUTATIONS
 from benchmarks.spreadsheets import HABITS, campaign_of
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.imports import ImportRequest
