@@ -7,7 +7,7 @@ from statistics import fmean
 
 import numpy as np
 
-from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion import LENGTH
@@ -94,21 +94,31 @@ def traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None
 
 
 def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
-    noise, micro = readings.noise, 1e6 * LENGTH[readings.units.length]
-    if noise is None:
+    noise, length = readings.noise, LENGTH[readings.units.length]
+    if noise is None or (noise.sigma is None and noise.instrument is None):
         by_reading = any(
             reading.sigma is not None or reading.loaded_covariance is not None
             for observation in readings.observations
             for reading in observation.readings
         )
         yield "stated with each reading." if by_reading else "estimated from the residuals."
-        return
-    if noise.sigma is not None:
-        yield f"σ = {rounded(micro * noise.sigma)} µm of a coordinate of a reading."
-    if noise.instrument is not None:
-        yield "from the data sheet of the instrument."
+    if noise is not None:
+        if noise.sigma is not None:
+            yield f"σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
+        if noise.instrument is not None:
+            yield "from the data sheet of the instrument."
+        yield from _common(noise, 1e3 * length)
+
+
+def _common(noise: Noise, millimetres: float) -> Iterator[str]:
+    """Yield what all observations share, with lengths in mm for those of the set."""
     if noise.force is not None:
-        yield f"Force: relative {noise.force.scale:g}, direction {noise.force.direction:g} rad."
+        yield f"Force: relative {noise.force.scale:g}, direction {rounded(1e3 * noise.force.direction)} mrad."
     for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
         if value is not None:
-            yield f"{name}: {rounded(micro * value)} µm a coordinate."
+            yield f"{name}: {rounded(millimetres * value)} mm a coordinate."
+    if noise.axes is not None:
+        yield (
+            f"Axes of the robot's model: {rounded(millimetres * noise.axes.position)} mm across, "
+            f"{rounded(1e3 * noise.axes.direction)} mrad."
+        )

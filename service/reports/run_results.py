@@ -91,27 +91,31 @@ def uncertainty(model: ExportedModel) -> Section:
                 "intervals in the results hold what is known."
             ],
         )
-    head = [
-        "joint",
-        *(
-            f"{each.source.replace('_', ' ')}, {each.evaluation}{'' if each.included else ' (not included)'}"
-            for each in budget.components
-        ),
-        "combined",
-        "expanded",
-        "expanded, with model error",
-    ]
-    columns = [
-        *(each.contributions for each in budget.components),
-        budget.standard_uncertainty,
-        budget.expanded_uncertainty,
-        budget.expanded_with_model_error,
-    ]
+    sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
+
+    def row(source: str, kind: str, values: list[float]) -> list[str]:
+        shares = zip(budget.joints, values, strict=True)
+        return [
+            source,
+            kind,
+            *(_two_digits(100.0 * u / sizes[name]) if sizes[name] else NO_NUMBER for name, u in shares),
+        ]
+
+    head = ["source", "type", *budget.joints]
     rows = [
-        [name, *(rounded(_NANO * column[place]) for column in columns)]
-        for place, name in enumerate(budget.joints)
+        row(
+            f"{each.source.replace('_', ' ')}{'' if each.included else ' (not included)'}",
+            each.evaluation,
+            each.contributions,
+        )
+        for each in budget.components
     ]
-    caption = "Contributions to the standard uncertainty of each compliance [nrad/(N·m)], type A or B"
+    rows += [
+        row("combined standard uncertainty", "", budget.standard_uncertainty),
+        row("expanded uncertainty", "", budget.expanded_uncertainty),
+        row("expanded, all sources", "", budget.expanded_with_model_error),
+    ]
+    caption = "Contributions to the standard uncertainty of each compliance [% of it]"
     return Section(
         statements.UNCERTAINTY,
         tables=[Table(head, rows, caption)],
@@ -122,6 +126,10 @@ def uncertainty(model: ExportedModel) -> Section:
             f"{_correlation(budget)}"
         ],
     )
+
+
+def _two_digits(value: float) -> str:
+    return rounded(value, value)
 
 
 def _correlation(budget: Budget) -> str:
