@@ -16,7 +16,7 @@ from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.reports.wording import NO_NUMBER, VERDICTS, percent, rounded
 
 _UNIT = UNITS["MNm/rad"]
-_MICRO, _NANO = 1e6, 1e9
+_MICRO = 1e6
 _MOST_WARNINGS = 12
 _STATUS = {"identified": "identified", "uncertain": "uncertain", "at_bound": "at bound"}
 
