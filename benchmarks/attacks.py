@@ -13,7 +13,8 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from fastapi.exceptions import RequestValidationError
 from benchmarks.campaigns import small_campaign
 from benchmarks.hostile_bodies import bodies, imports, peak_of
 from benchmarks.report import Figure, Section
-from benchmarks.services import Service, post_campaign
+from benchmarks.services import Service, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
@@ -52,14 +53,17 @@ _SWEEPS: Final = ((-2.4, 2.4), (-1.2, 0.9), (-1.0, 1.2), (-2.6, 2.6), (-1.6, 1.6
 
 def run(*, quick: bool) -> list[Section]:
     """Attack parsers in forks, and services of our own."""
-    with tempfile.TemporaryDirectory(prefix="jointstiff-attacks-") as folder:
+    with tempfile.TemporaryDirectory(prefix="jointstiff-attacks-") as folder, postgresql() as server:
         database = f"sqlite:///{Path(folder) / 'attacked.db'}"
+        count = 20 if quick else 1_000
         return [
             _bodies(),
             _imports(),
             _connections(database, 100 if quick else _CLIENTS),
             _health(database, 1.0 if quick else 8.0),
-            _posts(database, 20 if quick else 1_000),
+            _posts("SQLite", database, count),
+            _posts("PostgreSQL", server(), count),
+            _queue({"SQLite": f"sqlite:///{Path(folder) / 'queue.db'}", "PostgreSQL": server()}, count),
             _threads(database, 10 if quick else 100),
         ]
 
@@ -305,8 +309,11 @@ def _sweeps(count: int) -> bytes:
 
 # Posts
 
+_QUEUED: Final = 1_000
+"""Long runs that may wait."""
 
-def _posts(database: str, count: int) -> Section:
+
+def _posts(kind: str, database: str, count: int) -> Section:
     with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
         body = json.dumps({"measurement_set_id": post_campaign(client, 19)}).encode()
         before = _listed(client)
@@ -328,13 +335,33 @@ def _posts(database: str, count: int) -> Section:
     lost, twice = len(set(created) - stored), len(created) - len(set(created))
     rate, loop = count / seconds, (count // 10) / alone
     return Section(
-        title=f"{count:,} posts of runs by 16 clients",
+        title=f"{kind}: {count:,} posts of runs by 16 clients",
         columns=("rate", "one client in a loop", "created", "other answers"),
         rows=((f"{rate:.0f}/s", f"{loop:.0f}/s", f"{len(created)}", f"{count - len(created)}"),),
         figures=(
-            Figure("posts at once: rate / that of one client", rate / loop, "at least", 0.8, "×"),
-            Figure("posts at once: acknowledged and not stored", lost, "at most", 0),
-            Figure("posts at once: acknowledged twice", twice, "at most", 0),
+            Figure(f"{kind}, posts at once: rate / that of one client", rate / loop, "at least", 0.8, "×"),
+            Figure(f"{kind}, posts at once: acknowledged and not stored", lost, "at most", 0),
+            Figure(f"{kind}, posts at once: acknowledged twice", twice, "at most", 0),
+        ),
+    )
+
+
+def _queue(databases: Mapping[str, str], count: int) -> Section:
+    """Post long runs that nobody carries out, more than may wait."""
+    found = {}
+    for kind, database in databases.items():
+        with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+            body = {"measurement_set_id": post_campaign(client, 19), "resampling": {"size": 10}}
+            posts = (client.post("/v1/runs?wait=0", json=body) for _ in range(count + 20))
+            found[kind] = Counter((post.status_code, "Retry-After" in post.headers) for post in posts)
+    expected = {(202, False): min(count + 20, _QUEUED), (429, True): max(0, count + 20 - _QUEUED)}
+    return Section(
+        title=f"{count + 20:,} posts of long runs, of which {_QUEUED:,} may wait",
+        columns=("database", "202", "429"),
+        rows=tuple((kind, f"{c[202, False]}", f"{c[429, True]}") for kind, c in found.items()),
+        figures=tuple(
+            Figure(f"{kind}: answers that are not 202, then 429", int(c != expected), "at most", 0)
+            for kind, c in found.items()
         ),
     )
 
@@ -367,6 +394,14 @@ def _threads(database: str, count: int) -> Section:
         requests: dict[str, Callable[[], httpx.Response]] = {
             f"geometry of {6 * count}": lambda: client.post(
                 "/v1/geometries", content=_sweeps(count), headers=_JSON
+            ),
+            "coupled joints": lambda: client.post(
+                "/v1/runs",
+                json={
+                    "measurement_set_id": post_campaign(client, 20 * count),
+                    "elasticity": "coupled_joints",
+                    "link_penalty": 1e-3,
+                },
             ),
         }
         found = {}

@@ -25,6 +25,7 @@ import httpx
 
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
+from benchmarks.restored import restored
 from benchmarks.services import PostgresqlServer, Service, numbers, post_campaign, postgresql
 from benchmarks.worker_faults import worker_faults
 from jointstiff.schemas.campaign import Campaign
@@ -82,19 +83,27 @@ def run(*, quick: bool) -> list[Section]:
             long = 25.0 if name == "locked" and not quick else seconds
             outcomes[f"SQLite: {name}"] = _meet(f"sqlite:///{path}", fault(path), long, undisturbed)
             path.unlink()
+        url, back = f"sqlite:///{folder / uuid4().hex}.db", partial(_clock_set_back, folder)
+        outcomes["SQLite: clock −1 day"] = _meet(url, back, seconds, undisturbed, _faked(folder))
     with postgresql() as server:
         faults = {"server stopped and back": _stopped, "read-only": _read_only}
         for name, server_fault in faults.items():
             outcomes[f"PostgreSQL: {name}"] = _meet(
                 server(), partial(server_fault, server), seconds, undisturbed
             )
+        with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as place:
+            new: dict[str, Callable[[], str]] = {
+                "SQLite": lambda: f"sqlite:///{Path(place) / uuid4().hex}.db",
+                "PostgreSQL": server,
+            }
+            copies = restored(new, 1.0 if quick else 5.0)
     if quick:
-        return [_section(outcomes)]
+        return [_section(outcomes), copies]
     with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as name:
         hurt = worker_faults(
             lambda: f"sqlite:///{Path(name) / uuid4().hex}.db", CONFIGURATIONS, RESAMPLING, undisturbed
         )
-    return [_section(outcomes), hurt]
+    return [_section(outcomes), copies, hurt]
 
 
 def _undisturbed() -> dict[str, Any]:
@@ -103,10 +112,19 @@ def _undisturbed() -> dict[str, Any]:
     return numbers(json.loads(identify(campaign, campaign.run).model_dump_json()))
 
 
-def _meet(database: str, fault: Fault, seconds: float, undisturbed: dict[str, Any]) -> Outcome:
+def _meet(
+    database: str,
+    fault: Fault,
+    seconds: float,
+    undisturbed: dict[str, Any],
+    environment: dict[str, str] | None = None,
+) -> Outcome:
     outcome, created = Outcome(), list[str]()
     stop, faulty = threading.Event(), threading.Event()
-    with Service(database, 1) as service, httpx.Client(base_url=service.url, timeout=90) as client:
+    with (
+        Service(database, 1, environment=environment) as service,
+        httpx.Client(base_url=service.url, timeout=90) as client,
+    ):
         set_id = post_campaign(client, CONFIGURATIONS)
         body = {"measurement_set_id": set_id, "resampling": RESAMPLING}
         address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
@@ -212,6 +230,57 @@ def _locked(path: Path, _: Service) -> Iterator[None]:
     with closing(sqlite3.connect(path, timeout=30, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         yield
+
+
+_CLOCK: Final = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <sys/time.h>
+#include <time.h>
+
+static long back(void) { struct stat s; return stat(getenv("JOINTSTIFF_CLOCK"), &s) ? 0 : 86400; }
+
+int clock_gettime(clockid_t clock, struct timespec *time) {
+  static int (*real)(clockid_t, struct timespec *);
+  if (!real) real = dlsym(RTLD_NEXT, "clock_gettime");
+  int failed = real(clock, time);
+  if (!failed && clock == CLOCK_REALTIME) time->tv_sec -= back();
+  return failed;
+}
+
+int gettimeofday(struct timeval *time, void *zone) {
+  struct timespec now;
+  clock_gettime(CLOCK_REALTIME, &now);
+  time->tv_sec = now.tv_sec;
+  time->tv_usec = now.tv_nsec / 1000;
+  return 0;
+}
+
+time_t time(time_t *at) {
+  struct timespec now;
+  clock_gettime(CLOCK_REALTIME, &now);
+  if (at) *at = now.tv_sec;
+  return now.tv_sec;
+}
+"""
+"""A clock that stands a day back once a file is there. Debian's libfaketime makes Python's `sleep` fail."""
+
+
+def _faked(folder: Path) -> dict[str, str]:
+    """Return the environment of processes whose time of day is ours to set back."""
+    source, library = folder / "clock.c", folder / "clock.so"
+    source.write_text(_CLOCK, encoding="ascii")
+    subprocess.run(["/usr/bin/cc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    return {"LD_PRELOAD": str(library), "JOINTSTIFF_CLOCK": str(folder / "back")}
+
+
+@contextmanager
+def _clock_set_back(folder: Path, _: Service) -> Iterator[None]:
+    """Set the clock back by a day, for good."""
+    (folder / "back").touch()
+    yield
 
 
 @contextmanager
