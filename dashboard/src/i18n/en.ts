@@ -1076,6 +1076,8 @@ export const en = {
     arms: "Arms",
     noArm: "No arm of that name. Describe it by a DH table or a URDF.",
     nominal: "nominal",
+    nominalArm: "Nominal arm",
+    unknown: "not known",
     nominalNote:
       "Nominal figures of the maker, not of your arm, which differs from them by some tenths of a millimetre. A geometry finds its own.",
     edit: "Edit as a table",

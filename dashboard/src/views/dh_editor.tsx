@@ -185,7 +185,7 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
                       label={words.cell(words[limit], i + 1)}
                       value={row[limit]}
                       change={(typed) => put(i, limit, typed)}
-                      placeholder={words.unlimited}
+                      placeholder={words.unknown}
                     />
                   </td>
                 ))}

@@ -100,7 +100,7 @@ function Kinematics({ robot }: { robot: Robot }) {
       {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
       <Facts
         facts={[
-          ...(robot.nominal_arm ? [{ label: words.nominal, value: <Name>{robot.nominal_arm}</Name> }] : []),
+          ...(robot.nominal_arm ? [{ label: words.nominalArm, value: <Name>{robot.nominal_arm}</Name> }] : []),
           {
             label: words.description,
             value:

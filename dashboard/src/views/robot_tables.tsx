@@ -9,7 +9,7 @@ import { text } from "../i18n";
 const plain = (value: number): string => String(Number(value.toFixed(6))).replace("-", "\u2212");
 
 const limit = (value: number | null | undefined): string =>
-  value === null || value === undefined ? text.robots.unlimited : fixed(degrees(value), 0);
+  value === null || value === undefined ? text.robots.unknown : fixed(degrees(value), 0);
 
 export function RowsTable({ model }: { model: DhModel }) {
   const words = text.robots;

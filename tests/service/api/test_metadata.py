@@ -8,6 +8,8 @@ import pytest
 from alembic import command
 from support.in_process import Client
 
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.library import identify
 from jointstiff.service.store import MeasurementSetRecord, NotFoundError, RobotRecord, Store
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.migrations import configuration
@@ -225,3 +227,10 @@ def test_what_an_earlier_version_stored_has_none_and_takes_it(database):
         database.sets.change("\x00", {"notes": "n"})
     with pytest.raises(NotFoundError):
         database.sets.change("s1", {"notes": "n"})
+
+
+def test_a_campaign_file_carries_them_and_gives_the_same_run(campaign):
+    noted = campaign | {"measurement_set": campaign["measurement_set"] | NOTED}
+    plain, with_notes = (identify(Campaign.model_validate(document)) for document in (campaign, noted))
+    assert with_notes.provenance.input_hash == plain.provenance.input_hash
+    assert with_notes.result.joints == plain.result.joints
