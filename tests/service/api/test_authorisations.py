@@ -31,8 +31,13 @@ def store():
 
 @pytest.fixture(scope="module")
 def ask(store):
+    apps = {}
+
     def ask(method, path, role="operator", settings=SETTINGS, **options):
-        app = create_app(store, posture=POSTURE, laboratory=settings)
+        name = settings.laboratory and settings.laboratory.name
+        if name not in apps:
+            apps[name] = create_app(store, posture=POSTURE, laboratory=settings)
+        app = apps[name]
 
         async def send():
             transport = httpx.ASGITransport(app)

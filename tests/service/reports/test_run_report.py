@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
+import re
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -16,6 +18,7 @@ from typer.testing import CliRunner
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
 from jointstiff.schemas.run import Run
+from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.exporting import ExportedModel, joints_csv
 from jointstiff.service.library import campaigns
@@ -205,22 +208,12 @@ def test_states(subject, campaign, run):
 def test_two_processes_give_the_same_bytes(document, run, tmp_path):
     (tmp_path / "campaign.json").write_text(json.dumps(document))
     (tmp_path / "run.json").write_text(run.model_dump_json())
-    found = set()
-    for name in ("one.pdf", "two.pdf"):
-        command = [
-            sys.executable,
-            "-m",
-            "jointstiff",
-            "report",
-            "campaign.json",
-            "--run",
-            "run.json",
-            "-o",
-            name,
-        ]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
-        found.add((tmp_path / name).read_bytes())
-    assert len(found) == 1
+    arguments = ["report", "campaign.json", "--run", "run.json", "-o"]
+    command = [sys.executable, "-m", "jointstiff", *arguments, "other.pdf"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    with contextlib.chdir(tmp_path):
+        assert CliRunner().invoke(app, [*arguments, "this.pdf"]).exit_code == 0
+    assert (tmp_path / "other.pdf").read_bytes() == (tmp_path / "this.pdf").read_bytes()
 
 
 def test_hostile_text_is_shown_as_text(campaign, run):
@@ -234,6 +227,13 @@ def test_hostile_text_is_shown_as_text(campaign, run):
     assert "<script" not in page
     assert "<img" not in page
     assert "&lt;img src=x onerror=alert(1)&gt; $x$ *b* @preview/cetz ‹中文›" in page
+
+
+def test_the_template_reads_no_file_and_no_package():
+    template = Path(service_reports.__file__).with_name("template.typ").read_text()
+    assert not re.findall(r"\b(?:import|include|read|eval|plugin|csv|toml|yaml|xml|cbor)\b *\(?\"", template)
+    assert set(re.findall(r"image\((\w+)", template)) == {"bytes"}
+    assert re.findall(r"json\(.*", template) == ["json(bytes(sys.inputs.document))"]
 
 
 def test_the_page_loads_nothing_and_has_no_scripts(subject, run):
