@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Final, Literal, TypeVar, cast
 
@@ -176,15 +176,17 @@ class _Reader:
         marks = [self._understood(*table) for table in tables]
         sound = all(not layout.columns.faulty for _, layout in tables) and len(tables) == len(files)
         labels = labels_in_order(tables, self._faults) if sound and self._options.by_order else []
+        notes: list[str] = []
         records = (
             record
             for (grid, layout), mark in zip(tables, marks, strict=True)
             if mark is not None and not layout.columns.faulty and (labels or "name" in layout.columns.texts)
-            for record in read_records(grid, layout, mark, self._options, labels, self._faults)
+            for record in read_records(grid, layout, mark, self._options, labels, notes, self._faults)
         )
         if self.units.get("length") == "in":
             self.units["length"] = "mm"
-        return assemble(records, self._faults, allow_missing=self._options.allow_missing)
+        found = assemble(records, self._faults, allow_missing=self._options.allow_missing)
+        return found and replace(found, assumptions=(*notes, *found.assumptions))
 
     def _understood(self, grid: Grid, layout: Layout) -> DecimalMark | None:
         """Return the decimal mark of a file, if it is clear; add its preview, units and frame."""

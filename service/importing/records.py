@@ -86,6 +86,7 @@ def read_records(
     mark: DecimalMark,
     options: ImportOptions,
     labels: Sequence[str],
+    notes: list[str],
     faults: Faults,
 ) -> Iterator[Record]:
     """Read all rows.
@@ -96,10 +97,11 @@ def read_records(
         mark: its decimal mark.
         options: of the caller.
         labels: of the observations by row, for a file without names.
+        notes: where to tell what was assumed.
         faults: where to tell of cells that are not what their columns say, and of unclear names.
     """
     with faults.collected():
-        rows = _Rows(grid, layout, mark, options, labels)
+        rows = _Rows(layout, mark, labels, Names(grid, layout, options, notes), grid)
         for number, row in enumerate(layout.rows):
             if faults.full:
                 return
@@ -111,10 +113,10 @@ class _Rows:
     """The rows of a file, read by the meanings of its columns."""
 
     def __init__(
-        self, grid: Grid, layout: Layout, mark: DecimalMark, options: ImportOptions, labels: Sequence[str]
+        self, layout: Layout, mark: DecimalMark, labels: Sequence[str], names: Names, grid: Grid
     ) -> None:
         self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
-        self._names = Names(grid, layout, options)
+        self._names = names
         self._named = "name" in layout.columns.texts
         self._whole = is_whole(layout) and self._named
         self._expanded = {

@@ -15,8 +15,19 @@ from jointstiff.service.importing.naming import Naming, Template, check_name, de
 class Names:
     """Label, target and state of each row: from columns, from the point's name, from the file's name."""
 
-    def __init__(self, grid: Grid, layout: Layout, options: ImportOptions) -> None:
-        self._grid = grid
+    def __init__(self, grid: Grid, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
+        """Prepare to name rows.
+
+        Args:
+            grid: the file.
+            layout: its columns.
+            options: of the caller.
+            notes: where to tell what the file's name was taken for.
+
+        Raises:
+            ImportFileError: a template is faulty, or the file's name does not fit it.
+        """
+        self._grid, self._notes = grid, notes
         self._texts = layout.columns.texts
         self._needed = layout.columns.needed
         self._named = "name" in self._texts
@@ -63,7 +74,9 @@ class Names:
     def _default(self, lacking: frozenset[str]) -> Naming:
         if lacking not in self._defaults:
             try:
-                self._defaults[lacking] = default_file(self._stem, lacking, self._words)
+                found = self._defaults[lacking] = default_file(self._stem, lacking, self._words)
+                said = [f"{kind} {getattr(found, kind)}" for kind in sorted(lacking)]
+                self._notes.append(f"{self._grid.file}: {' and '.join(said)} by the name of the file")
             except Fault as fault:
                 raise fault.at(Place(self._grid.file)) from None
         return self._defaults[lacking]

@@ -93,6 +93,8 @@ def by_target_and_state(name="{target}_{state}.txt"):
 def test_a_file_for_each_target_and_state():
     imported = read(*by_target_and_state(), units=MM)
     assert points_of(imported) == READ_POINTS
+    note = "P10_unloaded.txt: state unloaded and target P10 by the name of the file"
+    assert note in imported.preview.assumptions
     assert points_of(read(*by_target_and_state("{state}_{target}.xyz"), units=MM)) == READ_POINTS
     named = by_target_and_state("2026-11-20 {target} {state}.txt")
     refused(*named, reason="given neither by the table nor", file=named[0][0], units=MM)
