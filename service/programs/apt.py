@@ -28,14 +28,19 @@ _ARCS: Final = words(
 _STILL: Final = words(
     """
     PARTNO PPRINT MACHIN UNITS MULTAX LOADTL LOAD SELCTL TOOLNO SPINDL FEDRAT RAPID COOLNT CUTTER
-    END FINI STOP OPSTOP DELAY INTOL OUTTOL TOLER TLAXIS AUXFUN PREFUN INSERT SEQNO OPNAME CUTCOM
-    CYCLE TOOL MSYS ORIGIN MODE PAINT CLDATA REWIND DISPLY TPRINT HEAD SET CLEARP LEADER END-OF-PATH
+    END FINI STOP OPSTOP DELAY INTOL OUTTOL TOLER AUXFUN PREFUN INSERT SEQNO OPNAME CUTCOM
+    CYCLE TOOL MSYS ORIGIN MODE REMARK PAINT CLDATA REWIND DISPLY TPRINT HEAD SET CLEARP LEADER END-OF-PATH
     TLDATA PLABEL GOHOME SAFETY CLRSRF SAFPOS PIVOTZ SPINDLE ARCSLP LINTOL
     """
 ) | {"TOOL PATH"}
 _MAX_STATEMENT: Final = 16_384
 """Characters of a statement; a longer one is cut, and refused as what it is then."""
 _OFF: Final = {"CUTCOM", "CYCLE", "ARCSLP"}
+_SHIFTS: Final = words("ROTATE ROTABL ROTHED TRANS COPY TRACUT TRAREF REFSYS INDEX")
+"""Words after which the numbers of targets are those of another frame."""
+_AXIS_WORD: Final = re.compile(
+    rf"TLAXIS\s*/\s*({NUMBER})\s*,\s*({NUMBER})\s*,\s*({NUMBER})\s*$", re.IGNORECASE
+)
 
 
 def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
@@ -62,33 +67,52 @@ def read_apt(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
         rest = ((word[2] if word else "") or "").strip().upper()
         if name == "UNITS":
             unit = _unit(reader, line, rest)
-        elif name in _OFF and rest.partition(",")[0].strip() not in {"OFF", ""}:
-            reader.refuse(
-                line,
-                f"{name}/{shown(rest)}: the controller would move the targets",
-                "let the CAM system compute it",
-            )
-        elif name in {"GOTO", "FROM"}:
-            reader.refuse(
-                line, f"the target {shown(body)} is not in numbers", "give x, y, z or x, y, z, i, j, k"
-            )
-        elif name in _ARCS:
-            reader.refuse(
-                line,
-                f"{name}: an arc, or a move whose end is not written",
-                "let the CAM system write linear moves (GOTO) only",
-            )
-        elif name not in _STILL and name not in reader.allowed:
-            reader.refuse(
-                line,
-                f"the word {shown(body)} is not known",
-                f"let the CAM system write linear moves only, or name it in `leave_alone`: [{shown(name)}]",
-            )
+        elif name == "TLAXIS":
+            axis = _axis(reader, line, body) or axis
+        elif name not in _STILL or name in _OFF or name in {"MODE", "ORIGIN"}:
+            _word(reader, line, name, rest, body)
     return reader.program()
 
 
+def _word(reader: Reader, line: int, name: str, rest: str, body: str) -> None:
+    """Refuse a word that moves the tool or its targets, or that is not known."""
+    fault: tuple[str, str] | None = None
+    if name in _SHIFTS or (name == "MODE" and "INCR" in rest) or (name == "ORIGIN" and _shifted(rest)):
+        reason = f"{shown(body)} moves the targets that follow"
+        fault = reason, "let the CAM system write absolute coordinates in one frame"
+    elif name in _OFF and rest.partition(",")[0].strip() not in {"OFF", ""}:
+        reason = f"{name}/{shown(rest)}: the controller would move the targets"
+        fault = reason, "let the CAM system compute it"
+    elif name in {"GOTO", "FROM"}:
+        fault = f"the target {shown(body)} is not in numbers", "give x, y, z or x, y, z, i, j, k"
+    elif name in _ARCS:
+        reason = f"{name}: an arc, or a move whose end is not written"
+        fault = reason, "let the CAM system write linear moves (GOTO) only"
+    elif name not in _STILL and name not in reader.allowed:
+        remedy = f"let the CAM system write linear moves only, or name it in `leave_alone`: [{shown(name)}]"
+        fault = f"the word {shown(body)} is not known", remedy
+    if fault:
+        reader.refuse(line, *fault)
+
+
+def _axis(reader: Reader, line: int, body: str) -> tuple[float, float, float] | None:
+    """Return the tool's axis that TLAXIS sets."""
+    stated = _AXIS_WORD.match(body)
+    axis = (float(stated[1]), float(stated[2]), float(stated[3])) if stated else (0.0, 0.0, 0.0)
+    if any(axis):
+        return axis
+    reader.refuse(
+        line, f"{shown(body)} sets no axis in numbers", "write TLAXIS/i, j, k, or i, j, k in each GOTO"
+    )
+    return None
+
+
+def _shifted(rest: str) -> bool:
+    return any(float(number) != 0.0 for number in NUMBER_PATTERN.findall(rest))
+
+
 def _unit(reader: Reader, line: int, name: str) -> float:
-    units = {"MM": MM, "INCHES": _INCH, "INCH": _INCH}
+    units = {"MM": MM, "INCHES": _INCH, "INCH": _INCH, "IN": _INCH}
     if name not in units:
         reader.refuse(line, f"the unit {shown(name)} is not known", "write UNITS/MM or UNITS/INCHES")
     return units.get(name, MM)
@@ -115,9 +139,6 @@ def _goto(
         return axis
     text = reader.sources[0].text
     i, j, k = (float(text[start:end]) for start, end in numbers[3:])
-    if i == j == k == 0.0:
-        reader.refuse(line, "the tool's axis has no length", "give a unit vector i, j, k")
-        return axis
     return i, j, k
 
 

@@ -38,7 +38,9 @@ _REFUSED: Final = re.compile(
     r"Offset|Tool_Offset|Skip|Weave",
     0,
 )
-_CHANGED: Final = re.compile(r"(?:P|PR|UFRAME|UTOOL)\s*\[[^\]]*\]\s*=|P\s*\[\s*R\s*\[")
+_REGISTER: Final = re.compile(r"PR\s*\[[^\]]*\]\s*=")
+"""A position register, which no move is taken to: those that use one are refused."""
+_CHANGED: Final = re.compile(r"(?:P|UFRAME|UTOOL)\s*\[[^\]]*\]\s*=|P\s*\[\s*R\s*\[")
 _FRAME: Final = re.compile(r"(UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[1\]|\$MNUTOOLNUM\[1\])\s*=\s*(\S+)\s*$")
 _SAME_FRAME: Final = {"$MNUFRAMENUM[1]": "UFRAME_NUM", "$MNUTOOLNUM[1]": "UTOOL_NUM"}
 _STILL: Final = re.compile(
@@ -176,7 +178,7 @@ class _Program:
         self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
         if move := _MOVE.match(body):
             self._move(line, move[1], body[move.end() :])
-        elif body.startswith(("!", "//", "--")):
+        elif body.startswith(("!", "//", "--")) or _REGISTER.match(body):
             return
         elif frame := _FRAME.match(body):
             self._chosen(line, _SAME_FRAME.get(frame[1], frame[1]), frame[2])

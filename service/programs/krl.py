@@ -58,7 +58,7 @@ _AFTER: Final = re.compile(
     r"\s*(?:(?:C_PTP|C_DIS|C_VEL|C_ORI|C_SPL)\s*)*(?:,\s*CA\s[^:{}]*)?(?:WITH\b.*)?$", re.IGNORECASE
 )
 _ASSIGNED: Final = re.compile(
-    r"(?:(?:GLOBAL|DECL|CONST|EXT|SIGNAL)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT|[A-Z]\w*)\s+)?(\$?[A-Z]\w*(?:\[\s*\d*\s*\])?(?:\.\w+)*)\s*=(?!=)\s*(.*)$",
+    r"(?:(?:GLOBAL|DECL|CONST|EXT|SIGNAL)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT|[A-Z]\w*)\s+)?(\$?[A-Z]\w*(?:\[[\s\w,+-]*\])?(?:\.\w+)*)\s*=(?!=)\s*(.*)$",
     re.IGNORECASE,
 )
 _WITH_FRAMES: Final = re.compile(r"\bWITH\b.*\$(?:TOOL|BASE|IPO_MODE)\b", re.IGNORECASE)
@@ -73,6 +73,8 @@ _STILL: Final = re.compile(
 )
 _CALLED: Final = re.compile(r"(?<![#\w$.\[])([A-Z]\w*)\s*\(", re.IGNORECASE)
 _DEF: Final = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT)?\b", re.IGNORECASE)
+_DECLARES: Final = re.compile(r"(?:DEF|DEFFCT|DEFDAT|EXT|EXTFCT|DECL|GLOBAL)\b", re.IGNORECASE)
+_COMPUTED_FRAME: Final = re.compile(r"(?:BASE|TOOL)_DATA\[(?!\d+\])")
 _OPENED: Final = re.compile(r"(?:IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b", re.IGNORECASE)
 _CLOSED: Final = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b", re.IGNORECASE)
 _WORDS: Final = words(
@@ -166,11 +168,7 @@ class _Program:
     def _other(self, source: int, line: int, body: str) -> None:
         known = _STILL.match(body) is not None
         called = {name.upper() for name in _CALLED.findall(re.sub(r'"[^"]*"', '""', body))}
-        unknown = (
-            called - _WORDS - self.routines
-            if not body.upper().startswith(("DEF", "EXT", "DECL", "GLOBAL"))
-            else set()
-        )
+        unknown = called - _WORDS - self.routines if not _DECLARES.match(body) else set()
         for name in sorted(unknown):
             self.reader.call(line, name)
         self.moved |= bool(called & self.routines) and not _DEF.match(body)
@@ -217,6 +215,8 @@ class _Program:
         literal = self._aggregate(source, line, assigned[3], offset + assigned.start(3))
         if name in {"$BASE", "$TOOL"}:
             self._frame(source, line, name[1:], literal, value)
+        elif _COMPUTED_FRAME.match(name):
+            self.reader.refuse(line, f"{name} is computed", "write the number of the frame", source)
         elif name == "FDAT_ACT":
             self._inline_form(line, literal, value)
         elif name.startswith(("$BASE.", "$TOOL.", "$ACT_BASE", "$ACT_TOOL")):

@@ -73,7 +73,12 @@ class Notation:
         return self.orientation not in {Orientation.JOINTS, Orientation.TOOL_AXIS, Orientation.NONE}
 
     def states(self, values: Sequence[float]) -> bool:
-        """Tell whether the numbers of a target are an orientation: a quaternion has to be of unit length."""
+        """Tell whether the numbers of a target are an orientation.
+
+        A quaternion has to be of unit length, a tool's axis of some length.
+        """
+        if self.orientation is Orientation.TOOL_AXIS:
+            return any(values[3:])
         if self.orientation is not Orientation.QUATERNION:
             return True
         return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _UNIT

@@ -166,9 +166,12 @@ class Program:
 
     def by_notation(self) -> Mapping[Notation, list[int]]:
         """Return indices of targets by how they are written."""
-        groups: dict[Notation, list[int]] = {}
+        by_object: dict[int, list[int]] = {}  # notations are few objects, whose hash costs more than their id
         for i, target in enumerate(self.targets):
-            groups.setdefault(target.notation, []).append(i)
+            by_object.setdefault(id(target.notation), []).append(i)
+        groups: dict[Notation, list[int]] = {}
+        for indices in by_object.values():
+            groups.setdefault(self.targets[indices[0]].notation, []).extend(indices)
         return groups
 
     def numbers(self, indices: Sequence[int]) -> FloatArray:

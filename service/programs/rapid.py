@@ -39,6 +39,9 @@ _MOVES: Final = {
     "MOVELDO": (Motion.LINEAR, 1),
     "MOVEJDO": (Motion.JOINT, 1),
     "MOVECDO": (Motion.CIRCULAR, 2),
+    "MOVELSYNC": (Motion.LINEAR, 1),
+    "MOVEJSYNC": (Motion.JOINT, 1),
+    "MOVECSYNC": (Motion.CIRCULAR, 2),
     "TRIGGL": (Motion.LINEAR, 1),
     "TRIGGJ": (Motion.JOINT, 1),
     "TRIGGC": (Motion.CIRCULAR, 2),
@@ -58,6 +61,7 @@ _REFUSED: Final = re.compile(
     r"(?:PDisp\w*|EOffs\w*|Soft\w*|Search\w|CorrCon|CorrWrite|Cap\w|FC\w+|WaitWObj|DropWObj|Indr?\w+|StepBwdPath|MoveExtJ)\b",
     re.IGNORECASE,
 )
+_PROCESS: Final = re.compile(r"(?:Arc|Spot|Paint|Disp|Cap|Nut|Glue)(?:[LCJ]|[LC]\w+)\b", re.IGNORECASE)
 _COMPACT_IF: Final = re.compile(
     rf"(?:ELSE)?IF\b.*\b(?:{'|'.join(sorted(_MOVES, key=len, reverse=True))})\b\s|IF\b.*:=",
     re.IGNORECASE | re.DOTALL,
@@ -66,6 +70,12 @@ _OPENED: Final = re.compile(r"(?:IF\b.*\bTHEN|FOR\b|WHILE\b|TEST\b)", re.IGNOREC
 _CLOSED: Final = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b", re.IGNORECASE)
 _ASSIGNED: Final = re.compile(r"([A-Za-z]\w*)((?:\s*\{[^}]*\})?(?:\.\w+)*)\s*:=", re.DOTALL)
 _CALL: Final = re.compile(r"([A-Za-z]\w*)\b")
+_FAULTS: Final = (
+    (_PROCESS, "is a move of a process", "write it as MoveL, MoveJ or MoveC"),
+    (_REFUSED, "moves targets or frames while the program runs", "write targets in numbers"),
+    (_COMPACT_IF, "has a move or an assignment behind IF", "write IF ... THEN ... ENDIF"),
+)
+_JUMP: Final = re.compile(r"^\s*GOTO\b", re.IGNORECASE | re.MULTILINE)
 _NO_AXIS: Final = 8e9
 _REMEDY: Final = (
     "write [[x, y, z], [q1 ... q4], [cf1, cf4, cf6, cfx], [external axes]] in numbers, or declare it so"
@@ -180,14 +190,8 @@ class _Module:
         self.depth += bool(_OPENED.match(text)) - bool(_CLOSED.match(text))
         if move := _MOVE.match(text):
             self._move(line, move[1].upper(), text[move.end() :], start + move.end())
-        elif _REFUSED.match(text):
-            self.reader.refuse(
-                line,
-                f"{shown(text)} moves targets or frames while the program runs",
-                "write targets in numbers",
-            )
-        elif _COMPACT_IF.match(text):
-            self.reader.refuse(line, "a move or an assignment behind IF", "write IF ... THEN ... ENDIF")
+        elif fault := next((fault for pattern, *fault in _FAULTS if pattern.match(text)), None):
+            self.reader.refuse(line, f"{shown(text)} {fault[0]}", fault[1])
         elif _ASSIGNED.match(text):
             name = text.partition(":=")[0].strip().upper()
             if not self._set_frame(line, name, text) and (
@@ -204,7 +208,8 @@ class _Module:
 
     def _set_frame(self, line: int, name: str, text: str) -> bool:
         """Take a tool or work object that a program without branches and other routines sets in numbers."""
-        if self.depth or len(self.routines) > 1 or not (name in self.tools or name in self.bases):
+        straight = len(self.routines) <= 1 and not _JUMP.search(self.reader.sources[0].text)
+        if self.depth or not straight or not (name in self.tools or name in self.bases):
             return False
         value = text.partition(":=")[2].strip()
         known, read = (self.tools, self._tool_pose) if name in self.tools else (self.bases, self._base_pose)
@@ -230,7 +235,7 @@ class _Module:
                 )
                 return
             text, offset = text[end + comma.end() :], offset + end + comma.end()
-        frames = self._frames(line, text, 2 if name.endswith("DO") else -1)
+        frames = self._frames(line, text, 2 if name.endswith(("DO", "SYNC")) else -1)
         if frames:
             self.reader.move(
                 line, motion, [self._add(line, declared, label, frames) for declared, label in found]

@@ -126,7 +126,9 @@ class Reader:
             )
             return None
         if not notation.states(values):
-            self.refuse(line, "a quaternion is not of unit length", "write its four numbers anew", source)
+            self.refuse(
+                line, "a quaternion or an axis is not of unit length", "write its numbers anew", source
+            )
             return None
         if len(self._targets) >= MAX_TARGETS:
             self.refuse(line, f"more than {MAX_TARGETS} targets", "split the program", source)

@@ -55,7 +55,7 @@ _STILL: Final = words(
     read_input_integer_register read_input_float_register enter_critical exit_critical
     modbus_set_output_signal modbus_set_output_register rpc_factory socket_open socket_close
     socket_send_string not and or if while elif return set_analog_inputrange
-    set_tool_analog_input_domain set_tool_output_mode set_tool_digital_output_mode set_watchdog
+    set_tool_analog_input_domain set_tool_output_mode set_tool_digital_output_mode set_watchdog zero_ftsensor
     set_configurable_digital_input_action set_standard_digital_input_action
     set_tool_digital_input_action set_safety_mode_transition_hardness set_baselight_mode
     """

@@ -115,6 +115,13 @@ class InverseKinematics:
             Angles (m, 6) of the model [rad], and (m,) whether the pose is reached.
         """
         q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
+        for start in range(0, len(poses), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            q[block], reached[block] = self._followed(poses[block], near[block])
+        return q, reached
+
+    def _followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
+        q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
         left = np.arange(len(near))
         for _ in range(_STEPS):
             here = Configurations(self.robot, q[left])

@@ -227,3 +227,37 @@ def test_apt_arcs_are_refused_as_what_they_are(line):
 
 def test_apt_targets_by_name_are_refused():
     assert "numbers" in refusal("a.cls", "GOTO/1,2,3\nGOTO/PT1\n").reason
+
+
+@pytest.mark.parametrize(
+    "line", ["MODE/INCR", "ORIGIN/0,0,50", "TRANS/1,2,3", "TLAXIS/NORMPS", "GOTO/1,2,3,0,0,0"]
+)
+def test_apt_words_that_move_targets_are_refused(line):
+    assert refusal("a.cls", f"GOTO/1,2,3\n{line}\nGOTO/5,6,7\n").line == 2
+
+
+def test_apt_tool_axis_of_a_statement():
+    assert read("a.cls", "ORIGIN/0,0,0\nTLAXIS/0,1,0\nGOTO/1,2,3\n").targets[0].notation.axis == (
+        0.0,
+        1.0,
+        0.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.src", "DEF a()\nExtruder_on(1)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", "EXTRUDER_ON"),
+        ("a.src", "DEF a()\nBASE_DATA[i]={X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", "computed"),
+        ("a.mod", rapid(f"ArcL {POSE},v100,seam1,weld1,z1,t1;", TOOL), "process"),
+    ],
+)
+def test_what_may_move_is_not_passed_over(name, text, words):
+    assert words in refusal(name, text).reason
+
+
+def test_loops_over_axes_and_registers_that_no_move_uses_are_left():
+    loop = "FOR I=1 TO 6\n$VEL_AXIS[I]=50\n$ACC_AXIS[I]=50\nENDFOR\n"
+    assert len(read("a.src", f"DEF a()\n{loop}LIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND").moves) == 1
+    assert len(read("a.LS", fanuc(FANUC_MOVES + "   6:  PR[1,2]=R[3] ;\n")).moves) == 2
+    assert frames(read("a.mod", rapid(f'MoveLSync {POSE},v100,z1,t1,"p1";', TOOL))) == [("wobj0", "t1")]
