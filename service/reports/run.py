@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.measurement.metadata import SetMetadata
 from jointstiff.schemas.report import Party
 from jointstiff.service.exporting import ExportedModel, joints_csv
 from jointstiff.service.reports import statements
@@ -46,17 +48,22 @@ class RunSubject:
         return run.model_copy(update={"result": less}).model_dump_json().encode()
 
     def content_hash(self) -> str:
-        """Return the SHA-256 of what a report states: run, names, metadata of the set, laboratory, logo."""
-        header = self.readings.model_dump_json(exclude={"observations"})
-        laboratory = self.settings.laboratory
-        parts = [
-            self.model.run.model_dump_json().encode(),
-            header.encode(),
-            self.model.name.encode(),
-            b"" if laboratory is None else laboratory.model_dump_json().encode(),
-            b"" if self.settings.logo is None else self.settings.logo.content,
+        """Return the SHA-256 of what a report states: run, names, metadata of the set, laboratory, logo.
+
+        A run never changes, so its id and the hash of its input stand for it. What is not stated is left out:
+        a later version with more fields finds the same hash.
+        """
+        run, laboratory, logo = self.model.run, self.settings.laboratory, self.settings.logo
+        stated = [
+            run.id,
+            run.provenance.input_hash,
+            self.model.name,
+            self.readings.name,
+            self.readings.model_dump(mode="json", include=set(SetMetadata.model_fields), exclude_none=True),
+            None if laboratory is None else laboratory.model_dump(mode="json", exclude_defaults=True),
+            None if logo is None else hashlib.sha256(logo.content).hexdigest(),
         ]
-        return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+        return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def run_document(subject: RunSubject, state: State) -> Document:

@@ -151,6 +151,16 @@ def test_hostile_names_are_text(weighed):
     assert not [c for sheet in book for row in sheet.iter_rows() for c in row if c.data_type == "f"]
 
 
+@pytest.mark.parametrize("name", ["csv", "xlsx"])
+@pytest.mark.parametrize("first", ["=", "+", "-", "@"])
+def test_no_cell_is_carried_out(pulled, name, first):
+    joint = pulled.result.joints[0].model_copy(update={"name": f"{first}1+1", "reason": f"{first}2"})
+    result = pulled.result.model_copy(update={"joints": [joint, *pulled.result.joints[1:]]})
+    _, row, *_ = cells_of(name, export_model(ExportedModel(pulled.run, result, pulled.robot, "arm"), name))
+    assert row[0] == f"'{first}1+1"
+    assert f"'{first}2" in row
+
+
 def test_the_file_says_which_geometry_it_has(pulled):
     found = ExportedModel(pulled.run, pulled.result, pulled.robot, "arm", "g1")
     assert "as identified, geometry g1" in export_model(found, "mjcf").decode()

@@ -175,6 +175,19 @@ def test_run_and_table_are_attached_and_it_is_pdf_a(signed, subject, run):
     assert len(signed) <= 1_000_000
 
 
+def test_the_hash_is_of_what_is_stated(subject, campaign, run):
+    stated = subject.content_hash()
+    assert subject_of(campaign, run).content_hash() == stated
+    changed = [
+        subject_of(campaign, run, operator="Somebody else"),
+        subject_of(campaign, run, name="another set"),
+        subject_of(campaign, run, LABORATORY.model_copy(update={"name": "Another Lab"})),
+        subject_of(campaign, run, None),
+        subject_of(campaign, run.model_copy(update={"id": "another"})),
+    ]
+    assert len({stated, *(each.content_hash() for each in changed)}) == 6
+
+
 def test_a_large_run_is_attached_without_its_residuals(subject, run, monkeypatch):
     monkeypatch.setattr("jointstiff.service.reports.run.MAX_ATTACHED_BYTES", 20_000)
     attached = Run.model_validate_json(subject.run_json())
