@@ -16,6 +16,8 @@ from jointstiff.service.importing.units import FOREIGN, UNITS, Dimension, unit_n
 
 _MANY: Final = 3
 """Unknown headers that are told one by one."""
+_TOGETHER: Final = 4
+"""Unknown headers in one message, which is cut beyond 300 characters."""
 
 
 @dataclass(frozen=True)
@@ -118,14 +120,18 @@ def understand(
 
 
 def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> list[ImportFileError]:
-    """Return faults with one of many headers that are unknown, so that others are not hidden behind them."""
+    """Return faults with one for several headers that are unknown, so that others are not hidden by them."""
     unknown = [fault for fault in found if fault.option == UNKNOWN]
     if len(unknown) <= _MANY:
         return found
-    names = ", ".join(shown(headers[(fault.place.column or 1) - 1].text) for fault in unknown)
-    reason = f"{len(unknown)} unknown column headers: {names}"
-    one = ImportFileError(unknown[0].place, reason, unknown[0].remedy, UNKNOWN)
-    return [one, *(fault for fault in found if fault.option != UNKNOWN)]
+    together = []
+    for start in range(0, len(unknown), _TOGETHER):
+        first, *others = unknown[start : start + _TOGETHER]
+        names = ", ".join(shown(headers[(fault.place.column or 1) - 1].text) for fault in (first, *others))
+        together.append(
+            ImportFileError(first.place, f"unknown column headers {names}", first.remedy, UNKNOWN)
+        )
+    return [*together, *(fault for fault in found if fault.option != UNKNOWN)]
 
 
 def _bare(meaning: Meaning) -> tuple[object, ...]:

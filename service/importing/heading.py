@@ -103,7 +103,7 @@ def _heading(grid: Grid, start: int, count: int, texts: list[str], faults: Fault
             faults.add(fault)
     notes = []
     if start:
-        notes.append(f"{start} row{'s' * (start > 1)} above the header were taken for titles")
+        notes.append(f"rows above the header were taken for titles: {start}")
     if count > 1:
         notes.append(f"the header was put together of rows {', '.join(str(row.line) for row in rows)}")
     cells = tuple(
@@ -171,11 +171,8 @@ class _Reader:
             return False
         words = split_unit(row[0])[0].replace("_", " ").split()
         known = any(state_named(word, self._words) or is_joint(word) for word in words)
-        return not known and self.meaning(f"{row[0]} x") is not None and self._names_target(row[0])
-
-    def _names_target(self, text: str) -> bool:
-        meaning = self.meaning(f"{text} x")
-        return meaning is not None and meaning.target is not None
+        as_group = self.meaning(f"{row[0]} x")
+        return not known and as_group is not None and as_group.target is not None
 
     def _grouped(self, upper: Sequence[str], lower: Sequence[str]) -> list[str] | None:
         """Put words below groups, which hold to the right as far as cells below them are filled."""

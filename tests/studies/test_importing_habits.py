@@ -58,7 +58,7 @@ def test_the_preview_shows_how_a_header_was_put_together():
     assert file.columns[-1].meaning == "P10 loaded z"
     assert all(column.guessed for column in file.columns)
     assert (file.header_lines, file.first_lines) == ([2, 3], [4])
-    assert "1 row above the header were taken for titles" in file.assumptions
+    assert "rows above the header were taken for titles: 1" in file.assumptions
     assert points_of(imported)["c01", "P10", "loaded"] == (1.5, 2.0, 2.5)
 
 
@@ -238,10 +238,10 @@ def test_what_is_no_table_is_named(content, words):
 def test_a_real_file_of_poses_is_refused_naming_all_its_faults():
     content = (SHARED / "ur10_poses" / "measurements_iso_cubes.csv").read_bytes()
     reasons = refused(("poses.csv", content))
-    assert len(reasons) == 2
+    assert all(len(reason) < 300 for reason in reasons)  # longer ones are cut in answers
     for header in ("Goal x", "shoulder_pan_joint", "measurement_temperature", "measurement_std_rz"):
-        assert repr(header) in reasons[0], header
-    assert reasons[1] == "measurement x has no unit, nor have 2 others"
+        assert any(repr(header) in reason for reason in reasons), header
+    assert reasons[-1] == "measurement x has no unit, nor have 2 others"
     joints = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     text = content.decode().splitlines()[0].split(";")
     columns = {f"{name}_joint": f"J{number} [rad]" for number, name in enumerate(joints, 1)}
