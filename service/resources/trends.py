@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Final
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.run import Method, Run, Weighting
-from jointstiff.service.computation import Campaign, JointNumbers, TrendInput, trend_of
+from jointstiff.schemas.run import Run
+from jointstiff.service.computation import TrendInput, trend_of
 from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.service.resources.comparable_runs import Candidate, ReadRun, selection_of, sorted_out
 from jointstiff.service.resources.robots import described
-from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store, TrendNote
+from jointstiff.service.resources.trend_notes import acknowledgements_of, baselines_of, note_of
+from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store
 from jointstiff.solver.errors import RequestError
 
 _RUNS: Final = Resource(Run.kind, Run.collection)
@@ -31,69 +31,6 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
     "in_control": 2,
     "unjudged": 3,
 }
-
-
-class _Part(BaseModel):
-    """Part of a stored document; the rest of it is not looked at, whatever version wrote it."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class _Reason(_Part):
-    message: str
-
-
-class _Verdict(_Part):
-    verdict: str
-    reasons: list[_Reason]
-
-
-class _Numbers(_Part):
-    joints: list[JointNumbers]
-    assessment: _Verdict | None = None
-
-
-class _Options(_Part):
-    method: Method
-    weighting: Weighting
-    positive: bool
-    elasticity: str = "joints"
-    complementary_stiffness: Literal["neglected", "included"] = "neglected"
-    priors: dict[str, object] = {}
-    stiffness_bounds: dict[str, object] = {}
-    stiffness_order: list[object] = []
-
-
-class _ReadRun(_Part):
-    request: _Options
-    result: _Numbers
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A run, and the set that it identified."""
-
-    entry: JobEntry
-    run: _ReadRun
-    measured: MeasurementSetEntry
-
-    @property
-    def at(self) -> datetime:
-        """Time of the measurement; where the set does not say, when it was stored."""
-        return self.measured.measured_at or self.measured.created_at
-
-    @property
-    def selection(self) -> messages.TrendSelection:
-        """Common ground that it must share with the others of a trend."""
-        asked = self.run.request
-        return messages.TrendSelection(
-            serial_number=self.measured.serial_number,
-            method=asked.method,
-            weighting=asked.weighting,
-            positive=asked.positive,
-            encoders="secondary" if self.measured.encoders == "secondary" else "motor",
-            complementary_stiffness=asked.complementary_stiffness,
-        )
 
 
 class Trends:
@@ -112,15 +49,15 @@ class Trends:
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
         sets = list(self._sets(robot_id))
         runs = self._candidates(robot_id, sets)
-        selection = _selection(runs.values(), query)
-        entering, left_out = _sorted_out(sets, runs, selection)
+        selection = selection_of(runs.values(), query)
+        entering, left_out = sorted_out(sets, runs, selection)
         notes = self._store.trend_notes.of(robot_id)
         numbers = trend_of(
             TrendInput(
                 names=names,
                 campaigns=entering,
-                baselines=[] if selection is None else _baselines(notes, selection, sets),
-                acknowledgements=_acknowledgements(notes),
+                baselines=[] if selection is None else baselines_of(notes, selection, sets),
+                acknowledgements=acknowledgements_of(notes),
             )
         )
         return messages.Trend(
@@ -151,7 +88,7 @@ class Trends:
             "serial_number": found.measured.serial_number,
             "starts_at": found.at.isoformat(),
         }
-        self._store.trend_notes.add(_note(robot_id, "baseline", document, by, now))
+        self._store.trend_notes.add(note_of(robot_id, "baseline", document, by, now))
         return messages.TrendBaseline(
             run_id=request.run_id,
             starts_at=found.at,
@@ -182,7 +119,7 @@ class Trends:
             )
         now = datetime.now(UTC)
         document = request.model_dump() | {"measurement_set_id": found.measured.id}
-        self._store.trend_notes.add(_note(robot_id, "acknowledgement", document, by, now))
+        self._store.trend_notes.add(note_of(robot_id, "acknowledgement", document, by, now))
         return messages.Acknowledgement(note=request.note, acknowledged_by=by, acknowledged_at=now)
 
     def fleet(self) -> messages.Fleet:
@@ -208,14 +145,14 @@ class Trends:
             if cursor is None:
                 return
 
-    def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[_Candidate]]:
+    def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Candidate]]:
         """Return the runs with numbers, newest first, by their sets."""
         known = {one.id: one for one in sets}
-        found: dict[str, list[_Candidate]] = {}
+        found: dict[str, list[Candidate]] = {}
         for entry in self._entries(robot_id):
             set_id = str(entry.summary["measurement_set_id"])
             if set_id in known and (run := self._read(entry.id)) is not None:
-                found.setdefault(set_id, []).append(_Candidate(entry, run, known[set_id]))
+                found.setdefault(set_id, []).append(Candidate(entry, run, known[set_id]))
         return found
 
     def _entries(self, robot_id: str) -> Iterator[JobEntry]:
@@ -227,13 +164,13 @@ class Trends:
             if cursor is None:
                 return
 
-    def _parse(self, run_id: str) -> _ReadRun | None:
+    def _parse(self, run_id: str) -> ReadRun | None:
         try:
-            return _ReadRun.model_validate_json(self._store.jobs(_RUNS).get(run_id).document)
+            return ReadRun.model_validate_json(self._store.jobs(_RUNS).get(run_id).document)
         except (ValidationError, NotFoundError):  # of another version, or deleted meanwhile
             return None
 
-    def _run(self, robot_id: str, run_id: str) -> _Candidate:
+    def _run(self, robot_id: str, run_id: str) -> Candidate:
         self._store.robots.get(robot_id)
         for candidates in self._candidates(robot_id, self._sets(robot_id)).values():
             for one in candidates:
@@ -244,139 +181,6 @@ class Trends:
             where="run_id",
             remedy="give the id of a succeeded run of this robot",
         )
-
-
-def _selection(
-    runs: Iterable[Sequence[_Candidate]], query: messages.TrendQuery
-) -> messages.TrendSelection | None:
-    """Return what was asked for, completed by the newest campaign that has it."""
-    asked = query.model_dump(exclude_none=True)
-    fitting = [
-        one
-        for candidates in runs
-        for one in candidates
-        if _unfit(one) is None and asked.items() <= one.selection.model_dump().items()
-    ]
-    newest = max(fitting, key=lambda one: (one.at, one.entry.created_at), default=None)
-    return None if newest is None else newest.selection
-
-
-def _unfit(candidate: _Candidate) -> str | None:
-    """Return why a run enters no trend at all; None if it may."""
-    asked, result = candidate.run.request, candidate.run.result
-    verdict = result.assessment
-    if verdict is not None and verdict.verdict == "do_not_use":
-        why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
-        return f"its assessment is: do not use{why}"
-    if asked.elasticity != "joints":
-        return "its links or coupling are elastic, so that its joints' numbers are effective ones"
-    for name, stated in (
-        ("priors", asked.priors),
-        ("bounds of the stiffness", asked.stiffness_bounds),
-        ("an order of the joints", asked.stiffness_order),
-    ):
-        if stated:
-            return f"it was identified with {name}, which draw the numbers together"
-    return None
-
-
-def _sorted_out(
-    sets: Sequence[MeasurementSetEntry],
-    runs: Mapping[str, Sequence[_Candidate]],
-    selection: messages.TrendSelection | None,
-) -> tuple[list[Campaign], list[messages.LeftOut]]:
-    """Return the campaigns of a trend, oldest first, and why others are none."""
-    entering, left_out = [], []
-    for one in sets:
-        candidates = runs.get(one.id, ())
-        fitting = [c for c in candidates if _difference(c, selection) is None]
-        if fitting:
-            entering.append(fitting[0])
-        else:
-            reason = _difference(candidates[0], selection) if candidates else "it has no run with numbers"
-            left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
-    entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
-    return [_campaign(candidate) for candidate in entering], left_out
-
-
-def _difference(candidate: _Candidate, selection: messages.TrendSelection | None) -> str | None:
-    """Return why a run is not comparable; None if it is."""
-    if (unfit := _unfit(candidate)) is not None or selection is None:
-        return unfit or "no run was found that fits the query"
-    mine, wanted = candidate.selection.model_dump(), selection.model_dump()
-    differing = [name for name in wanted if mine[name] != wanted[name]]
-    return ", ".join(f"{name.replace('_', ' ')}: {_shown(mine[name])}" for name in differing) or None
-
-
-def _shown(value: object) -> str:
-    if value is None:
-        return "not stated"
-    return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
-
-
-def _campaign(candidate: _Candidate) -> Campaign:
-    measured = candidate.measured
-    return Campaign(
-        run_id=candidate.entry.id,
-        set_id=measured.id,
-        name=measured.name,
-        at=candidate.at,
-        time_source="created_at" if measured.measured_at is None else "measured_at",
-        joints={joint.name: joint for joint in candidate.run.result.joints},
-    )
-
-
-def _note(
-    robot_id: str, kind: str, document: Mapping[str, object], by: Requester | None, now: datetime
-) -> TrendNote:
-    return TrendNote(
-        robot_id=robot_id,
-        kind=kind,
-        noted_at=now,
-        key_id=None if by is None else by.key_id,
-        key_name=None if by is None else by.key_name,
-        document=json.dumps(document),
-    )
-
-
-def _by(note: TrendNote) -> Requester | None:
-    if note.key_id is None or note.key_name is None:
-        return None
-    return Requester(key_id=note.key_id, key_name=note.key_name)
-
-
-def _baselines(
-    notes: Iterable[TrendNote], selection: messages.TrendSelection, sets: Iterable[MeasurementSetEntry]
-) -> list[messages.TrendBaseline]:
-    """Return the baselines of a serial number by time; of two from the same campaign on, the later one."""
-    times = {one.id: one.measured_at or one.created_at for one in sets}
-    found: dict[datetime, messages.TrendBaseline] = {}
-    for note in notes:
-        stated = json.loads(note.document)
-        if note.kind != "baseline" or stated["serial_number"] != selection.serial_number:
-            continue
-        gone = stated["measurement_set_id"] not in times
-        at = times.get(stated["measurement_set_id"]) or datetime.fromisoformat(stated["starts_at"])
-        found[at] = messages.TrendBaseline(
-            run_id=None if gone else stated["run_id"],
-            starts_at=at,
-            campaigns=stated["campaigns"],
-            reason=stated["reason"],
-            set_by=_by(note),
-            set_at=note.noted_at,
-        )
-    return [found[at] for at in sorted(found)]
-
-
-def _acknowledgements(notes: Iterable[TrendNote]) -> dict[tuple[str, str], messages.Acknowledgement]:
-    found = {}
-    for note in notes:
-        if note.kind == "acknowledgement":
-            stated = json.loads(note.document)
-            found[stated["measurement_set_id"], str(stated["joint"])] = messages.Acknowledgement(
-                note=stated["note"], acknowledged_by=_by(note), acknowledged_at=note.noted_at
-            )
-    return found
 
 
 def _row(trend: messages.Trend, name: str, serial_number: str | None = None) -> messages.FleetRow:
