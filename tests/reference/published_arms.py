@@ -6,7 +6,7 @@ frame of the one before, then the flange. The kinematics here share no code with
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -67,24 +67,32 @@ def _rotation(axis: str, angle: float) -> Floats:
     return rotation
 
 
-def _fanuc(d1: float, a1: float, a2: float, a3: float, d4: float, d6: float, reach: float) -> PublishedArm:
+def _upright(
+    axes: tuple[str, ...], flange: Floats, lengths: tuple[float, ...], base: float, reach: float
+) -> PublishedArm:
+    """Return an arm whose upper arm stands at zero: heights of axes 2 and 4, the lengths forward."""
+    d1, a1, a2, a3, d4, d6 = lengths
     origins = ((0, 0, d1), (a1, 0, 0), (0, 0, a2), (0, 0, a3), (d4, 0, 0), (0, 0, 0), (d6, 0, 0))
-    return PublishedArm(origins, FANUC_AXES, FORWARD_X_UP, d1, reach, j3_from_horizontal=True)
+    return PublishedArm(origins, axes, flange, base, reach)
 
 
-def _yaskawa(d1: float, a1: float, a2: float, a3: float, d4: float, d6: float, reach: float) -> PublishedArm:
-    origins = ((0, 0, d1), (a1, 0, 0), (0, 0, a2), (0, 0, a3), (d4, 0, 0), (0, 0, 0), (d6, 0, 0))
-    return PublishedArm(origins, FANUC_AXES, FORWARD_X_UP, d1, reach)
+def _fanuc(*lengths: float, reach: float) -> PublishedArm:
+    arm = _upright(FANUC_AXES, FORWARD_X_UP, lengths, lengths[0], reach)
+    return replace(arm, j3_from_horizontal=True)
 
 
-def _kuka(d1: float, a1: float, a2: float, a3: float, d4: float, d6: float, reach: float) -> PublishedArm:
+def _yaskawa(*lengths: float, reach: float) -> PublishedArm:
+    return _upright(FANUC_AXES, FORWARD_X_UP, lengths, lengths[0], reach)
+
+
+def _abb(*lengths: float, reach: float) -> PublishedArm:
+    return _upright(ABB_AXES, FORWARD_X_DOWN, lengths, 0.0, reach)
+
+
+def _kuka(*lengths: float, reach: float) -> PublishedArm:
+    d1, a1, a2, a3, d4, d6 = lengths
     origins = ((0, 0, d1), (a1, 0, 0), (a2, 0, 0), (0, 0, a3), (d4, 0, 0), (0, 0, 0), (d6, 0, 0))
     return PublishedArm(origins, KUKA_AXES, FORWARD_X_DOWN, 0.0, reach)
-
-
-def _abb(d1: float, a1: float, a2: float, a3: float, d4: float, d6: float, reach: float) -> PublishedArm:
-    origins = ((0, 0, d1), (a1, 0, 0), (0, 0, a2), (0, 0, a3), (d4, 0, 0), (0, 0, 0), (d6, 0, 0))
-    return PublishedArm(origins, ABB_AXES, FORWARD_X_DOWN, 0.0, reach)
 
 
 def _staubli(d1: float, a1: float, d3: float, a2: float, d4: float, d6: float, reach: float) -> PublishedArm:
