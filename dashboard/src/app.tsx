@@ -3,6 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { Tip } from "./charts/tip";
 import { Busy, Choice, Empty, Select, Title } from "./components/basics";
 import { Boundary } from "./components/boundary";
+import { lazy } from "./components/lazy";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
 import { type Route, useRoute } from "./state/router";
 import { type Standing, needsKey, signOut, useSession } from "./state/session";
@@ -10,25 +11,26 @@ import { type Settings, SettingsContext, type Theme, useStoredSettings } from ".
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { CompareView } from "./views/compare";
-import { FleetView } from "./views/fleet";
-import { GeometriesView } from "./views/geometries";
-import { GeometryView } from "./views/geometry";
 import { MapView } from "./views/map";
 import { PairView } from "./views/pair";
 import { ComparisonView } from "./views/comparison";
-import { PlanView } from "./views/plan";
-import { PlansView } from "./views/plans";
 import { ProgramView } from "./views/program";
 import { RobotsView } from "./views/robots";
-import { RobotNewView } from "./views/robot_new";
 import { RobotView } from "./views/robot";
 import { RunView } from "./views/run";
 import { RunsView } from "./views/runs";
 import { SetView } from "./views/set";
 import { SideBySideView } from "./views/side_by_side";
 import { SignInView } from "./views/sign_in";
-import { StartView } from "./views/start";
-import { TrendView } from "./views/trend";
+
+const StartView = lazy(() => import("./views/start").then((module) => module.StartView));
+const GeometriesView = lazy(() => import("./views/geometries").then((module) => module.GeometriesView));
+const GeometryView = lazy(() => import("./views/geometry").then((module) => module.GeometryView));
+const PlansView = lazy(() => import("./views/plans").then((module) => module.PlansView));
+const PlanView = lazy(() => import("./views/plan").then((module) => module.PlanView));
+const FleetView = lazy(() => import("./views/fleet").then((module) => module.FleetView));
+const TrendView = lazy(() => import("./views/trend").then((module) => module.TrendView));
+const RobotNewView = lazy(() => import("./views/robot_new").then((module) => module.RobotNewView));
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
