@@ -116,7 +116,6 @@ STUDIES = frozenset(
         "efficiency",
         "robustness",
         "fanuc",
-        "force",
         "replication",
         "invariance",
         "links",

@@ -54,6 +54,8 @@ from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 CONCURRENT_REQUESTS: Final = 8
 """Requests worked on at once; others wait."""
+CONCURRENT_WORK: Final = 4
+"""Posts of jobs worked on at once, in threads of their own: reads do not wait for them."""
 
 _DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
 
@@ -123,6 +125,7 @@ def create_app(
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())
+    app.state.work = CapacityLimiter(CONCURRENT_WORK)
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.state.parsers = CapacityLimiter(PARSERS)
     app.add_middleware(BodyLimits)

@@ -6,6 +6,8 @@ import inspect
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
@@ -34,6 +36,14 @@ JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
 Wait = Annotated[WaitQuery, Query()]
 Route = TypeVar("Route", bound=Callable[..., Any])
+
+
+def _work(request: Request) -> CapacityLimiter:
+    work: CapacityLimiter = request.app.state.work
+    return work
+
+
+Work = Annotated[CapacityLimiter, Depends(_work)]
 
 
 def _followers(request: Request) -> Followers:
@@ -83,13 +93,19 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
     body = Annotated[kind.request, shown(JOBS[kind.name])]  # type: ignore[name-defined]
 
     async def create_stepped(
-        jobs: Jobs, body: Message, key: Key, asked_by: AskedBy, query: Wait, followers: FollowersOf
+        work: Work,
+        jobs: Jobs,
+        body: Message,
+        key: Key,
+        asked_by: AskedBy,
+        query: Wait,
+        followers: FollowersOf,
     ) -> Response:
-        record = await run_in_threadpool(jobs.create, body, key, asked_by)
+        record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
         return await answer(jobs, record, query.wait, followers)
 
-    def create_quick(jobs: Jobs, body: Message, key: Key, asked_by: AskedBy) -> Response:
-        record = jobs.create(body, key, asked_by)
+    async def create_quick(work: Work, jobs: Jobs, body: Message, key: Key, asked_by: AskedBy) -> Response:
+        record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
         return created(kind.collection, record.id, kind.answered(record.document))
 
     stepped = isinstance(kind, Stepped)
