@@ -46,7 +46,7 @@ _AGGREGATE: Final = re.compile(r"\{\s*(?:(E6POS|POS|FRAME|E6AXIS|AXIS)\s*:)?([^{
 _N: Final = rf"\s+({NUMBER})\s*"
 _PLAIN: Final = re.compile(
     rf"(LIN|PTP|SLIN|SPTP|SPL)\s*\{{\s*X{_N},\s*Y{_N},\s*Z{_N},\s*A{_N},\s*B{_N},\s*C{_N}"
-    rf"(,\s*S\s+(\d+)\s*,\s*T\s+(\d+)\s*)?(?:,\s*E[1-6]\s+0*\.?0+\s*){{0,6}}\}}\s*(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)?\s*$",
+    rf"(,\s*S\s+(\d+)\s*,\s*T\s+(\d+)\s*)?(?:,\s*E[1-6]\s+0{{1,9}}(?:\.0{{0,9}})?\s*){{0,6}}\}}\s*(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)?\s*$",
     re.IGNORECASE,
 )
 """A move of the usual form: to a literal pose, its external axes at zero."""
@@ -61,7 +61,8 @@ _ASSIGNED: Final = re.compile(
     r"(?:(?:GLOBAL|DECL|CONST|EXT|SIGNAL)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT|[A-Z]\w*)\s+)?(\$?[A-Z]\w*(?:\[[\s\w,+-]*\])?(?:\.\w+)*)\s*=(?!=)\s*(.*)$",
     re.IGNORECASE,
 )
-_WITH_FRAMES: Final = re.compile(r"\bWITH\b.*\$(?:TOOL|BASE|IPO_MODE)\b", re.IGNORECASE)
+_WITH: Final = re.compile(r"\bWITH\b", re.IGNORECASE)
+_OWN_FRAME: Final = re.compile(r"\$(?:TOOL|BASE|IPO_MODE)\b", re.IGNORECASE)
 _INLINE_TOOL: Final = re.compile(r"\$TOOL\s*=\s*STOOL2?\s*\(\s*(\w+)(?:\.TOOL_NO)?\s*\)", re.IGNORECASE)
 _INLINE_BASE: Final = re.compile(r"\$BASE\s*=\s*SBASE\s*\(\s*(\w+)\.BASE_NO\s*\)", re.IGNORECASE)
 _FRAMES_CALL: Final = re.compile(r"BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)", re.IGNORECASE)
@@ -144,7 +145,7 @@ class _Program:
         self.routine += bool(_DEF.match(body))
         if move := _MOVE.match(body):
             self._move(line, move[1].upper(), body[move.end() :], offset + move.end())
-        elif _WITH_FRAMES.search(body):
+        elif _has_own_frame(body):
             self.reader.refuse(
                 line, "a block of moves has frames of its own", "set $TOOL and $BASE before it", source
             )
@@ -311,7 +312,7 @@ class _Program:
 
     def _move(self, line: int, name: str, text: str, offset: int) -> None:
         held = self.base, self.tool
-        if not _WITH_FRAMES.search(text) or self._own_frames(line, text):
+        if not _has_own_frame(text) or self._own_frames(line, text):
             self._moved(line, name, text, offset)
         self.base, self.tool = held
 
@@ -398,6 +399,12 @@ class _Program:
         place = (literal.source, literal.line)
         frames = (self.base, self.tool)
         return self.reader.target(name, place, notation, spans, frames, literal.branch, line)
+
+
+def _has_own_frame(text: str) -> bool:
+    """Tell whether a move or a block sets frames behind WITH."""
+    behind = _WITH.search(text) if "$" in text else None
+    return behind is not None and _OWN_FRAME.search(text, behind.end()) is not None
 
 
 def read_krl(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:

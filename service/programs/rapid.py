@@ -75,7 +75,9 @@ _FAULTS: Final = (
     (_REFUSED, "moves targets or frames while the program runs", "write targets in numbers"),
     (_COMPACT_IF, "has a move or an assignment behind IF", "write IF ... THEN ... ENDIF"),
 )
-_JUMP: Final = re.compile(r"^\s*GOTO\b", re.IGNORECASE | re.MULTILINE)
+_MOST_SETTINGS: Final = 5_000
+"""Frames that one program sets; more are refused as frames that change."""
+_JUMP: Final = re.compile(r"^[ \t]*GOTO\b", re.IGNORECASE | re.MULTILINE)
 _NO_AXIS: Final = 8e9
 _REMEDY: Final = (
     "write [[x, y, z], [q1 ... q4], [cf1, cf4, cf6, cfx], [external axes]] in numbers, or declare it so"
@@ -105,6 +107,8 @@ class _Module:
     routines: frozenset[str] = frozenset()
     external: tuple[float, ...] | None = None
     depth: int = 0
+    straight: bool = False
+    settings: int = 0
 
     def line(self, offset: int) -> int:
         """Return the line of an offset."""
@@ -195,7 +199,7 @@ class _Module:
         elif _ASSIGNED.match(text):
             name = text.partition(":=")[0].strip().upper()
             if not self._set_frame(line, name, text) and (
-                name in self.tools or name in self.bases or name.partition(".")[0] in self.tools | self.bases
+                name.partition(".")[0] in self.tools or name.partition(".")[0] in self.bases
             ):
                 self.reader.refuse(
                     line, f"{shown(name)} changes while the program runs", "declare the frame in numbers"
@@ -208,12 +212,12 @@ class _Module:
 
     def _set_frame(self, line: int, name: str, text: str) -> bool:
         """Take a tool or work object that a program without branches and other routines sets in numbers."""
-        straight = len(self.routines) <= 1 and not _JUMP.search(self.reader.sources[0].text)
-        if self.depth or not straight or not (name in self.tools or name in self.bases):
+        if self.depth or not self.straight or not (name in self.tools or name in self.bases):
             return False
         value = text.partition(":=")[2].strip()
         known, read = (self.tools, self._tool_pose) if name in self.tools else (self.bases, self._base_pose)
-        pose = read(value)
+        self.settings += 1
+        pose = read(value) if self.settings <= _MOST_SETTINGS else None
         if pose is None:
             return False
         known[name] = FrameName(f"{known[name].name} of line {line}", pose)
@@ -307,7 +311,8 @@ def read_rapid(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
     reader = Reader("rapid", sources, allowed)
     text = sources[0].text
     routines = frozenset(name.upper() for name in re.findall(r"\bPROC\s+(\w+)", text, re.IGNORECASE))
-    module = _Module(reader, routines=routines)
+    straight = len(routines) <= 1 and not _JUMP.search(text)
+    module = _Module(reader, routines=routines, straight=straight)
     for parameters in re.findall(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", text, re.IGNORECASE):
         module.changed |= {name.upper() for name in _NAME.findall(parameters)}
     statements = list(_statements(text))

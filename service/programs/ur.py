@@ -90,7 +90,8 @@ class _Script:
     literals: dict[str, _Literal]
     changed: set[str]
     routines: frozenset[str]
-    frames: dict[str, FloatArray] = field(default_factory=dict)
+    frames: dict[str, _Literal] = field(default_factory=dict)
+    poses: dict[int, FloatArray] = field(default_factory=dict)
     unsteady: set[str] = field(default_factory=set)
     depth: int = 0
     moved: bool = False
@@ -135,7 +136,7 @@ class _Script:
         whole = literal is not None and literal[1].strip() == ""
         self.frames.pop(name, None)
         if literal and whole and literal[0].notation is POSE and name not in self.unsteady:
-            self.frames[name] = self._pose(literal[0])
+            self.frames[name] = literal[0]
         if literal and whole and name not in self.literals:
             self.literals[name] = literal[0]
             return
@@ -205,7 +206,11 @@ class _Script:
             frame = _NAME.match(text)
             if not frame or frame[0] not in self.frames:
                 return None
-            base = FrameName(frame[0], self.frames[frame[0]])
+            literal = self.frames[frame[0]]
+            place = literal.numbers[0][0]
+            if place not in self.poses:
+                self.poses[place] = self._pose(literal)
+            base = FrameName(frame[0], self.poses[place])
             comma = re.match(r"\s*,\s*", text[frame.end() :])
             if not comma:
                 return None
