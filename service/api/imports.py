@@ -50,7 +50,9 @@ _Options = Annotated[
 router = APIRouter(prefix="/v1/imports", tags=["measurement sets"], route_class=BodyRoute)
 
 
-@router.post("", dependencies=[OPERATOR], response_model=ImportAnswer, responses=problems(400, 404, 413, 415, 422))
+@router.post(
+    "", dependencies=[OPERATOR], response_model=ImportAnswer, responses=problems(400, 404, 413, 415, 422)
+)
 async def create_import(
     request: Request, parts: PartsOf, files: _Files, options: _Options = _DEFAULTS
 ) -> Response:
