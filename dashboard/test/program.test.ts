@@ -18,6 +18,7 @@ describe("points", () => {
     expect(one?.joints[5]).toBeCloseTo(-Math.PI);
     expect(one?.deflection).toBe(1.25);
     expect(two?.deflection).toBeNaN();
+    expect(parsePoints(`${HEAD}\n,x,c.src,9,1,2,3,0,0,0,0,0,0,,,\n`)[0]?.line).toBe(9);
   });
 
   it("are thinned with both ends", () => {

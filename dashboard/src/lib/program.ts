@@ -39,7 +39,8 @@ export function parsePoints(csv: string): PathPoint[] {
 }
 
 function cells(row: string): string[] {
-  return [...row.matchAll(/(?:^|,)(?:"((?:[^"]|"")*)"|([^,]*))/g)].map(
+  // With a comma before each cell no match is empty, so that an empty first cell is one.
+  return [...`,${row}`.matchAll(/,(?:"((?:[^"]|"")*)"|([^,]*))/g)].map(
     ([, quoted, plain]) => quoted?.replaceAll('""', '"') ?? plain ?? "",
   );
 }

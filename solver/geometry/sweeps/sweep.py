@@ -181,7 +181,8 @@ def refuse_other_unit(reach: float) -> None:
     Raises:
         MeasurementError: it is not that of a robot.
     """
-    if LEAST_REACH <= reach <= MOST_REACH:
+    other = reach / 1e3 if reach > 1.0 else 1e3 * reach  # what does not move at all fits no unit
+    if LEAST_REACH <= reach <= MOST_REACH or other < LEAST_REACH:
         return
     shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
     given, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
