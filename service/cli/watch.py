@@ -35,7 +35,11 @@ def watch(
     server: Annotated[
         str,
         typer.Option(
-            "--url", envvar="JOINTSTIFF_SERVER", metavar="ADDRESS", help="Address of a running service."
+            "--server",
+            "--url",
+            envvar="JOINTSTIFF_SERVER",
+            metavar="ADDRESS",
+            help="Address of a running service.",
         ),
     ] = "http://127.0.0.1:8000",
     key: Annotated[

@@ -148,7 +148,8 @@ class WatchedFolder:
 
     def _take(self, name: str, seen: _Seen, now: float) -> Iterator[Event]:
         if Path(name).suffix.lower() not in self._deliver.suffixes:
-            yield from self._once(name, "left", "no file that is taken; it stays")
+            taken = ", ".join(sorted(self._deliver.suffixes))
+            yield from self._once(name, "left", f"only {taken} are taken; it stays")
             return
         settled = now - seen.since >= self._settle
         file = self._read(name, seen)

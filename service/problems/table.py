@@ -87,6 +87,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "too_long": "send fewer, or split them into several resources",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
+        "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
     }
 )
 

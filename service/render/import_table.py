@@ -58,7 +58,7 @@ def _columns(file: FilePreview) -> Table:
             Text(_short(column.header)),
             Text(_short(column.meaning) + (" ?" if column.guessed else "")),
             column.unit or "",
-            Text(", ".join(shown)),
+            Text("; ".join(shown)),
         )
     return table
 

@@ -56,10 +56,10 @@ def _worst(result: ProgramResult) -> Table:
         "point",
         "name",
         "line",
-        "deflection [mm]",
-        f"{100 * result.confidence:g} %, readings only",
-        "with model error",
-        "residual [mm]",
+        r"deflection \[mm]",
+        rf"{100 * result.confidence:g} %, readings only \[mm]",
+        r"with model error \[mm]",
+        r"residual \[mm]",
     ):
         table.add_column(heading, justify="right")
     for point in result.worst[:_SHOWN]:

@@ -43,6 +43,8 @@ EASIER: Final = 1.05
 """A force along an axis of R0, or the set's own, is easier to apply: others must be better by this factor."""
 _NO_PIVOT: Final = 1e-12
 _SHOWS: Final = 1e-6
+_LEAST_LEVER: Final = 1e-6
+"""Distance [m] of a force from an axis below which it twists the joint by rounding alone."""
 _LEAST_SPAN: Final = 1.0
 """Range of a joint's angle [rad] for new postures, where the set itself spans less."""
 _DRAWS: Final = 4
@@ -258,7 +260,10 @@ class _Search:
         return forces
 
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
-        """Put a candidate into numbers, by a decomposition of all readings with it."""
+        """Put a candidate into numbers, by a decomposition of all readings with it; None if it tells nothing."""
+        torque = float(abs(force @ postures.motion.load_jacobian[m, :, joint]))
+        if torque <= _LEAST_LEVER * self._strength:
+            return None
         after = _deviation(
             Spectrum(np.vstack([self._regressor, postures.motion[np.array([m])].rows(force[None])[0]])),
             joint,
@@ -273,7 +278,7 @@ class _Search:
             observation=None if observation < 0 else observation,
             force=force,
             own_direction=self._one_direction and np.allclose(force, self._own, rtol=1e-9),
-            torque=float(abs(force @ postures.motion.load_jacobian[m, :, joint])),
+            torque=torque,
             deviation=after,
             sigma=self._sigma,
             uncertainty_ratio=None if before is None else after / before,

@@ -130,7 +130,7 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
         if ends is None or ends[1, 1] <= 0:
             return f"its compliance is zero: {rigid}"
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
-        return f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: {rigid}"
+        return f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: {rigid}"
     partners = [evidence.names[k] for k in _tied(evidence, j)]
     if partners:
         return f"`stiffness_order` holds it at the stiffness of {', '.join(partners)}"
@@ -147,9 +147,9 @@ def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | Non
     bound = ""
     if ends[1, 1] > 0.0:
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
-        bound = f"stiffer than {stiffness} N.m/rad at {100 * evidence.confidence:g} %: "
+        bound = f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: "
     return (
-        f"{bound}the standard uncertainty of its compliance, {uncertainty:.2g} rad/(N.m), exceeds "
+        f"{bound}the standard uncertainty of its compliance, {1e6 * uncertainty:.2g} µrad/(N·m), exceeds "
         f"the compliance itself: add loads with more torque about the axis of {evidence.names[j]}"
     )
 
@@ -167,9 +167,10 @@ def _tied(evidence: Evidence, j: int) -> list[int]:
 
 
 def _rounded_down(stiffness: float) -> str:
-    """To two digits, never above what was found."""
-    exponent = floor(log10(stiffness))
-    return f"{floor(stiffness / 10.0**exponent * 10.0) / 10.0:g}e{exponent}"
+    """To three digits, never above what was found; large ones in 10⁶, as in the tables."""
+    step = 10.0 ** (floor(log10(stiffness)) - 2)
+    lower = floor(stiffness / step) * step
+    return f"{lower / 1e6:.3g} · 10⁶ N·m/rad" if stiffness >= 1e4 else f"{lower:.3g} N·m/rad"
 
 
 def _prior_alone(evidence: Evidence, j: int) -> str | None:

@@ -791,7 +791,8 @@ export const en = {
     bend: "Show bend",
     backTo: (view: string) => `Back to ${view}`,
     strip: "Mean residual of each configuration",
-    scale: (length: string, deflection: string) => `${length} m, deflections ${deflection} mm`,
+    scale: (length: string, deflection: string | null) =>
+      deflection === null ? `${length} m` : `${length} m, deflections ${deflection} mm`,
     all: "Deflections of all configurations",
     magnified: (factor: string) => `Deflections ×${factor}`,
     scaleDown: "Shorter arrows",
@@ -1246,7 +1247,7 @@ export const en = {
     roles: { baseline: "baseline", monitored: "compared", not_charted: "not charted" },
     changed: "Change, ± u",
     stored: (day: string) => `stored ${day}; the set does not say when it was measured`,
-    sinceBaseline: (change: string) => `${change} against the baseline`,
+    sinceBaseline: (change: string) => `latest campaign ${change} against the baseline`,
     pair: (change: string, p: string) => `${change} from the first campaign to the latest, p = ${p}`,
     leftOut: (count: number) => (count === 1 ? "1 campaign left out" : `${count} campaigns left out`),
     ended: (count: number) => (count === 1 ? "1 alarm that ended" : `${count} alarms that ended`),
@@ -1267,6 +1268,7 @@ export const en = {
   },
   fleet: {
     title: "Fleet",
+    latest: (joint: string, change: string) => `${joint}, latest campaign: ${change}`,
     some: "Only the newest 200 robots are shown.",
     noSerial: "no serial number",
     never: "not measured",

@@ -21,7 +21,8 @@ export class ScaleBar {
   set(metre: number, factor: number): void {
     const length = roundStep(WANTED / metre / 2, 1);
     this.#line.style.width = `${Math.round(length * metre)}px`;
-    const shown = text.scene.scale(significant(length, 1), significant((length / factor) * 1e3, 1));
+    const deflection = factor === 1 ? null : significant((length / factor) * 1e3, 1);
+    const shown = text.scene.scale(significant(length, 1), deflection);
     if (this.#words.textContent !== shown) this.#words.textContent = shown;
   }
 

@@ -50,7 +50,7 @@ export function Row({ row }: { row: FleetRow }) {
           <small>{row.serial_number === null ? words.noSerial : <Name>{row.serial_number}</Name>}</small>
         </span>
         <span class="how">
-          {row.joint && row.change ? `${row.joint}: ${changeText(row.change)}` : (row.missing ?? "")}
+          {row.joint && row.change ? words.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
           {row.alarm !== null ? <small>{row.alarm}</small> : row.change && row.missing && <small>{row.missing}</small>}
         </span>
         <span class="when">

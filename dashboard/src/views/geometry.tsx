@@ -104,7 +104,7 @@ function factsOf({ fit, goodness, poses, wrist, no_wrist: noWrist }: GeometryRes
       label: words.wrist,
       value: wrist
         ? `${words.wristMiss(
-            `${fixed(wrist.miss_distance * 1e3, 3)}\u00a0±\u00a0${fixed(wrist.miss_uncertainty * 1e3, 3)}\u00a0${text.units.mm}`,
+            `${fixed(wrist.miss_distance * 1e3, 3)} ± ${fixed(wrist.miss_uncertainty * 1e3, 3)}\u00a0${text.units.mm}`,
           )}. ${wrist.decoupled_method ? words.decoupled : words.notDecoupled}`
         : (noWrist ?? words.notDetermined),
     },

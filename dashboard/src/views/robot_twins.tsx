@@ -86,7 +86,7 @@ export function Twins({ robot }: { robot: Robot }) {
           <tbody>
             {twins.map(({ robot: id, name, serial, at, run }) => (
               <tr>
-                <th scope="row">
+                <th scope="row" class="robot-name">
                   <a href={link(["robots", id])}>
                     <Name>{name}</Name>
                   </a>

@@ -126,6 +126,7 @@ def test_names_made_up_otherwise(folder):
         (("", ""), ("--robot", "empty.json"), "name"),
         (("", ""), ("--load-point", "1,2"), "0,0,120.5"),
         (("", ""), ("--flange-target", "P10"), "has no '='"),
+        (("", ""), ("--about", "measured_at=2026-11-20"), "add the time zone, such as"),
     ],
 )
 def test_refused_with_place_and_remedy(folder, change, arguments, words):

@@ -33,6 +33,7 @@ def test_a_program_and_its_report(folder):
     done = compensate("--options", "options.json", "--report", "points.csv")
     assert done.exit_code == 0, done.output
     assert "6 of 6 targets corrected" in done.output
+    assert done.output.count("[mm]") == 4
     assert len((folder / "points.csv").read_text().splitlines()) == 7
     content = (folder / "out.src").read_bytes()
     assert len(read_program([("out.src", content)]).targets) == 6

@@ -160,6 +160,14 @@ class TestNone:
         assert any(joint.status != "identified" for joint in found.joints)
         assert advise(robot, measurements, found) == ()
 
+    def test_where_all_forces_meet_the_axis(self):
+        """The load point lies on the last axis; rounding leaves it levers of some 1e-17 m."""
+        document = simulate_campaign(default_arm(), load="pull", seed=3, load_point=(0, 0, 0.12))
+        robot, measurements = prepare(document)
+        found = estimate(robot, measurements)
+        assert found.joints[5].status == "not_observable"
+        assert all(advice.joint != 5 for advice in advise(robot, measurements, found))
+
     def test_where_nothing_could_tell_two_joints_apart(self):
         """Two joints on one axis."""
         robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
