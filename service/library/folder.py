@@ -3,10 +3,12 @@
 A file is finished when two looks find the same size and time of change. It stays where it is until the
 service has answered: then it is moved to `done`, or to `rejected` with the problem beside it. A key made from
 its content makes repeated posts harmless, whoever repeats them: this watcher after a crash, or another one.
+Links are not followed: who may write into the folder must not read or write what only the watcher may.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 from collections.abc import Callable, Iterator
@@ -23,6 +25,8 @@ TABLES: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".
 _OF_THE_FILE: Final = frozenset({409, 413, 415, 422})
 """Statuses by which a service refuses the file itself; all others may pass: no key, no room, no answer."""
 _LONGEST_PAUSE: Final = 60.0
+_READ: Final = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
+"""No link that took a file's name leads elsewhere, and no pipe that did holds the watcher."""
 
 
 class FinishedFile(NamedTuple):
@@ -135,10 +139,10 @@ class WatchedFolder:
     def _files(self, now: float) -> Iterator[tuple[str, _Seen]]:
         with os.scandir(self._folder) as entries:
             for entry in entries:
-                if entry.name.startswith((".", "~")) or not entry.is_file():
+                if entry.name.startswith((".", "~")) or not entry.is_file(follow_symlinks=False):
                     continue
                 try:
-                    status = entry.stat()
+                    status = entry.stat(follow_symlinks=False)
                 except FileNotFoundError:  # renamed, or taken by another watcher
                     continue
                 before = self._seen.get(entry.name)
@@ -172,7 +176,7 @@ class WatchedFolder:
     def _read(self, name: str, seen: _Seen) -> FinishedFile | None:
         """Return a file as it is; None if it is gone, or was written since it was seen."""
         try:
-            with (self._folder / name).open("rb") as opened:
+            with os.fdopen(os.open(self._folder / name, _READ), "rb") as opened:
                 file = FinishedFile(name, opened.read(MAX_SET_BYTES + 1))
         except FileNotFoundError:
             return None
@@ -182,12 +186,16 @@ class WatchedFolder:
         """Move a file to where it is kept; return whether it was this watcher that did."""
         path, kept = self._folder / file.name, self._folder / place
         kept.mkdir(exist_ok=True)
+        if kept.is_symlink():
+            raise NotADirectoryError(errno.ENOTDIR, "done and rejected must be folders, not links")
         target = kept / path.name
         if target.exists() and _digest(target) != file.digest:
             target = kept / f"{path.stem}-{file.digest[:12]}{path.suffix}"
         if problem is not None:  # first: whoever finds the file finds the reason
             beside = target.with_name(f"{target.name}.problem.json")
-            beside.write_text(problem.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            beside.unlink(missing_ok=True)  # a link would lead to a file of the watcher's owner
+            with beside.open("x", encoding="utf-8") as opened:
+                opened.write(problem.model_dump_json(indent=1) + "\n")
         try:
             path.replace(target)
         except FileNotFoundError:  # another watcher was faster

@@ -51,6 +51,10 @@ class Trends:
         runs = self._candidates(robot_id, sets)
         selection = selection_of(runs.values(), query)
         entering, left_out = sorted_out(sets, runs, selection)
+        left_out += [  # else an alarm could be put away without a trace
+            messages.LeftOut(measurement_set_id=one.id, name=one.name, reason="it is archived")
+            for one in self._sets(robot_id, archived=True)
+        ]
         notes = self._store.trend_notes.of(robot_id)
         numbers = trend_of(
             TrendInput(
@@ -136,10 +140,10 @@ class Trends:
         for number in others:
             yield _row(self.trend(robot_id, messages.TrendQuery(serial_number=number)), name, number)
 
-    def _sets(self, robot_id: str) -> Iterator[MeasurementSetEntry]:
-        cursor = None
+    def _sets(self, robot_id: str, *, archived: bool = False) -> Iterator[MeasurementSetEntry]:
+        filters, cursor = {"robot_id": robot_id}, None
         while True:
-            page = self._store.sets.page(limit=_AT_ONCE, cursor=cursor, filters={"robot_id": robot_id})
+            page = self._store.sets.page(limit=_AT_ONCE, cursor=cursor, filters=filters, archived=archived)
             yield from page.records
             cursor = page.next
             if cursor is None:

@@ -238,3 +238,12 @@ def test_who_noted_what_stays_with_it(client, store, robot, runs):
     assert alarm["acknowledgement"]["acknowledged_by"] == by.model_dump()
     assert alarm["acknowledgement"]["note"] == "seen again"
     assert alarm["until"] is None
+
+
+def test_an_archived_campaign_does_not_leave_without_a_trace(client):
+    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "archived"})["id"]
+    run = measured(client, robot, 60)
+    archived = run["request"]["measurement_set_id"]
+    client.request("PATCH", f"/v1/measurement-sets/{archived}", json={"archived": True})
+    (left_out,) = trend_of(client, robot)["left_out"]
+    assert (left_out["measurement_set_id"], left_out["reason"]) == (archived, "it is archived")

@@ -307,3 +307,27 @@ def test_the_command_takes_what_is_there(tmp_path):
         wrong = CliRunner().invoke(app, [*command[:3], "nobody", *command[4:]])
         assert wrong.exit_code == 2
         assert "no robot" in wrong.output
+
+
+def test_links_lead_nowhere(bench, tmp_path_factory):
+    """Who may write into the folder neither reads nor writes what only the watcher may."""
+    own = tmp_path_factory.mktemp("own")
+    (own / "secret.json").write_text(json.dumps(campaign(1)))
+    (own / "precious").write_text("precious")
+    (bench.folder / "linked.json").symlink_to(own / "secret.json")
+    (bench.folder / "rejected").mkdir()
+    (bench.folder / "rejected" / "bad.json.problem.json").symlink_to(own / "precious")
+    bench.drop("bad.json", b"{nonsense")
+    assert bench.looks(bench.watcher(), 20) == [("rejected", "bad.json")]
+    assert (own / "precious").read_text() == "precious"
+    assert bench.stored() == 0
+    assert "nonsense" not in (bench.folder / "rejected" / "bad.json.problem.json").read_text()
+    assert (bench.folder / "linked.json").is_symlink()
+
+
+def test_a_link_is_no_place_to_keep_files(bench, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (bench.folder / "done").symlink_to(elsewhere)
+    bench.drop("a.json", campaign(1))
+    assert bench.looks(bench.watcher(), 3) == [("waiting", "a.json")]
+    assert list(elsewhere.iterdir()) == []
