@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Trend, TrendJoint } from "../src/api/types";
-import { bandsOf, changeText, pointsOf, worstFirst } from "../src/lib/trend";
+import { bandsOf, changedTogether, changeText, pointsOf, worstFirst } from "../src/lib/trend";
 
 const joint = (part: Partial<TrendJoint>): TrendJoint => ({
   name: "joint_1",
@@ -17,6 +17,18 @@ describe("a trend", () => {
   it("shows a change with the digits that its uncertainty allows", () => {
     expect(changeText({ relative: -0.1034, standard_uncertainty: 0.0123 })).toBe("\u221210.3 ± 1.2\u00a0%");
     expect(changeText({ relative: 0.02, standard_uncertainty: 0.31 })).toBe("+2 ± 31\u00a0%");
+  });
+
+  it("says when most joints changed alike from one campaign on", () => {
+    const alarm = (relative: number, run_id = "r", until: string | null = null) =>
+      joint({ alarms: [{ run_id, until, change: { relative, standard_uncertainty: 0.01 } }] as TrendJoint["alarms"] });
+    const [softer, quiet] = [alarm(-0.1), joint({})];
+    expect(changedTogether([softer, softer, softer, quiet, quiet])).toBe(true);
+    expect(changedTogether([softer, softer, softer, quiet, quiet, quiet])).toBe(false);
+    expect(changedTogether([softer, softer, quiet])).toBe(false);
+    expect(changedTogether([softer, softer, alarm(0.1), quiet])).toBe(false);
+    expect(changedTogether([softer, softer, alarm(-0.1, "later"), quiet])).toBe(false);
+    expect(changedTogether([softer, softer, alarm(-0.1, "r", "2026-01-01T00:00:00Z"), quiet])).toBe(false);
   });
 
   it("puts alarms first, then the change that is largest against its uncertainty", () => {

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from statistics import fmean
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.conversion import LENGTH
+from jointstiff.service.conversion import FORCE, LENGTH
 from jointstiff.service.exporting import ExportedModel
 from jointstiff.service.render import METHOD_NAMES
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.wording import NOT_STATED, percent, rounded
+
+_TARGETS_NAMED: Final = 8
 
 
 def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
@@ -86,11 +89,37 @@ def traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None
             ("Conditions", conditions or NOT_STATED),
             ("Instrument", readings.instrument or NOT_STATED),
             ("Metrological traceability", chain or NOT_STATED),
-            ("Uncertainty of the readings", " ".join(_noise(readings))),
+            ("Uncertainty of readings and load", " ".join(_noise(readings))),
             ("Position loop closed by", f"{readings.encoders} encoders"),
             ("Observations", f"{len(readings.observations)}"),
+            ("Force on the robot", _force(readings)),
+            ("Load point in the flange frame", _load_point(readings)),
+            ("Targets read", _targets(readings)),
         ],
     )
+
+
+def _force(readings: MeasurementSetDocument) -> str:
+    """Return the least and the greatest magnitude of the force over the observations."""
+    newtons = FORCE[readings.units.force]
+    sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
+    least, greatest = rounded(min(sizes)), rounded(max(sizes))
+    size = f"{greatest} N" if least == greatest else f"{least} N to {greatest} N"
+    moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
+    return f"{size}, and moments" if moments else size
+
+
+def _load_point(readings: MeasurementSetDocument) -> str:
+    if readings.load_point is None or any(each.load_point is not None for each in readings.observations):
+        return "stated with each observation"
+    millimetres = 1e3 * LENGTH[readings.units.length]
+    return f"({', '.join(f'{millimetres * value:.4g}' for value in readings.load_point)}) mm"
+
+
+def _targets(readings: MeasurementSetDocument) -> str:
+    names = list(dict.fromkeys(each.target for one in readings.observations for each in one.readings))
+    shown = ", ".join(names[:_TARGETS_NAMED])
+    return f"{len(names)}: {shown}{', …' if len(names) > _TARGETS_NAMED else ''}"
 
 
 def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
@@ -108,6 +137,8 @@ def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
         if noise.instrument is not None:
             yield "from the data sheet of the instrument."
         yield from _common(noise, 1e3 * length)
+    if noise is None or noise.force is None:
+        yield "Force: no uncertainty stated, counted as exact."
 
 
 def _common(noise: Noise, millimetres: float) -> Iterator[str]:

@@ -1251,6 +1251,8 @@ export const en = {
     pair: (change: string, p: string) => `${change} from the first campaign to the latest, p = ${p}`,
     leftOut: (count: number) => (count === 1 ? "1 campaign left out" : `${count} campaigns left out`),
     ended: (count: number) => (count === 1 ? "1 alarm that ended" : `${count} alarms that ended`),
+    together:
+      "Most joints changed alike from one campaign on: check its force, load point, units and robot model before its gearboxes.",
     alarmOf: (joint: string) => `Alarm of ${joint}`,
     firstRun: "Open its first campaign",
     until: "Until",

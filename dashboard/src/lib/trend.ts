@@ -58,3 +58,13 @@ export function bandsOf(joint: TrendJoint, unit: StiffnessUnit): TrendBand[] {
     return { part: baseline, low: Math.min(...ends), high: Math.max(...ends) };
   });
 }
+
+/** Most joints alarm from one campaign on, and the same way: its load is a likelier cause than as many gearboxes. */
+export function changedTogether(joints: readonly TrendJoint[]): boolean {
+  const lasting = joints.flatMap(({ alarms }) => alarms.filter(({ until }) => until === null));
+  const kinds = lasting.map(({ run_id, change }) => `${run_id} ${Math.sign(change.relative)}`);
+  return kinds.some((kind) => {
+    const alike = kinds.filter((other) => other === kind).length;
+    return alike > 2 && alike > joints.length / 2;
+  });
+}

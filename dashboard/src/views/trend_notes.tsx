@@ -3,6 +3,7 @@ import { useId, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
 import { Name, ProblemNote, Select, When } from "../components/basics";
+import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
 import { link } from "../state/router";
 import { text } from "../i18n";
@@ -30,6 +31,7 @@ export function Alarms({ trend, reload }: Noted) {
   );
   return (
     <>
+      {changedTogether(trend.joints) && <p class="note warn">{words.together}</p>}
       {lasting.map(shown)}
       {ended.length > 0 && (
         <details>

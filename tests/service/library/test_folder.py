@@ -299,7 +299,17 @@ def test_the_command_takes_what_is_there(tmp_path):
         robot = client.robots.create(campaign(0)["robot"])
         for seed in (1, 2):
             (tmp_path / f"{seed}.json").write_text(json.dumps(campaign(seed)))
-        command = ["watch", str(tmp_path), "--robot", robot.id, "--server", url, "--interval", "0.1", "--once"]
+        command = [
+            "watch",
+            str(tmp_path),
+            "--robot",
+            robot.id,
+            "--server",
+            url,
+            "--interval",
+            "0.1",
+            "--once",
+        ]
         done = CliRunner().invoke(app, command)
         assert done.exit_code == 0, done.output
         assert done.output.count("/v1/runs/") == 2

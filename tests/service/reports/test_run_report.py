@@ -156,6 +156,11 @@ def test_numbers_limits_and_origin_are_in_the_pdf(signed, run):
     assert f"pinocchio {run.provenance.versions['pinocchio']}" in text
     assert "joint_1: no number: the load never twists joint_1" in text
     assert "use with care" in text
+    assert (
+        "Force on the robot 1500 N Load point in the flange frame (-60, 20, 180) mm Targets read 3: P10, P11"
+        in text
+    )
+    assert "Force: no uncertainty stated, counted as exact." in text
     assert "accredit" not in text.lower()
 
 
