@@ -260,7 +260,7 @@ class _Search:
         return forces
 
     def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Advice | None:
-        """Put a candidate into numbers, by a decomposition of all readings with it; None if it tells nothing."""
+        """Put a candidate into numbers, by a decomposition of all readings with it; or return None."""
         torque = float(abs(force @ postures.motion.load_jacobian[m, :, joint]))
         if torque <= _LEAST_LEVER * self._strength:
             return None
