@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
@@ -17,7 +18,7 @@ from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.comparable_runs import Candidate, ReadRun, selection_of, sorted_out
 from jointstiff.service.resources.robots import described
 from jointstiff.service.resources.trend_notes import acknowledgements_of, baselines_of, note_of
-from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store
+from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store, TrendNote
 from jointstiff.solver.errors import RequestError
 
 _RUNS: Final = Resource(Run.kind, Run.collection)
@@ -33,6 +34,37 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
 }
 
 
+@dataclass(frozen=True)
+class _Ground:
+    """What trends of a robot are made from, looked up once.
+
+    Attributes:
+        names: of its joints.
+        stored: its sets that are not archived.
+        archived: those that are.
+        notes: in its trends.
+        sets: of `stored`, those that are looked at.
+        runs: with numbers, of `sets`.
+    """
+
+    names: list[str]
+    stored: list[MeasurementSetEntry]
+    archived: list[MeasurementSetEntry]
+    notes: list[TrendNote]
+    sets: list[MeasurementSetEntry]
+    runs: dict[str, list[Candidate]]
+
+    def by_serial_number(self) -> Iterator[tuple[str, _Ground]]:
+        """Yield each serial number with its sets and runs alone: a robot may stand for thousands of arms."""
+        found: dict[str, list[MeasurementSetEntry]] = {}
+        for one in self.sets:
+            if one.serial_number is not None:
+                found.setdefault(one.serial_number, []).append(one)
+        for number in sorted(found):
+            runs = {one.id: self.runs[one.id] for one in found[number] if one.id in self.runs}
+            yield number, replace(self, archived=[], sets=found[number], runs=runs)
+
+
 class Trends:
     """The trends of a store's robots."""
 
@@ -46,21 +78,33 @@ class Trends:
         Raises:
             NotFoundError: there is no such robot.
         """
+        return self._trend(robot_id, self._ground(robot_id), query)
+
+    def _ground(self, robot_id: str) -> _Ground:
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
         sets = list(self._sets(robot_id))
-        runs = self._candidates(robot_id, sets)
-        selection = selection_of(runs.values(), query)
-        entering, left_out = sorted_out(sets, runs, selection)
+        return _Ground(
+            names=names,
+            stored=sets,
+            archived=list(self._sets(robot_id, archived=True)),
+            notes=self._store.trend_notes.of(robot_id),
+            sets=sets,
+            runs=self._candidates(robot_id, sets),
+        )
+
+    def _trend(self, robot_id: str, ground: _Ground, query: messages.TrendQuery) -> messages.Trend:
+        sets, notes = ground.sets, ground.notes
+        selection = selection_of(ground.runs.values(), query)
+        entering, left_out = sorted_out(sets, ground.runs, selection)
         left_out += [  # else an alarm could be put away without a trace
             messages.LeftOut(measurement_set_id=one.id, name=one.name, reason="it is archived")
-            for one in self._sets(robot_id, archived=True)
+            for one in ground.archived
         ]
-        notes = self._store.trend_notes.of(robot_id)
         numbers = trend_of(
             TrendInput(
-                names=names,
+                names=ground.names,
                 campaigns=entering,
-                baselines=[] if selection is None else baselines_of(notes, selection, sets),
+                baselines=[] if selection is None else baselines_of(notes, selection, ground.stored),
                 acknowledgements=acknowledgements_of(notes),
             )
         )
@@ -133,12 +177,14 @@ class Trends:
         return messages.Fleet(items=sorted(rows, key=_urgency), is_whole=page.next is None)
 
     def _rows(self, robot_id: str, name: str) -> Iterator[messages.FleetRow]:
-        first = self.trend(robot_id, messages.TrendQuery())
+        ground = self._ground(robot_id)
+        first = self._trend(robot_id, ground, messages.TrendQuery())
         shown = None if first.selection is None else first.selection.serial_number
-        others = [number for number in first.serial_numbers if number != shown]
         yield _row(first, name)
-        for number in others:
-            yield _row(self.trend(robot_id, messages.TrendQuery(serial_number=number)), name, number)
+        for number, part in ground.by_serial_number():
+            if number != shown:
+                query = messages.TrendQuery(serial_number=number)
+                yield _row(self._trend(robot_id, part, query), name, number)
 
     def _sets(self, robot_id: str, *, archived: bool = False) -> Iterator[MeasurementSetEntry]:
         filters, cursor = {"robot_id": robot_id}, None

@@ -247,3 +247,14 @@ def test_an_archived_campaign_does_not_leave_without_a_trace(client):
     client.request("PATCH", f"/v1/measurement-sets/{archived}", json={"archived": True})
     (left_out,) = trend_of(client, robot)["left_out"]
     assert (left_out["measurement_set_id"], left_out["reason"]) == (archived, "it is archived")
+
+
+def test_the_fleet_reads_a_robot_once_for_all_its_serial_numbers(client, store, monkeypatch):
+    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "many arms"})["id"]
+    for seed, number in enumerate("CDE", start=70):
+        measured(client, robot, seed, serial_number=number)
+    reads, page = [], store.sets.page
+    monkeypatch.setattr(store.sets, "page", lambda **asked: reads.append(asked["filters"]) or page(**asked))
+    rows = [row for row in client.get("/v1/fleet").json()["items"] if row["robot_id"] == robot]
+    assert sorted((row["serial_number"], row["campaigns"]) for row in rows) == [("C", 1), ("D", 1), ("E", 1)]
+    assert reads.count({"robot_id": robot}) == 2  # those that are archived, too
