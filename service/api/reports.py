@@ -92,11 +92,7 @@ def authorise_run(
         content_hash=subject.content_hash(),
         note=body.note,
     )
-    before = parts.store.authorisations.of(run_id)
-    if before and asdict(before[-1]) | {"authorised_at": record.authorised_at} == asdict(record):
-        return _authorisations(before)[-1]
-    parts.store.authorisations.add(record)
-    return _authorisations([record])[0]
+    return _authorisations([parts.store.authorisations.add(record)])[0]
 
 
 @router.get(
@@ -136,6 +132,12 @@ def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
         stored_job(parts.store, Run, superseded)
     except NotFoundError as error:
         raise RequestError(error.reason, where="supersedes", remedy=error.remedy) from error
+    if any(record.supersedes == run_id for record in parts.store.authorisations.of(superseded)):
+        raise RequestError(
+            f"the report of run '{superseded}' supersedes this one",
+            where="supersedes",
+            remedy="omit it: of two reports that supersede each other none would count",
+        )
 
 
 def _authorisations(records: list[AuthorisationRecord]) -> list[Authorisation]:

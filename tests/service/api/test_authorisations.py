@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import anyio
 import httpx
 import pytest
+from support.records import RUN, job_record
 
 from jointstiff.schemas.report import Laboratory
 from jointstiff.service.access import mint
 from jointstiff.service.api import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.reports import LaboratorySettings
-from jointstiff.service.store import Store
+from jointstiff.service.store import AuthorisationRecord, Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
@@ -95,6 +98,9 @@ def test_from_draft_to_superseded(ask, runs):
         assert reason in refused.text
     ask("POST", f"/v1/runs/{second}/authorisations", "admin", json={"supersedes": first})
     assert ">superseded<" in page(ask, first)
+    refused = ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"supersedes": second})
+    assert refused.status_code == 422
+    assert "supersedes this one" in refused.text
     assert f"Superseded by the report of run {second}" in page(ask, first)
     assert ">authorised<" in page(ask, second)
 
@@ -108,3 +114,15 @@ def test_there_is_no_way_to_change_one(store, ask, runs):
     path = f"/v1/runs/{runs[1][0]}/authorisations"
     assert {ask(method, path, "admin").status_code for method in ("DELETE", "PUT", "PATCH")} == {405}
     assert {n for n in dir(store.authorisations) if not n.startswith("_")} == {"add", "of", "superseding"}
+
+
+def test_the_same_at_the_same_time_is_one(database_url):
+    run = job_record(robot_id=None, measurement_set_id=None)
+    same = AuthorisationRecord(run.id, None, datetime.now(UTC), "0123456789", "admin Smith", "hash", None)
+    again = replace(same, note="again")
+    with Store.open(database_url) as store, ThreadPoolExecutor(8) as threads:
+        store.jobs(RUN).add(run)
+        assert list(threads.map(store.authorisations.add, [same] * 8)) == [same] * 8
+        assert store.authorisations.of(run.id) == [same]
+        assert store.authorisations.add(again) == again
+        assert store.authorisations.of(run.id) == [same, again]
