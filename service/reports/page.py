@@ -13,18 +13,18 @@ from jointstiff.service.reports.document import Document, Letterhead, Picture, S
 _STYLE: Final = """
 body { font: 15px/1.45 Georgia, serif; color: #222; max-width: 52rem; margin: 2rem auto; padding: 0 1rem; }
 header { border-bottom: 1px solid #222; } header img { float: right; max-height: 64px; max-width: 200px; }
-h1 { margin: 0.6rem 0 0; } h2 { font-size: 1.1rem; margin: 1.6rem 0 0.5rem; }
+h1 { margin: 0.6rem 0 0; } header p { overflow-wrap: anywhere; } h2 { font-size: 1.1rem; margin: 1.6rem 0 0.5rem; }
 table { border-collapse: collapse; margin: 0.5rem 0; font-size: 0.9rem; } .wide { overflow-x: auto; }
 th, td { text-align: right; padding: 2px 8px; border-bottom: 1px solid #ccc; vertical-align: top; }
 th { border-bottom-color: #222; } .text, caption { text-align: left; }
 caption, figcaption, dt, .end { color: #5a5a5a; }
-dl { display: grid; grid-template-columns: minmax(9rem, 16rem) 1fr; gap: 2px 1rem; }
-dd { margin: 0; white-space: pre-line; }
+dl { display: grid; grid-template-columns: minmax(0, 16rem) minmax(50%, 1fr); gap: 2px 1rem; }
+dd { margin: 0; white-space: pre-line; overflow-wrap: anywhere; }
 figure { margin: 1rem 0; } figure svg { width: 100%; }
 .state { font-weight: bold; text-transform: uppercase; }
 .sign { display: grid; grid-template-columns: 1fr 1fr; gap: 3rem; margin-top: 4rem; }
 body[data-mark]::before { content: attr(data-mark); position: fixed; top: 40%; left: 12%; z-index: -1;
-  font-size: 9rem; font-weight: bold; color: #e8e8e8; transform: rotate(-35deg); }
+  font-size: min(9rem, 18vw); font-weight: bold; color: #e8e8e8; transform: rotate(-35deg); }
 .sign p { border-top: 1px solid #222; } .end { text-align: center; }
 """
 POLICY: Final = (

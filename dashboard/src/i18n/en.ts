@@ -1096,7 +1096,8 @@ export const en = {
     table: "Table",
     mapTable: "Model angles by controller angles",
     twins: "Robots of the same kinematics, side by side",
-    twinsHint: "The latest run of each robot and serial number.",
+    twinsHint: (unit: string) =>
+      `The latest run of each robot and serial number: stiffness in ${unit} ± standard uncertainty.`,
     beside: "Compare these runs",
     serial: "serial number",
     latest: "latest run",

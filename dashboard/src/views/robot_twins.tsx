@@ -68,7 +68,7 @@ export function Twins({ robot }: { robot: Robot }) {
   return (
     <section class="card">
       <h2>{words.twins}</h2>
-      <p class="soft">{words.twinsHint}</p>
+      <p class="soft">{words.twinsHint(STIFFNESS_UNITS[unit].label)}</p>
       <Scroll label={words.twins}>
         <table>
           <thead>
@@ -78,7 +78,7 @@ export function Twins({ robot }: { robot: Robot }) {
               <th scope="col">{words.latest}</th>
               {robot.joints.map(({ name }) => (
                 <th scope="col" class="number">
-                  <Name>{name}</Name> <small class="soft">{STIFFNESS_UNITS[unit].label}</small>
+                  <Name>{name}</Name>
                 </th>
               ))}
             </tr>

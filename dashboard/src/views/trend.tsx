@@ -52,7 +52,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
                   change={setEncoders}
                   options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
                 />
-                {found.serial_numbers.length > 1 && <Serials trend={found} />}
+                <Serials trend={found} />
                 <Charts robot={id} trend={found} reload={trend.reload} />
               </>
             )}
@@ -63,15 +63,20 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
   );
 }
 
+/** The serial numbers of the robot's sets, and that the chart shown is of sets without one. */
 function Serials({ trend }: { trend: Found }) {
+  const shown = trend.selection?.serial_number ?? "";
+  const known = trend.serial_numbers.map((value) => ({ value, label: value }));
+  const options = shown === "" ? [{ value: "", label: text.fleet.noSerial }, ...known] : known;
+  if (options.length < 2) return null;
   return (
     <Select
       label={words.serial}
-      value={trend.selection?.serial_number ?? ""}
+      value={shown}
       change={(serial) => {
         location.hash = link(["compare", "trend", trend.robot_id], { serial });
       }}
-      options={trend.serial_numbers.map((value) => ({ value, label: value }))}
+      options={options}
     />
   );
 }
