@@ -13,7 +13,8 @@ from jointstiff.service.reports.document import Document, Letterhead, Picture, S
 _STYLE: Final = """
 body { font: 15px/1.45 Georgia, serif; color: #222; max-width: 52rem; margin: 2rem auto; padding: 0 1rem; }
 header { border-bottom: 1px solid #222; } header img { float: right; max-height: 64px; max-width: 200px; }
-h1 { margin: 0.6rem 0 0; } header p { overflow-wrap: anywhere; } h2 { font-size: 1.1rem; margin: 1.6rem 0 0.5rem; }
+h1 { margin: 0.6rem 0 0; } header p { overflow-wrap: anywhere; }
+h2 { font-size: 1.1rem; margin: 1.6rem 0 0.5rem; }
 table { border-collapse: collapse; margin: 0.5rem 0; font-size: 0.9rem; } .wide { overflow-x: auto; }
 th, td { text-align: right; padding: 2px 8px; border-bottom: 1px solid #ccc; vertical-align: top; }
 th { border-bottom-color: #222; } .text, caption { text-align: left; }
