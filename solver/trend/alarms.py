@@ -19,7 +19,8 @@ class Alarm:
         first: index of the first one in the series.
         last: index of the last one.
         is_open: whether the latest campaign is one of them.
-        change: of the EWMA against the baseline at the last one.
+        change: of the EWMA against the baseline at the last one; it lags behind that of the joint.
+        latest: of the last one itself.
         limit: of that change of ln k.
     """
 
@@ -27,22 +28,26 @@ class Alarm:
     last: int
     is_open: bool
     change: Change
+    latest: Change
     limit: float
 
     def in_words(self, joint: str, since: str) -> str:
-        """Return joint, direction, size with its uncertainty, limit and beginning.
+        """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning.
 
         Args:
             joint: its name.
             since: day or name of the first campaign.
         """
-        word = "softer" if self.change.difference < 0 else "stiffer"
-        size = 100.0 * abs(self.change.relative)
         allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
         return (
-            f"{joint} is {size:.1f} ± {100.0 * self.change.relative_uncertainty:.1f} % {word} than its "
-            f"baseline (EWMA ± standard uncertainty), beyond the limit of {allowed:.1f} %, since {since}"
+            f"{joint} is {_sized(self.latest)} than its baseline (± standard uncertainty); the average of "
+            f"its campaigns (EWMA) is {_sized(self.change)}, beyond the limit of {allowed:.1f} %, since {since}"
         )
+
+
+def _sized(change: Change) -> str:
+    word = "softer" if change.difference < 0 else "stiffer"
+    return f"{100.0 * abs(change.relative):.1f} ± {100.0 * change.relative_uncertainty:.1f} % {word}"
 
 
 def alarms_of(chart: Chart) -> list[Alarm]:
@@ -57,5 +62,5 @@ def alarms_of(chart: Chart) -> list[Alarm]:
         if sign and ends:
             first, last = start + chart.size, t + chart.size
             change, limit = chart.smoothed_change(last), float(chart.limits[t])
-            found.append(Alarm(first, last, t + 1 == signs.size, change, limit))
+            found.append(Alarm(first, last, t + 1 == signs.size, change, chart.change(last), limit))
     return found
