@@ -32,6 +32,7 @@ from benchmarks import (
     faults,
     geometry,
     geometry_real,
+    hostile_requests,
     importing,
     in_process,
     integrity,
@@ -77,6 +78,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "durability": durability.run,
     "access": access.run,
     "attacks": attacks.run,
+    "hostile": hostile_requests.run,
     "faults": faults.run,
     "coverage": coverage.run,
     "deflection": deflection.run,
@@ -103,7 +105,7 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "links_answered": elastic_campaigns.run_answered,
     "trend": trend.run,
 }
-IN_PARTS = frozenset({"geometry_worn", "links_fanuc", "links_coverage", "links_answered"})
+IN_PARTS = frozenset({"hostile", "geometry_worn", "links_fanuc", "links_coverage", "links_answered"})
 """They take some minutes, and `--part 2/4` runs the second of four parts."""
 STUDIES = frozenset(
     {
