@@ -1,6 +1,6 @@
 """Attacks: bodies and files that cost memory, connections that say nothing, and work beside the health.
 
-By name only, on a quiet machine: it takes about five minutes.
+By name only, on a quiet machine: it takes about a quarter of an hour, most of it for `hostile_requests`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from http.client import HTTPConnection, HTTPException
+from itertools import cycle
 from pathlib import Path
 from typing import Final
 
@@ -27,10 +28,11 @@ import httpx
 import numpy as np
 from fastapi.exceptions import RequestValidationError
 
+from benchmarks import hostile_requests
 from benchmarks.campaigns import small_campaign
 from benchmarks.hostile_bodies import bodies, imports, peak_of
 from benchmarks.report import Figure, Section
-from benchmarks.services import Service, post_campaign, postgresql
+from benchmarks.services import Service, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
@@ -60,11 +62,13 @@ def run(*, quick: bool) -> list[Section]:
             _bodies(),
             _imports(),
             _connections(database, 100 if quick else _CLIENTS),
-            _health(database, 1.0 if quick else 8.0),
+            _health(Path(folder) / "health.db", 1.0 if quick else 8.0),
             _posts("SQLite", database, count),
             _posts("PostgreSQL", server(), count),
             _queue({"SQLite": f"sqlite:///{Path(folder) / 'queue.db'}", "PostgreSQL": server()}, count),
             _threads(database, 10 if quick else 100),
+            *hostile_requests.run(quick=quick),
+            _elsewhere(),
         ]
 
 
@@ -157,11 +161,11 @@ def _connections(database: str, count: int) -> Section:
             rows.append((manner.name, f"{closed:.1f} s", f"{1e3 * answered:.0f} ms of {len(seconds)}"))
             figures += [
                 Figure(f"{count:,} × {manner.name}: all closed", closed, "at most", manner.bound, " s"),
-                Figure(f"{count:,} × {manner.name}: /health p95", answered, "at most", 0.05, " s"),
+                Figure(f"{count:,} × {manner.name}: /health and /ready p95", answered, "at most", 0.05, " s"),
             ]
     return Section(
         title=f"{count:,} connections that hold, to a service of {_DESCRIPTORS:,} descriptors",
-        columns=("connections", "all closed after", "/health p95 meanwhile"),
+        columns=("connections", "all closed after", "/health and /ready p95 meanwhile"),
         rows=tuple(rows),
         figures=tuple(figures),
         notes=("a dripping body may take 30 s and 1 s for each 64 kB that came",),
@@ -210,16 +214,18 @@ def _narrow(port: int) -> socket.socket:
 
 @contextmanager
 def _asking(port: int) -> Iterator[list[float]]:
-    """Ask for the health, on a new connection each time; yield how long each answer took [s]."""
+    """Ask for health and readiness in turns, each on a new connection; yield how long answers took [s]."""
     seconds: list[float] = []
     stop = threading.Event()
 
     def ask() -> None:
-        while not stop.wait(0.05):
+        for path in cycle(("/health", "/ready")):
+            if stop.wait(0.05):
+                return
             began = time.monotonic()
             connection = HTTPConnection("localhost", port, timeout=20)
             try:
-                connection.request("GET", "/health")
+                connection.request("GET", path)
                 connection.getresponse().read()
             except (OSError, HTTPException):
                 seconds.append(20.0)
@@ -237,19 +243,23 @@ def _asking(port: int) -> Iterator[list[float]]:
         thread.join()
 
 
-def _health(database: str, duration: float) -> Section:
-    with Service(database, 0) as service, httpx.Client(base_url=service.url, timeout=120) as client:
+def _health(database: Path, duration: float) -> Section:
+    with (
+        Service(f"sqlite:///{database}", 0) as service,
+        httpx.Client(base_url=service.url, timeout=120) as client,
+    ):
         loads = _loads(client)
         rows, figures = [], []
         for name, (path, body, threads) in loads.items():
-            with _asking(service.port) as seconds:
+            lock = locked(database) if name == _LOCKED else nullcontext()
+            with _asking(service.port) as seconds, lock:
                 done = _repeated(service.url + path, body, threads, duration)
             p95 = float(np.percentile(seconds, 95))
             rows.append((name, f"{done}", f"{1e3 * p95:.0f} ms", f"{1e3 * max(seconds):.0f} ms"))
-            figures.append(Figure(f"/health p95 under {name}", p95, "at most", 0.05, " s"))
+            figures.append(Figure(f"/health and /ready p95 under {name}", p95, "at most", 0.05, " s"))
     return Section(
-        title="/health beside work",
-        columns=("work", "requests", "/health p95", "slowest"),
+        title="/health and /ready beside work",
+        columns=("work", "requests", "p95", "slowest"),
         rows=tuple(rows),
         figures=tuple(figures),
     )
@@ -270,9 +280,11 @@ def _loads(client: httpx.Client) -> dict[str, tuple[str, bytes, int]]:
         "4 × 990,000 empty lists": ("/v1/measurement-sets", nested, 4),
         "4 × runs": ("/v1/runs", json.dumps({"measurement_set_id": set_id}).encode(), 4),
         "10 × geometries of 600": ("/v1/geometries", _sweeps(100), 10),
+        _LOCKED: ("/v1/robots", json.dumps(largest["robot"]).encode(), 12),
     }
 
 
+_LOCKED: Final = "SQLite locked, 12 posts waiting"
 _JSON: Final = {"Content-Type": "application/json"}
 
 
@@ -384,6 +396,27 @@ def _listed(client: httpx.Client) -> set[str]:
         cursor = page["next"]
         if cursor is None:
             return found
+
+
+# What others show
+
+
+def _elsewhere() -> Section:
+    return Section(
+        title="What tests and other benchmarks show",
+        columns=("what", "where"),
+        rows=(
+            (
+                "DNS rebinding, cross-site page, null origin, in a real Chromium",
+                "tests/dashboard/test_other_sites.py",
+            ),
+            ("role × operation; an operation without a role", "tests/service/api/test_access.py"),
+            ("unfinished bodies together", "tests/service/api/test_connections.py"),
+            ("cost of a key's check", "python -m benchmarks access"),
+            ("kill -9 of services and workers", "python -m benchmarks durability"),
+            ("disks, locks, clocks, servers, workers, backups", "python -m benchmarks faults"),
+        ),
+    )
 
 
 # Threads of linear algebra

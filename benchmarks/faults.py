@@ -1,20 +1,19 @@
 """Faults below the service: no room, no writing, a lock, a server that is away; during posts and a long run.
 
-By name only: it takes about eight minutes. SQLite's disk is a small one in memory, which takes root.
+By name only: it takes about ten minutes. SQLite's disk is a small one in memory, which takes root.
 """
 
 from __future__ import annotations
 
 import json
 import resource
-import sqlite3
 import subprocess
 import tempfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,7 @@ import httpx
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.restored import restored
-from benchmarks.services import PostgresqlServer, Service, numbers, post_campaign, postgresql
+from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
 from benchmarks.worker_faults import worker_faults
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.campaigns import identify
@@ -76,7 +75,7 @@ def run(*, quick: bool) -> list[Section]:
         sqlite: dict[str, Callable[[Path], Fault]] = {
             "disk full": lambda path: partial(_full, path.parent),
             "no file may grow": lambda _: _no_growth,
-            "locked": lambda path: partial(_locked, path),
+            "locked": lambda path: lambda _: locked(path),
         }
         for name, fault in sqlite.items():
             path = folder / f"{uuid4().hex}.db"
@@ -99,11 +98,17 @@ def run(*, quick: bool) -> list[Section]:
             copies = restored(new, 1.0 if quick else 5.0)
     if quick:
         return [_section(outcomes), copies]
-    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as name:
-        hurt = worker_faults(
-            lambda: f"sqlite:///{Path(name) / uuid4().hex}.db", CONFIGURATIONS, RESAMPLING, undisturbed
-        )
-    return [_section(outcomes), copies, hurt]
+    return [_section(outcomes), copies, hurt_workers(undisturbed)]
+
+
+def hurt_workers(undisturbed: dict[str, Any]) -> Section:
+    """Let workers meet their faults, those that die at a step on both databases."""
+    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as name, postgresql() as server:
+        new: dict[str, Callable[[], str]] = {
+            "SQLite": lambda: f"sqlite:///{Path(name) / uuid4().hex}.db",
+            "PostgreSQL": server,
+        }
+        return worker_faults(new, CONFIGURATIONS, RESAMPLING, undisturbed)
 
 
 def _undisturbed() -> dict[str, Any]:
@@ -223,13 +228,6 @@ def _no_growth(service: Service) -> Iterator[None]:
         for pid in pids:
             if Path(f"/proc/{pid}").exists():
                 resource.prlimit(pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-
-
-@contextmanager
-def _locked(path: Path, _: Service) -> Iterator[None]:
-    with closing(sqlite3.connect(path, timeout=30, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")
-        yield
 
 
 _CLOCK: Final = r"""

@@ -29,7 +29,7 @@ __all__ = ["run"]
 _REQUESTS: Final = 100_000
 _URDFS: Final = 2_000
 _UPLOADS: Final = 10_000
-_BLOCK: Final = 500
+_BLOCK: Final = 2_500
 """Requests after which the application and its store are made anew."""
 _MARK: Final = "@odd@"
 _ODD: Final = (
@@ -58,7 +58,7 @@ Request = tuple[str, str, dict[str, Any]]
 def run(*, quick: bool, part: Part | None = None) -> list[Section]:
     """Send each kind of request, and judge the models that come of URDFs."""
     part = part or Part()
-    total = 1_000 if quick else _REQUESTS
+    total = _BLOCK if quick else _REQUESTS
     statuses, models, raised = Counter[tuple[str, int]](), Counter[str](), list[str]()
     for first in part.of(total // _BLOCK):
         asyncio.run(_send_block(first, statuses, models, raised))

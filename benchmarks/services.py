@@ -7,12 +7,13 @@ import resource
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -22,7 +23,16 @@ import psycopg
 
 from benchmarks.campaigns import small_campaign
 
-__all__ = ["PostgresqlServer", "Service", "ServiceError", "numbers", "post_campaign", "postgresql", "running"]
+__all__ = [
+    "PostgresqlServer",
+    "Service",
+    "ServiceError",
+    "locked",
+    "numbers",
+    "post_campaign",
+    "postgresql",
+    "running",
+]
 
 _START_SECONDS: Final = 60.0
 
@@ -149,6 +159,14 @@ def running(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock of a SQLite database by which others may not write."""
+    with closing(sqlite3.connect(path, timeout=30, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
 
 
 class PostgresqlServer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -78,6 +79,7 @@ _ADDED: Final = (
 )
 
 
+@cache
 def corpus() -> list[UrdfModel]:
     """Return sound URDFs: the example arm, with and without a spherical wrist, and each of the catalogue."""
     texts = [(urdf_text(default_arm(wrist_offset=offset)), BASE_LINK, FLANGE_LINK) for offset in (0.0, 0.05)]

@@ -8,7 +8,7 @@ import resource
 import sqlite3
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -49,6 +49,15 @@ _STEPS: Final = {
     "fail": "    log.JobLog.report = refuse\n    life.Jobs.fail = fail\n",
 }
 """Code by which a worker dies in a step, each time."""
+_UNABLE: Final = """
+import os, sys
+if "jointstiff.service.workers" in sys.orig_argv:
+    with open(STARTED, "a") as file:
+        file.write(".")
+    os._exit(1)
+"""
+_UNABLE_SECONDS: Final = 30.0
+"""With pauses of 2, 4, 8 and 16 s, a worker is started five times."""
 _OTHER_VERSION: Final = """
 import sys
 if "jointstiff.service.workers" in sys.orig_argv:
@@ -66,28 +75,42 @@ def _changed(folder: Path, code: str) -> Iterator[dict[str, str]]:
 
 
 def worker_faults(
-    new: Callable[[], str], configurations: int, resampling: dict[str, int], undisturbed: dict[str, Any]
+    new: Mapping[str, Callable[[], str]],
+    configurations: int,
+    resampling: dict[str, int],
+    undisturbed: dict[str, Any],
 ) -> Section:
-    """Let workers of SQLite databases, which `new` makes, meet their faults; all at the same time."""
+    """Let workers meet their faults, many at the same time; SQLite's meet all of them.
+
+    Args:
+        new: makes a database, by its kind; one is `SQLite`.
+        configurations: of the set.
+        resampling: of its long run.
+        undisturbed: what a run that nothing disturbs finds.
+    """
+    sqlite = new["SQLite"]
     with tempfile.TemporaryDirectory(prefix="jointstiff-workers-") as name, ThreadPoolExecutor(8) as pool:
         folder = Path(name)
         dying = {
-            step: pool.submit(_dies, new(), folder, _DYING + code, configurations, resampling)
+            f"{step}, {kind}": pool.submit(_dies, make(), folder, _DYING + code, configurations, resampling)
+            for kind, make in new.items()
             for step, code in _STEPS.items()
         }
         others = {
-            "out of memory": pool.submit(_starved, new(), configurations, resampling),
-            "of another version": pool.submit(_other, new(), folder, configurations, resampling),
+            "out of memory": pool.submit(_starved, sqlite(), configurations, resampling),
+            "of another version": pool.submit(_other, sqlite(), folder, configurations, resampling),
         }
-        planted = pool.submit(_planted, new(), folder, configurations, resampling)
+        unable = pool.submit(_unable, sqlite(), folder)
+        planted = pool.submit(_planted, sqlite(), folder, configurations, resampling)
         ended = {step: task.result() for step, task in dying.items()}
         runs = {fault: task.result() for fault, task in others.items()}
-        pickled = planted.result()
+        pickled, (told, starts) = planted.result(), unable.result()
     rows = [
         (f"dies at the step {step}, each time", f"{run['state']}", f"{s:.0f} s")
         for step, (run, s) in ended.items()
     ]
     rows += [(fault, run["state"], "") for fault, run in runs.items()]
+    rows += [("cannot start", f"{starts} starts in {_UNABLE_SECONDS:g} s", f"said after {told:.0f} s")]
     rows += [("a pickle planted in a backup", pickled, "")]
     return Section(
         title="Workers",
@@ -104,6 +127,8 @@ def worker_faults(
                 Figure(f"worker {fault}: run not the same", int(numbers(run) != undisturbed), "at most", 0)
                 for fault, run in runs.items()
             ),
+            Figure("worker cannot start: until /health says so", told, "at most", _UNABLE_SECONDS, " s"),
+            Figure(f"worker cannot start: starts in {_UNABLE_SECONDS:g} s", starts, "at most", 6),
             Figure(
                 "pickle in a backup: run, not seen, or its job does not end",
                 int(pickled != "failed"),
@@ -169,6 +194,20 @@ def _other(database: str, folder: Path, configurations: int, resampling: dict[st
             return {**client.get(address).json(), "state": "taken by the other version"}
         with Service(database, 1):
             return _ended(client, address, _CLEAR_SECONDS)
+
+
+def _unable(database: str, folder: Path) -> tuple[float, int]:
+    """Return the time until /health tells of workers that cannot start [s], and how many were started."""
+    started = folder / "started"
+    code = _UNABLE.replace("STARTED", repr(str(started)))
+    with _changed(folder, code) as environment, Service(database, 1, environment=environment) as service:
+        began, told = time.monotonic(), float("inf")
+        while time.monotonic() - began < _UNABLE_SECONDS:
+            found = httpx.get(f"{service.url}/health", timeout=20).json()
+            if found["failing_workers"]:
+                told = min(told, time.monotonic() - began)
+            time.sleep(0.2)
+    return told, started.stat().st_size
 
 
 class _Planted:
