@@ -17,6 +17,7 @@ interface Twin {
   robot: string;
   name: string;
   serial: string | null;
+  encoders: MeasurementSetSummary["encoders"] | null;
   at: string;
   run: Run;
 }
@@ -52,6 +53,7 @@ async function twinsOf(robot: Robot, signal: AbortSignal): Promise<Twin[]> {
       robot: summary.robot_id,
       name: names.get(summary.robot_id) ?? summary.robot_id,
       serial: known.get(summary.measurement_set_id)?.serial_number ?? null,
+      encoders: known.get(summary.measurement_set_id)?.encoders ?? null,
       at: known.get(summary.measurement_set_id)?.measured_at ?? summary.created_at,
       run: await api.run(summary.id, signal),
     })),
@@ -84,7 +86,7 @@ export function Twins({ robot }: { robot: Robot }) {
             </tr>
           </thead>
           <tbody>
-            {twins.map(({ robot: id, name, serial, at, run }) => (
+            {twins.map(({ robot: id, name, serial, encoders, at, run }) => (
               <tr>
                 <th scope="row" class="robot-name">
                   <a href={link(["robots", id])}>
@@ -96,6 +98,7 @@ export function Twins({ robot }: { robot: Robot }) {
                   <a href={link(["runs", run.id])}>
                     <When time={at} />
                   </a>
+                  {encoders && <small class="soft"> {text.files.encoders[encoders]}</small>}
                 </td>
                 {robot.joints.map((joint) => {
                   const found = run.result?.joints.find((each) => each.name === joint.name);
