@@ -15,7 +15,9 @@ from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
 MAX_GEOMETRY_TARGETS = 8
 MAX_GEOMETRY_POSITIONS = 1_200
-"""Maximum number of positions of all sweeps together: each sweep's fit takes the cube of their number."""
+"""Maximum number of positions of all sweeps together."""
+MAX_SWEEP_POSITIONS = 600
+"""Maximum number of positions of one sweep: its fit takes the cube of their number."""
 MAX_GEOMETRY_READINGS = 4_000
 
 TargetPositions = Annotated[dict[Name, Vector3], Field(min_length=1, max_length=MAX_GEOMETRY_TARGETS)]
@@ -82,7 +84,7 @@ class JointSweep(Message):
         examples=["joint_1"],
     )
     observations: Annotated[
-        list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_POSITIONS), FailFast()
+        list[TrackedPosition], Field(min_length=1, max_length=MAX_SWEEP_POSITIONS), FailFast()
     ] = Field(description="Positions; at least four, 10 to 20 over 90° or more are good practice.")
 
 

@@ -40,8 +40,9 @@ class Alarm:
         """
         allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
         return (
-            f"{joint} is {_sized(self.latest)} than its baseline (± standard uncertainty); the average of "
-            f"its campaigns (EWMA) is {_sized(self.change)}, beyond the limit of {allowed:.1f} %, since {since}"
+            f"{joint} is {_sized(self.latest)} than its baseline (± standard uncertainty); "
+            f"the average of its campaigns (EWMA) is {_sized(self.change)}, "
+            f"beyond the limit of {allowed:.1f} %, since {since}"
         )
 
 

@@ -780,6 +780,13 @@ def test_limits_are_stated():
         GeometryRequest.model_validate(many)
 
 
+def test_one_sweep_has_a_limit_of_its_own_as_its_fit_takes_the_cube():
+    body = sweeps(TrackedArm(), count=10)
+    body["sweeps"][0]["observations"] *= 61
+    with pytest.raises(ValueError, match="at most 600 items"):
+        GeometryRequest.model_validate(body)
+
+
 class TestCommand:
     @pytest.fixture
     def file(self, tmp_path):
