@@ -14,12 +14,12 @@ Benchmarks: `small` (19 configurations), `large` (100,000), `memory` (up to 1,00
 times 10 of 19), `post` (a run over HTTP), `start` (commands beside bare imports,
 idle memory), `exactness` (against exact rational arithmetic). By name only:
 `access` (the cost of a key; half a minute),
-`attacks` (hostile bodies, connections and requests; a quarter of an hour), `hostile` (its 100,000 requests
-alone; eight minutes, or `--part 1/4`), `faults` (disks, locks, clocks, servers and workers that fail; ten
-minutes, as root), `workers` (two beside one, answers meanwhile, cancelling; four minutes) and `durability`
-(kill -9 of workers and services; twenty minutes), which start PostgreSQL servers of their own; `maps`
-(beside a loop of Pinocchio calls); `plan` (optimal designs beside
-cvxpy), `plan_figaroh` and `plan_sizes` (1e5 and 1e6 candidates).
+`attacks` (hostile bodies, connections and requests; half an hour), `hostile` (its 100,000 requests
+alone; a quarter of an hour, or `--part 1/8`), `faults` (disks, locks, clocks, servers and workers that
+fail; ten minutes, as root), `workers` (two beside one, answers meanwhile, cancelling; four minutes) and
+`durability` (kill -9 of workers and services; twenty minutes), which start PostgreSQL servers of their own;
+`maps` (beside a loop of Pinocchio calls); `plan` (optimal designs beside cvxpy), `plan_figaroh` and
+`plan_sizes` (1e5 and 1e6 candidates).
 
 Studies, which prove numbers instead of comparing times, by name only as well: `coverage` (how often intervals
 hold the truth; some minutes), `efficiency` (beside the Cramér-Rao bound), `robustness` (gross errors),

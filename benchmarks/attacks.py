@@ -1,6 +1,6 @@
 """Attacks: bodies and files that cost memory, connections that say nothing, and work beside the health.
 
-By name only, on a quiet machine: it takes about a quarter of an hour, most of it for `hostile_requests`.
+By name only, on a quiet machine: it takes about half an hour, half of it for `hostile_requests`.
 """
 
 from __future__ import annotations

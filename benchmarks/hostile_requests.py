@@ -1,6 +1,6 @@
 """Requests that no client should send, in process: damaged URDFs, odd JSON, damaged uploads, odd addresses.
 
-`python -m benchmarks hostile --part 2/4` sends the second quarter; `attacks` sends all of them.
+`python -m benchmarks hostile --part 2/8` sends the second eighth, in some two minutes; `attacks` sends all.
 """
 
 from __future__ import annotations

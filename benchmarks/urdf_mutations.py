@@ -23,7 +23,8 @@ from jointstiff.solver.robot import flange_poses, write_urdf
 __all__ = ["corpus", "damaged", "judged", "model_of"]
 
 Random = random.Random
-_BRANCH: Final = """<link name="camera"><inertial><mass value="5"/></inertial>
+_BRANCH: Final = """<link name="camera"><inertial><mass value="5"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
 <visual><geometry><mesh filename="camera.stl"/></geometry></visual></link>
 <joint name="slide" type="prismatic"><parent link="{base}"/><child link="camera"/>
 <origin xyz="0.1 0 1" rpy="0 0.2 0"/><axis xyz="1 0 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>

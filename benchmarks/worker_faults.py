@@ -24,6 +24,8 @@ from jointstiff.service.workers import examine
 __all__ = ["worker_faults"]
 
 _CLEAR_SECONDS: Final = 120.0
+_AT_ONCE: Final = 4
+"""Services at the same time: eight of them do not start in time on a busy machine of two processors."""
 _ENDED: Final = frozenset({"succeeded", "failed", "cancelled"})
 _DYING: Final = """
 import os, signal, sys
@@ -89,7 +91,10 @@ def worker_faults(
         undisturbed: what a run that nothing disturbs finds.
     """
     sqlite = new["SQLite"]
-    with tempfile.TemporaryDirectory(prefix="jointstiff-workers-") as name, ThreadPoolExecutor(8) as pool:
+    with (
+        tempfile.TemporaryDirectory(prefix="jointstiff-workers-") as name,
+        ThreadPoolExecutor(_AT_ONCE) as pool,
+    ):
         folder = Path(name)
         dying = {
             f"{step}, {kind}": pool.submit(_dies, make(), folder, _DYING + code, configurations, resampling)
