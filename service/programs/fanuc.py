@@ -23,7 +23,7 @@ _MOTIONS: Final = {
     "A": Motion.CIRCULAR,
     "S": Motion.SPLINE,
 }
-_LINE: Final = re.compile(r"\s*(\d*)\s*:\s*(.*?)\s*;?\s*$")
+_LINE: Final = re.compile(r"\s*+(\d*+)\s*+:(.*)")
 _MOVE: Final = re.compile(r"([JLCAS])\s+(?=P\s*\[|PR\s*\[)")
 _POINT: Final = re.compile(r"P\s*\[\s*(\d{1,5})\s*(?::\s*\"?[^\]\"]*\"?\s*)?\]")
 _AFTER: Final = re.compile(
@@ -291,7 +291,7 @@ def read_fanuc(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
     end = source.line(section["POS"])
     for line, _, text in source.lines():
         if first < line < end and (match := _LINE.match(text)):
-            state.instruction(line, match[2], goes_on=not match[1])
+            state.instruction(line, match[2].strip().removesuffix(";").strip(), goes_on=not match[1])
         elif first < line < end and text.strip():
             reader.refuse(
                 line,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from support.programs import request
@@ -261,3 +264,12 @@ def test_loops_over_axes_and_registers_that_no_move_uses_are_left():
     assert len(read("a.src", f"DEF a()\n{loop}LIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND").moves) == 1
     assert len(read("a.LS", fanuc(FANUC_MOVES + "   6:  PR[1,2]=R[3] ;\n")).moves) == 2
     assert frames(read("a.mod", rapid(f'MoveLSync {POSE},v100,z1,t1,"p1";', TOOL))) == [("wobj0", "t1")]
+
+
+def test_blanks_within_a_line_of_fanuc_take_no_time():
+    """A pattern that gives blanks back took their cube: a minute for one line."""
+    text = "/PROG A\n/MN\n" + "".join(f"   {i}:!x{' ' * 4000}x ;\n" for i in range(1, 20)) + "/POS\n/END\n"
+    began = time.process_time()
+    with suppress(ProgramError):
+        read_program([("a.ls", text.encode())])
+    assert time.process_time() - began < 1.0
