@@ -181,12 +181,11 @@ class _Given:
 
 def _placed(outer: FloatArray, given: _Given, frames: Sequence[FrameName | None]) -> FloatArray:
     """Return frames (t, 4, 4) in the outer one's; the outer one itself where there is none."""
-    known = {id(frame): outer if frame is None else outer @ given.pose(frame) for frame in _different(frames)}
-    return np.array([known[id(frame)] for frame in frames])
-
-
-def _different(frames: Sequence[FrameName | None]) -> list[FrameName | None]:
-    return list({id(frame): frame for frame in frames}.values())
+    different = {id(frame): frame for frame in frames}
+    poses = [outer if frame is None else outer @ given.pose(frame) for frame in different.values()]
+    place = {key: i for i, key in enumerate(different)}
+    placed: FloatArray = np.reshape(poses, (-1, 4, 4))[[place[id(frame)] for frame in frames]]
+    return placed
 
 
 def _inverse(poses: FloatArray) -> FloatArray:

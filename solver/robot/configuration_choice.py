@@ -80,8 +80,8 @@ def choose_postures(
     joints, unreached = given.copy(), np.zeros(count, dtype=np.intp)
     cartesian = np.flatnonzero(np.isnan(given[:, 0]))
     branches = np.full((count, 8, 6), np.nan)
-    branches[cartesian] = inverse.branches(poses[cartesian])
-    lost = cartesian[np.isnan(branches[cartesian, :, 0]).all(axis=1)]
+    branches[cartesian] = found = inverse.branches(poses[cartesian])
+    lost = cartesian[np.isnan(found[:, :, 0]).all(axis=1)]
     unreached[lost] = Unreached.OUT_OF_REACH
     path = np.setdiff1d(np.arange(count), lost)
     choice = _Choice(inverse.robot, branches, stated)
@@ -141,12 +141,11 @@ class _Choice:
         here = self._robot.joint_map.model_angles(previous[None])[0]
         b = int(np.nanargmin(_apart(self._branches[run[0]], here)))
         kept = self._branches[run, b]  # (m, 6)
-        step = np.abs(_wrapped(np.diff(kept, axis=0))).max(axis=1)
+        step = _apart(kept[1:], kept[:-1])
         others = _apart(self._branches[run[1:]], kept[1:, None])
         others[:, b] = np.inf
         # By the triangle inequality nothing is nearer to the posture before than a solution that is this
-        # far from
-        # all others.
+        # far from all others.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
         breaks = np.flatnonzero(~sure)
         done = int(breaks[0]) + 1 if len(breaks) else len(run)
@@ -158,7 +157,8 @@ class _Choice:
 
 def _apart(angles: FloatArray, from_: FloatArray) -> FloatArray:
     """Return the greatest difference of an angle, full turns aside [rad]."""
-    return np.asarray(np.abs(_wrapped(angles - from_)).max(axis=-1))
+    apart = np.moveaxis(_wrapped(angles - from_), -1, 0)
+    return np.asarray(np.abs(apart, order="C").max(axis=0))  # joints first: a tenth of the time
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:

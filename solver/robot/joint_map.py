@@ -85,8 +85,9 @@ class JointMap:
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
         """Return the angles (..., n) that the controller shows [rad] of angles of the model [rad]."""
-        angles = np.linalg.solve(self.matrix, (model - self.offset)[..., None])[..., 0]
-        return np.asarray(angles, dtype=np.float64)
+        wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
+        angles: FloatArray = np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
+        return angles
 
 
 def _frozen(values: FloatArray, dimensions: int, where: str) -> FloatArray:
