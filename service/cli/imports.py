@@ -159,7 +159,7 @@ def import_readings(
     Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
     asks for what is missing.
     """
-    from jointstiff.service.library import CampaignError, read_robot
+    from jointstiff.service.library import CampaignError
     from jointstiff.service.render import console, import_report
 
     chosen = {
@@ -191,10 +191,10 @@ def import_readings(
         if template is not None:
             stated = joined(read_template(template), stated)
         asking = may_ask() and not as_json
-        owner = None if robot is None else read_robot(robot)
+        owner = None if robot is None else _robot_of(robot)
         answer = _understood(files, stated, owner, asking=asking)
         if asking and owner is None and answer.measurement_set is not None and (named := ask_robot()):
-            owner = read_robot(named)
+            owner = _robot_of(named)
             answer = _inspected(answer, owner)
         answer = with_notes(answer, noted)
     except CampaignError as error:
@@ -207,6 +207,14 @@ def import_readings(
         write_template(save_template, answer, overwrite=overwrite)
     if output is not None:
         write_campaign(output, answer, owner, overwrite=overwrite)
+
+
+def _robot_of(text: str) -> "RobotDocument":
+    from jointstiff.service.library import (
+        read_robot,
+    )  # with numpy, which an import without a robot does not need
+
+    return read_robot(text)
 
 
 def _understood(
