@@ -35,6 +35,8 @@ _PATHS: Final = frozenset(
     for name in ("robots", "kinematics", "measurement-sets", "imports", "geometries", "plans", "deflections")
 )
 """Addresses whose answer does not wait for workers."""
+_ALWAYS: Final = frozenset({"/v1/geometries"})
+"""Addresses whose smallest bodies may take a minute: the fit of a sweep takes the cube of its positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
 _START_SECONDS: Final = 60.0
 
@@ -72,8 +74,8 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 
 
 def is_limited(path: str, content: bytes) -> bool:
-    """Return whether a body is one for the child."""
-    return path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content)
+    """Return whether a request is one for the child."""
+    return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
 
 
 class LimitedChild:

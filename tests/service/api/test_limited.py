@@ -98,3 +98,8 @@ def test_its_time_and_memory_are_limited(bounds, database, client, child):
     client._app.state.limited_child = child
     assert answer.status_code == 413
     assert "the body takes more than" in answer.json()["detail"]
+
+
+def test_geometries_of_any_size_are_the_childs():
+    assert limited.is_limited("/v1/geometries", b"{}")
+    assert not limited.is_limited("/v1/robots", b"{}")
