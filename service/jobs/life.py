@@ -23,7 +23,7 @@ from jointstiff.service.computation import (
     unexpected_failure,
 )
 from jointstiff.service.jobs.kinds import AnyKind
-from jointstiff.service.problems import NotFoundError, TooManyJobsError, problem_of
+from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.resources import Resources, read_job
 from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, JobStatus
 from jointstiff.service.versions import versions
@@ -203,7 +203,7 @@ class Jobs:
         """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
         if not self.goes_on(job_id):
             return
-        if isinstance(failure, JointstiffError):
+        if isinstance(failure, JointstiffError | WorkerLostError):
             error = problem_of(failure)
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)

@@ -18,6 +18,7 @@ from jointstiff.service.problems.errors import (
     StoreError,
     StoreUnavailableError,
     TooManyJobsError,
+    WorkerLostError,
     WrongKeysError,
 )
 from jointstiff.service.problems.table import (
@@ -47,6 +48,7 @@ __all__ = [
     "StoreError",
     "StoreUnavailableError",
     "TooManyJobsError",
+    "WorkerLostError",
     "WrongKeysError",
     "http_problem",
     "invalid_request",

@@ -163,6 +163,16 @@ class ReferencedError(StoreError):
         self.id = identifier
 
 
+class WorkerLostError(StoreError):
+    """The workers of a job died, or their engine gave it up."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            reason,
+            "send it again; if its workers die again, split it, give them more memory, or see their logs",
+        )
+
+
 class QuotaError(StoreError):
     """The database has reached the size that it may have."""
 

@@ -23,6 +23,7 @@ from jointstiff.service.problems.errors import (
     StoreError,
     StoreUnavailableError,
     TooManyJobsError,
+    WorkerLostError,
     WrongKeysError,
 )
 from jointstiff.service.problems.wording import reworded
@@ -68,6 +69,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         QuotaError: (507, "quota", "The database is full"),
         OtherVersionError: (409, "other-version", "Another version stored it"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
+        WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
         WrongKeysError: (429, "too-many-wrong-keys", "Too many wrong keys"),
         KeyRefusedError: (401, "no-valid-key", "A valid key is needed"),

@@ -36,7 +36,7 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
 
 @dataclass(frozen=True)
 class _Ground:
-    """What trends of a robot are made from, looked up once.
+    """Data of a robot's trends, looked up once.
 
     Attributes:
         names: of its joints.

@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from jointstiff.service.jobs import Jobs
+from jointstiff.service.problems import WorkerLostError
 from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Deletions, Heartbeats
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.queue import Outcome, job_of
@@ -23,10 +24,6 @@ _REMOVED: Final = 20
 
 def _now() -> datetime:
     return datetime.now(UTC)
-
-
-class WorkerLostError(Exception):
-    """The engine gave a job up."""
 
 
 class Recovery:

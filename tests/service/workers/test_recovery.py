@@ -84,7 +84,9 @@ def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     recovery.look()
     assert runs.current(run.id).state == "queued"
     recovery.look()
-    assert runs.current(run.id).state == "failed"
+    ended = runs.current(run.id)
+    assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
+    assert "send it again" in ended.error.remedy
 
 
 def test_a_run_that_the_engine_does_not_know_is_announced_again(store, runs, engine):
