@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from jointstiff.service.problems.errors import (
+    AuthorisedError,
     CursorError,
     DeletedError,
     FilesError,
@@ -33,6 +34,7 @@ from jointstiff.service.problems.wording import reworded
 __all__ = [
     "MAX_ITEMS",
     "MAX_PROBLEM_BYTES",
+    "AuthorisedError",
     "CursorError",
     "DeletedError",
     "FilesError",

@@ -7,6 +7,8 @@ StoreError                     a database that this software cannot work with: s
 ├── OtherVersionError          another version stored what this one does not read: have it computed again
 ├── NotEndedError              a job that goes on cannot be deleted: cancel it first
 ├── ReferencedError            others refer to what is to be deleted: delete those first
+├── AuthorisedError            the report of a run that is to be deleted was authorised: keep it
+├── WorkerLostError            the workers of a job died: send it again
 ├── QuotaError                 the database has its full size: delete something, or raise --quota
 ├── TooManyJobsError           as many jobs wait as may: post again later
 ├── KeyRefusedError            no valid key came: send one
@@ -161,6 +163,16 @@ class ReferencedError(StoreError):
         )
         self.kind = kind
         self.id = identifier
+
+
+class AuthorisedError(StoreError):
+    """A run whose report was authorised cannot be deleted."""
+
+    def __init__(self, identifier: str) -> None:
+        super().__init__(
+            f"a report on the run {_shown(identifier)} was authorised",
+            "keep the run: whoever has the report may ask for what it states",
+        )
 
 
 class WorkerLostError(StoreError):

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from jointstiff.schemas.problem import Problem, ProblemItem
 from jointstiff.service.problems.errors import (
+    AuthorisedError,
     CursorError,
     DeletedError,
     FilesError,
@@ -68,6 +69,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
         OtherVersionError: (409, "other-version", "Another version stored it"),
+        AuthorisedError: (409, "authorised", "Its report was authorised"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),

@@ -26,6 +26,7 @@ from sqlalchemy import (
 )
 
 from jointstiff.service.problems import (
+    AuthorisedError,
     DeletedError,
     NotEndedError,
     NotFoundError,
@@ -35,7 +36,14 @@ from jointstiff.service.problems import (
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT, is_indexable
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.job_log import OPEN_STATES
-from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets, robots
+from jointstiff.service.store.tables import (
+    authorisations,
+    idempotency_keys,
+    job_steps,
+    jobs,
+    measurement_sets,
+    robots,
+)
 
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
@@ -69,12 +77,14 @@ class Deletions:
             NotFoundError: there is no such resource.
             NotEndedError: it is a job that has not ended.
             ReferencedError: others refer to it.
+            AuthorisedError: it is a run whose report was authorised.
         """
         self._refuse_odd(identifier)
         hide = update(self._table).where(self._is(identifier), self._ended, ~self._hidden)
         with self._database.writing() as connection:
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
+                self._refuse_authorised(connection, identifier)
                 return
             hidden = select(self._hidden).where(self._is(identifier))
             found = connection.execute(hidden).scalar_one_or_none()
@@ -153,6 +163,11 @@ class Deletions:
         if users:
             named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
             raise ReferencedError(self._resource, identifier, named, more=len(users) > _NAMED)
+
+    def _refuse_authorised(self, connection: Connection, identifier: str) -> None:
+        own = select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
+        if self._table is jobs and connection.execute(own).one_or_none() is not None:
+            raise AuthorisedError(identifier)
 
     def _refuse_orphan(self, connection: Connection, identifier: str) -> None:
         """Refuse what refers to a deleted resource; hold that resource, so that it stays."""

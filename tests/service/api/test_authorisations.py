@@ -126,3 +126,13 @@ def test_the_same_at_the_same_time_is_one(database_url):
         assert store.authorisations.of(run.id) == [same]
         assert store.authorisations.add(again) == again
         assert store.authorisations.of(run.id) == [same, again]
+
+
+def test_an_authorised_run_is_not_deleted(ask, runs):
+    measured, _ = runs
+    run = ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
+    assert ask("POST", f"/v1/runs/{run}/authorisations", "admin", json={}).status_code == 201
+    refused = ask("DELETE", f"/v1/runs/{run}")
+    assert refused.status_code == 409
+    assert refused.json()["type"].endswith("authorised")
+    assert ask("GET", f"/v1/runs/{run}").status_code == 200
