@@ -337,7 +337,8 @@ class TestUncertain:
             assert joint.standard_uncertainty >= joint.compliance > 0
             assert joint.compliance_interval[0] == 0.0
             assert joint.reason.startswith("stiffer than")
-            stated = float(joint.reason.split()[2])
+            number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
+            stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
             assert 0.9 / joint.one_sided[1] < stated <= 1 / joint.one_sided[1]
 
     def test_it_is_used_with_care_at_best(self):
