@@ -454,6 +454,10 @@ def _threads(database: str, count: int) -> Section:
 
 
 def _cpu(pid: int) -> float:
-    """Return the processor time of a process [s]."""
+    """Return the processor time of a process and of those that it started [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    started = [
+        child for each in Path(f"/proc/{pid}/task").glob("*/children") for child in each.read_text().split()
+    ]
+    own = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return own + sum(_cpu(int(child)) for child in started)
