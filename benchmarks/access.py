@@ -17,8 +17,8 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.services import Service
 from benchmarks.timing import interleaved
-from jointstiff.service.access import mint
-from jointstiff.service.store import Store
+from jointstiff.service.access.key_text import mint
+from jointstiff.service.store.store import Store
 
 __all__ = ["run"]
 

@@ -24,15 +24,18 @@ from benchmarks.verdicts import METHODS
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Assessment, Estimate, assess, judge, predict
 from jointstiff.solver.inference.alternatives import better_alternative
-from jointstiff.solver.integrity import inspect
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.inference.assessment import Assessment, assess
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["PLANTED", "Assessed", "assess_set", "clean_campaign", "planted_campaign", "run"]
 

@@ -34,11 +34,11 @@ from benchmarks.many_posts import posts_at_once, queue_full
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
-from jointstiff.service.importing import SourceFile
-from jointstiff.service.problems import invalid_request
-from jointstiff.service.resources import import_files
+from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.problems.table import invalid_request
+from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm
 
 __all__ = ["run"]

@@ -16,8 +16,9 @@ from benchmarks.report import Figure, Section
 from benchmarks.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, deflections, linear_deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference import UncertaintyBudget
-from jointstiff.solver.readings import CommonUncertainty, Measurements
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
+from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["KINDS", "expanded_by_monte_carlo", "expanded_by_product", "run", "wrong_campaigns"]
 

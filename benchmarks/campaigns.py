@@ -18,10 +18,11 @@ from jointstiff.simulator.campaign import (
 )
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot, read_urdf
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [
     "LARGE_NOISE",

@@ -10,7 +10,9 @@ from benchmarks.campaigns import large_campaign
 from benchmarks.peers import stacked_rows
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design import AOptimality, DesignProblem, DOptimality, PackedCandidates
+from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.criteria import AOptimality, DOptimality
+from jointstiff.solver.design.problem import DesignProblem
 
 __all__ = ["CRITERIA", "READINGS", "Pool"]
 

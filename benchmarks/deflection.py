@@ -14,18 +14,17 @@ from benchmarks.report import Figure, Section
 from benchmarks.verdicts import Way
 from jointstiff.simulator import LOAD_POINT, SpringArm, default_arm, equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import (
-    CartesianCompliance,
-    JointModel,
-    LoadCases,
-    leave_postures_out,
-    predict_deflections,
-)
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.model_error import leave_postures_out
+from jointstiff.solver.deflection.prediction import predict_deflections
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["run"]
 

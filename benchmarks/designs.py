@@ -20,7 +20,7 @@ from jointstiff.simulator.campaign import (
     plan_experiment,
 )
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["CONFIGURATIONS", "FORCE", "SIGMA", "Design", "planned_design", "with_compliances"]
 

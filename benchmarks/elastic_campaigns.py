@@ -13,21 +13,12 @@ from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_pos
 from jointstiff.simulator.experiment import TARGETS, plan_experiment
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.links import (
-    LOSSES,
-    WEIGHTS,
-    ElasticColumns,
-    ElasticModel,
-    Folds,
-    Loss,
-    Plan,
-    effective_intervals,
-    first_certified,
-    fit_fold,
-)
-from jointstiff.solver.links.cross_validation import chosen_weight
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.links.cross_validation import WEIGHTS, Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.estimation import effective_intervals, first_certified
+from jointstiff.solver.links.model import LOSSES, ElasticModel, Loss
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 _COLUMNS = ElasticColumns(6, tuple(range(6)))
 _PLAN = Plan(folds=2, weights=WEIGHTS[1::3])

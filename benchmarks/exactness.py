@@ -12,9 +12,10 @@ from flint import fmpq
 
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds, IdentificationProblem, Solution, solve, solve_step
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solution import Solution, solve, solve_step
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.regression import Compression
+from jointstiff.solver.regression.compression import Compression
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,

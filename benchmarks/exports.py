@@ -10,11 +10,12 @@ import numpy as np
 
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.exporting import FORMATS, ExportedModel, export_model
+from jointstiff.service.exporting.formats import FORMATS, export_model
+from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, random_configurations, simulate_campaign
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.robot.configuration import Configurations
 
 __all__ = ["run"]
 

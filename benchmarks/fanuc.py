@@ -12,19 +12,16 @@ from pathlib import Path
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
-from jointstiff.service.conversion import ReadingArrays, build_robot, dh_kinematics, to_measurements
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.resampling import (
-    GramBlocks,
-    ResamplingPlan,
-    ResamplingSummary,
-    gram_blocks,
-    resample,
-    summarise,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.service.conversion.measurements import to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.robots import build_robot, dh_kinematics
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
+from jointstiff.solver.resampling.draws import ResamplingPlan, resample
+from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["CAMPAIGN", "prepared", "run"]
 

@@ -29,7 +29,7 @@ from benchmarks.services import PostgresqlServer, Service, locked, numbers, post
 from benchmarks.worker_faults import worker_faults
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.campaigns import identify
-from jointstiff.service.workers import examine
+from jointstiff.service.workers.doctor import examine
 
 __all__ = ["run"]
 

@@ -13,15 +13,18 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry import Axis, AxisFit, RigidTransform, Sweep, SweepSet
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.frames.wrist_centre import find_wrist_centre
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model
 from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
-from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, fit_axis
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit, fit_axis
 from jointstiff.solver.geometry.sweeps.findings import sweep_findings
+from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
-from jointstiff.solver.robot import JointMap, read_urdf
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run"]
 

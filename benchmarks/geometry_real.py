@@ -13,8 +13,15 @@ from benchmarks.report import Figure, Part, Section
 from jointstiff.simulator.sweeps import HOME, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.geometry import Conventions, Poses, identify_from_poses, identify_from_sweeps
-from jointstiff.solver.robot import DhRow, JointMap, KinematicChain, Robot, dh_chain, flange_poses, read_urdf
+from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
+from jointstiff.solver.geometry.identified_geometry import Conventions
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = ["run_ur5", "run_worn"]
 

@@ -22,7 +22,7 @@ from benchmarks.report import Figure, Part, Section
 from benchmarks.spreadsheets import HABITS, campaign_of
 from benchmarks.urdf_mutations import corpus, damaged, judged, model_of
 from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 __all__ = ["run"]
 

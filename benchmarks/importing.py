@@ -18,7 +18,8 @@ from benchmarks.mutations import MUTATIONS, mutated
 from benchmarks.report import Figure, Section
 from benchmarks.spreadsheets import FACTORS, HABITS, Campaign, Upload, campaign_of
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing import Imported, ImportFileError, SourceFile, read_files
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.reading import Imported, SourceFile, read_files
 
 __all__ = ["Tally", "outcome", "run", "tallies"]
 

@@ -18,9 +18,9 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.finding import Finding
-from jointstiff.solver.integrity import inspect
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["Tally", "clean_sets", "found", "run"]
 

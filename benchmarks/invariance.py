@@ -16,14 +16,10 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import LOAD_POINT, SpringArm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import (
-    RegressorBlock,
-    Stage,
-    fit_displacement,
-    pose_readings,
-    regressor_blocks,
-)
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
+from jointstiff.solver.regression.stage_rows import Stage, pose_readings
 
 __all__ = ["View", "complete_pose", "run", "views"]
 

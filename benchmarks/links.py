@@ -22,29 +22,16 @@ from jointstiff.simulator.campaign import simulate_positions
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_positions
 from jointstiff.simulator.experiment import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import entries, to_matrix, weights
-from jointstiff.solver.convex.semidefinite.symmetric import to_vector
+from jointstiff.solver.convex.semidefinite.symmetric import entries, to_matrix, to_vector, weights
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.links import (
-    LOSSES,
-    MODELS,
-    ElasticColumns,
-    ElasticEstimate,
-    ElasticModel,
-    FoldFit,
-    Folds,
-    Loss,
-    Plan,
-    estimate_elastic,
-    first_certified,
-    fit_fold,
-    select_model,
-)
-from jointstiff.solver.links.cross_validation import chosen_weight
-from jointstiff.solver.links.model import ModelName
-from jointstiff.solver.links.regressor import ElasticRows, elastic_blocks
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.estimate import ElasticEstimate
+from jointstiff.solver.links.estimation import estimate_elastic, first_certified
+from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, Loss, ModelName
+from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks
+from jointstiff.solver.links.selection import select_model
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["held_out_compensation", "random_problem", "run", "run_fanuc", "simulated"]
 

@@ -13,7 +13,7 @@ from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.finding import FindingCode
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["MISTAKES", "Mistake", "Posted", "clean_set", "only_deflections"]
 

@@ -14,8 +14,10 @@ from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import PathNodes, ToolAnglePath, best_constant_angle, best_path
-from jointstiff.solver.robot import Configurations, InverseKinematics, Robot
+from jointstiff.solver.deflection.paths import PathNodes, ToolAnglePath, best_constant_angle, best_path
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["run"]
 

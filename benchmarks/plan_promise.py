@@ -13,23 +13,17 @@ from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.design import Equipment, Loads, PlanRequest, plan_campaign
-from jointstiff.solver.design.experiment import drawn_postures
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.design.campaign_plan import plan_campaign
+from jointstiff.solver.design.experiment import Equipment, Loads, drawn_postures
+from jointstiff.solver.design.plan_request import PlanRequest
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.links import (
-    WEIGHTS,
-    ElasticColumns,
-    ElasticModel,
-    Folds,
-    Plan,
-    first_certified,
-    fit_fold,
-)
-from jointstiff.solver.links.cross_validation import chosen_weight
-from jointstiff.solver.links.regressor import elastic_blocks
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.links.cross_validation import WEIGHTS, Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.estimation import first_certified
+from jointstiff.solver.links.model import ElasticModel
+from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks
+from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["run", "run_nuisance"]
 

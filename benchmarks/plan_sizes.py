@@ -11,7 +11,10 @@ import numpy as np
 from benchmarks.candidate_pool import CRITERIA, Pool
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.timing import interleaved
-from jointstiff.solver.design import Design, DesignProblem, Distinct, exact_design, optimise
+from jointstiff.solver.design.distinct import Distinct
+from jointstiff.solver.design.exact import exact_design
+from jointstiff.solver.design.optimum import Design, optimise
+from jointstiff.solver.design.problem import DesignProblem
 
 __all__ = ["run", "run_lists"]
 

@@ -16,20 +16,23 @@ import numpy.typing as npt
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
-from jointstiff.schemas.run import Run
-from jointstiff.service.computation import ProgramWork, packed, unpacked
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.computation.program import ProgramWork, packed, unpacked
 from jointstiff.service.computation.program_points import Corrections
 from jointstiff.service.computation.program_rewriting import certified, rewritten
-from jointstiff.service.conversion import to_elastic_predictor
+from jointstiff.service.conversion.deflections import to_elastic_predictor
 from jointstiff.service.library import campaigns
-from jointstiff.service.problems import problem_of
-from jointstiff.service.programs import read_program
+from jointstiff.service.problems.table import problem_of
+from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.deflection import CorrectionLimits, ElasticForward, LoadCases, compensate
+from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
+from jointstiff.solver.deflection.forward import ElasticForward
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.robot import InverseKinematics, Robot, flange_poses
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["run"]
 

@@ -19,7 +19,7 @@ from jointstiff.simulator.imperfections import (
     with_elastic_links,
     with_link_errors,
 )
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 __all__ = ["SOURCES", "STATED", "Imperfections", "avoided", "read"]
 

@@ -15,18 +15,15 @@ from time import perf_counter
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Run
-from jointstiff.service.exporting import ExportedModel
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
-from jointstiff.service.reports import (
-    Document,
-    LaboratorySettings,
-    RunSubject,
-    draft,
-    report_page,
-    report_pdf,
-    run_document,
-)
+from jointstiff.service.reports.document import Document
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.page import report_page
+from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.state import draft
 from jointstiff.simulator import default_arm, simulate_campaign
 
 __all__ = ["run"]

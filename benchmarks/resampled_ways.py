@@ -12,17 +12,12 @@ from benchmarks.replicas import Imperfections, read
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Method, Settings, Weighting
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.resampling import (
-    GramBlocks,
-    ResamplingPlan,
-    ResamplingSummary,
-    gram_blocks,
-    resample,
-    summarise,
-)
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Method, Settings, Weighting
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
+from jointstiff.solver.resampling.draws import ResamplingPlan, resample
+from jointstiff.solver.resampling.summary import ResamplingSummary, summarise
 
 __all__ = [
     "DRAWN",

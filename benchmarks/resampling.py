@@ -13,9 +13,10 @@ from benchmarks.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Method, Settings
-from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Method, Settings
+from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks
+from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
 
 __all__ = ["run"]
 

@@ -15,12 +15,11 @@ from benchmarks.designs import SIGMA, planned_design
 from benchmarks.report import Figure, Section
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.fitting.settings import Loss
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Loss, Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["KINDS", "GrossErrors", "Shift", "run", "shifts", "spoiled"]
 

@@ -12,13 +12,14 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
-from jointstiff.service.computation import build_robot, prepare_robot
+from jointstiff.service.computation.prepared import build_robot, prepare_robot
 from jointstiff.service.resources.nominal_arms import catalogue
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import flange_poses, write_urdf
+from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.urdf import write_urdf
 
 __all__ = ["corpus", "damaged", "judged", "model_of"]
 

@@ -11,12 +11,12 @@ from benchmarks.campaigns import default_robot
 from benchmarks.designs import Design
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.fitting import Method, Settings
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.settings import Method, Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 __all__ = ["CONFIDENCE", "METHODS", "Campaign", "Outcome", "Verdicts", "Way", "judge"]
 

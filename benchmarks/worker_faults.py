@@ -18,8 +18,8 @@ import httpx
 
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, numbers, post_campaign
-from jointstiff.service.store import back_up, restore
-from jointstiff.service.workers import examine
+from jointstiff.service.store.backups import back_up, restore
+from jointstiff.service.workers.doctor import examine
 
 __all__ = ["worker_faults"]
 

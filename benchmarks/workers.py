@@ -19,9 +19,10 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.services import Service, ServiceError, numbers, post_campaign, postgresql
 from benchmarks.timing import Times, interleaved
-from jointstiff.schemas.run import MAX_REPETITIONS
+from jointstiff.schemas.run.resampling import MAX_REPETITIONS
 from jointstiff.service.threads import ONE_THREAD
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.resampling.draws import ResamplingPlan, resample
 
 __all__ = ["run"]
 

@@ -9,16 +9,11 @@ from pydantic import Field, ValidationInfo, field_validator
 from jointstiff.schemas.assessment import Assessment, ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Metres, Timestamp
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run import (
-    JointResult,
-    Method,
-    Resampling,
-    ResamplingResult,
-    Weighting,
-    identified_in,
-)
+from jointstiff.schemas.run.joints import JointResult, identified_in
+from jointstiff.schemas.run.options import Method, Weighting
+from jointstiff.schemas.run.resampling import Resampling, ResamplingResult
 
 MAX_METHODS = 8
 MAX_FITS = 400_000

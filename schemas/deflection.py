@@ -23,7 +23,7 @@ from jointstiff.schemas.fields import (
     TranslationPerMoment,
     Vector3,
 )
-from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.schemas.run.budget import BudgetSource, Evaluation
 

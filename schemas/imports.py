@@ -8,7 +8,8 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.importing import ImportFault, ImportOptions, ImportPreview, MissingField
-from jointstiff.schemas.measurement import MAX_TARGETS, MeasurementSetDocument, Noise, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS, MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.noise import Noise
 
 
 class ImportRequest(ImportOptions):

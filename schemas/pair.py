@@ -17,8 +17,10 @@ from jointstiff.schemas.fields import (
     Timestamp,
 )
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement import QualityWarning
-from jointstiff.schemas.run import Certificate, JointResult, RunOptions
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Certificate
 
 
 class PairSide(Message):

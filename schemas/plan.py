@@ -25,7 +25,7 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS
 from jointstiff.schemas.measurement.noise import Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run import StiffnessPrior
+from jointstiff.schemas.run.options import StiffnessPrior
 
 MAX_CANDIDATES = 50_000
 MAX_READINGS = 200

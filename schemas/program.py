@@ -20,7 +20,7 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.job import Job, JobState
-from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_FILES = 3

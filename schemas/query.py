@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
-from jointstiff.schemas.measurement import Moment
-from jointstiff.schemas.run import Elasticity, Method, Weighting
+from jointstiff.schemas.measurement.metadata import Moment
+from jointstiff.schemas.run.links import Elasticity
+from jointstiff.schemas.run.options import Method, Weighting
 
 MAX_PAGE = 100
 MAX_WAIT_SECONDS = 60

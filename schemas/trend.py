@@ -8,8 +8,8 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.measurement import Notes
-from jointstiff.schemas.run import Method, Weighting
+from jointstiff.schemas.measurement.metadata import Notes
+from jointstiff.schemas.run.options import Method, Weighting
 
 LEAST_BASELINE = 3
 MOST_BASELINE = 20

@@ -10,18 +10,8 @@ from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 
-from jointstiff.service.access import Keyring
+from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.api import (
-    LARGE_BODIES,
-    PARSERS,
-    AnswerHeaders,
-    BodyLimits,
-    Followers,
-    Metrics,
-    Observed,
-    Posture,
-    PostureGuard,
-    Watch,
     audit,
     catalogue,
     comparisons,
@@ -29,9 +19,6 @@ from jointstiff.service.api import (
     exports,
     health,
     imports,
-    install_description,
-    install_error_handlers,
-    install_page,
     job_reports,
     keys,
     kinematics,
@@ -44,12 +31,23 @@ from jointstiff.service.api import (
     trends,
 )
 from jointstiff.service.api.access import AccessGuard, operation_id, public_paths
+from jointstiff.service.api.description import install_description
+from jointstiff.service.api.errors import install_error_handlers
+from jointstiff.service.api.events import Followers
 from jointstiff.service.api.gate import Gate
+from jointstiff.service.api.headers import AnswerHeaders
 from jointstiff.service.api.jobs import job_routes
+from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.api.methods import Methods
-from jointstiff.service.jobs import KINDS, Enqueue, Parts
-from jointstiff.service.reports import LaboratorySettings
-from jointstiff.service.store import Store
+from jointstiff.service.api.metrics import Metrics
+from jointstiff.service.api.observed import Observed
+from jointstiff.service.api.page import install_page
+from jointstiff.service.api.posture import Posture, PostureGuard
+from jointstiff.service.api.watch import Watch
+from jointstiff.service.jobs.life import Enqueue
+from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 CONCURRENT_REQUESTS: Final = 8

@@ -19,17 +19,21 @@ from fastapi import FastAPI
 from sqlalchemy import make_url
 from uvicorn.config import LOGGING_CONFIG
 
-from jointstiff.service.access import Keyring, KeysFileError
-from jointstiff.service.api import LimitedChild, Metrics, Posture, metrics_server
+from jointstiff.service.access.keyring import Keyring
+from jointstiff.service.access.keys_file import KeysFileError
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
-from jointstiff.service.api.metrics import SILENT_SECONDS
+from jointstiff.service.api.limited import LimitedChild
+from jointstiff.service.api.metrics import SILENT_SECONDS, Metrics, metrics_server
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
-from jointstiff.service.render import console
-from jointstiff.service.reports import LaboratorySettings, SettingsError, read_laboratory
-from jointstiff.service.store import Store, StoreError
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.render.terminal import console
+from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
+from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION
-from jointstiff.service.workers import JobQueue, Supervisor
+from jointstiff.service.workers.queue import JobQueue
+from jointstiff.service.workers.supervisor import Supervisor
 
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""

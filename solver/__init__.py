@@ -2,8 +2,8 @@
 
     estimate = identify(robot, measurements, settings)
 
-Everything is in SI units and in the base frame R0. Each package has a door of its own; `docs/architecture.md`
-shows how they lie on each other. Names are imported when they are first used.
+Everything is in SI units and in the base frame R0. `docs/architecture.md` shows how the packages lie on each
+other. Names are imported when they are first used.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
-    from jointstiff.solver.fitting import Settings
+    from jointstiff.solver.fitting.settings import Settings
     from jointstiff.solver.identification import identify
-    from jointstiff.solver.inference import Estimate, predict
-    from jointstiff.solver.readings import Measurements
-    from jointstiff.solver.robot import KinematicChain, Robot
+    from jointstiff.solver.inference.estimate import Estimate
+    from jointstiff.solver.inference.prediction import predict
+    from jointstiff.solver.readings.measurements import Measurements
+    from jointstiff.solver.robot.chain import KinematicChain
+    from jointstiff.solver.robot.model import Robot
 
 __all__ = [
     "Estimate",
@@ -30,20 +32,20 @@ __all__ = [
     "predict",
 ]
 
-_ROOMS = {
-    "Estimate": "inference",
+_HOMES = {
+    "Estimate": "inference.estimate",
     "JointstiffError": "errors",
-    "KinematicChain": "robot",
-    "Measurements": "readings",
-    "Robot": "robot",
-    "Settings": "fitting",
+    "KinematicChain": "robot.chain",
+    "Measurements": "readings.measurements",
+    "Robot": "robot.model",
+    "Settings": "fitting.settings",
     "identify": "identification",
-    "predict": "inference",
+    "predict": "inference.prediction",
 }
 
 
 def __getattr__(name: str) -> object:
-    """Import a name from its room, for those who ask for it here."""
-    if name not in _ROOMS:
+    """Import a name from its module when it is first used."""
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

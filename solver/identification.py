@@ -8,26 +8,30 @@ from functools import partial
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting import (
-    CommonErrors,
-    CompletePose,
-    DecoupledPartialPose,
+from jointstiff.solver.fitting.common import CommonErrors, common_errors
+from jointstiff.solver.fitting.decoupled import DecoupledPartialPose
+from jointstiff.solver.fitting.iteration import (
     Iteration,
-    LengthOfLeastCondition,
-    MethodAccumulator,
-    PartialPose,
-    Settings,
-    common_errors,
     fit_once,
     iterate_to_convergence,
     neglected_shift,
     require_observable,
 )
-from jointstiff.solver.inference import Estimate, assemble
-from jointstiff.solver.observability import Excitation
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import ComplementaryStiffness, refuse_unless_posed, regressor_blocks
-from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist, find_wrist
+from jointstiff.solver.fitting.methods import (
+    CompletePose,
+    LengthOfLeastCondition,
+    MethodAccumulator,
+    PartialPose,
+)
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.estimate import Estimate, assemble
+from jointstiff.solver.observability.identifiability import Excitation
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
+from jointstiff.solver.regression.pose import refuse_unless_posed
+from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist, find_wrist
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:

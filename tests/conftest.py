@@ -102,7 +102,7 @@ def _postgresql_binaries() -> Path:
 def openapi() -> dict[str, Any]:
     """The description of the API; no test may change it."""
     from jointstiff.service.app import create_app
-    from jointstiff.service.store import Store
+    from jointstiff.service.store.store import Store
 
     with Store.open("sqlite://") as store:
         return create_app(store).openapi()

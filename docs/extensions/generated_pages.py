@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from http_reference import messages_page, operations_page
 
 from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -22,7 +22,7 @@ ROOMS = ("jointstiff.solver", "jointstiff.service.library", "jointstiff.simulato
 
 _INDEX = """# Python reference
 
-Each page shows the public names of one package, which its `__init__` exports.
+Each page shows the public names of one package, module by module.
 
 ```{{toctree}}
 {names}
@@ -31,7 +31,7 @@ Each page shows the public names of one package, which its `__init__` exports.
 _PAGE = """# {name}
 
 ```{{eval-rst}}
-.. automodule:: {name}
+{modules}
 ```
 """
 
@@ -44,16 +44,27 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def python_pages() -> dict[str, str]:
-    """Return the pages of the Python reference by name: one a package, and their index."""
+    """Return the pages of the Python reference by name: one a package, module by module, and their index."""
     names = [name for room in ROOMS for name in _packages(room)]
-    pages = {name: _PAGE.format(name=name) for name in names}
+    pages = {name: _PAGE.format(name=name, modules=_modules(name)) for name in names}
     return pages | {"python": _INDEX.format(names="\n".join(names))}
 
 
 def _packages(name: str) -> list[str]:
-    """Return the package and the packages in it."""
-    package = importlib.import_module(name)
-    return [name, *(one.name for one in pkgutil.iter_modules(package.__path__, f"{name}.") if one.ispkg)]
+    """Return the package and the packages in it, at any depth."""
+    inner = [one.name for one in _children(name) if one.ispkg]
+    return [name, *(package for child in inner for package in _packages(f"{name}.{child}"))]
+
+
+def _modules(name: str) -> str:
+    """Return the directives that document a package and the public modules in it."""
+    public = [one.name for one in _children(name) if not one.ispkg and not one.name.startswith("_")]
+    return "\n\n".join(f".. automodule:: {module}" for module in [name, *(f"{name}.{one}" for one in public)])
+
+
+def _children(name: str) -> list[pkgutil.ModuleInfo]:
+    """Return the modules and packages that lie in a package."""
+    return list(pkgutil.iter_modules(importlib.import_module(name).__path__))
 
 
 def _write(folder: Path) -> None:

@@ -10,7 +10,8 @@ from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Timestamp, Vector3
 from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.job import Job, JobState
-from jointstiff.schemas.measurement import AngleUnit, LengthUnit, Sigma, Uncertainty
+from jointstiff.schemas.measurement.measurement_set import AngleUnit, LengthUnit
+from jointstiff.schemas.measurement.noise import Sigma, Uncertainty
 from jointstiff.schemas.robot import MAX_JOINTS, JointMap, RobotDocument
 
 MAX_GEOMETRY_TARGETS = 8

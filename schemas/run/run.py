@@ -18,7 +18,7 @@ from jointstiff.schemas.fields import (
     Timestamp,
 )
 from jointstiff.schemas.job import Job, JobState, Result
-from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run.budget import Budget
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.joints import JointResult, identified_in

@@ -14,8 +14,8 @@ from datetime import datetime
 from typing import Final, NamedTuple
 
 from jointstiff.schemas.access import Role
-from jointstiff.service.problems import KeyRefusedError
-from jointstiff.service.store import AccessKey
+from jointstiff.service.problems.errors import KeyRefusedError
+from jointstiff.service.store.records import AccessKey
 
 _ALPHABET: Final = string.ascii_letters + string.digits
 """62 characters: a double click selects the whole key."""

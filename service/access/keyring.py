@@ -14,8 +14,9 @@ from typing import Final, cast
 from jointstiff.schemas.access import Key, Role
 from jointstiff.service.access.key_text import digest, id_in, mint_token
 from jointstiff.service.access.keys_file import KeysFile, KeysFileError
-from jointstiff.service.problems import KeyRefusedError
-from jointstiff.service.store import AccessKey, Store
+from jointstiff.service.problems.errors import KeyRefusedError
+from jointstiff.service.store.records import AccessKey
+from jointstiff.service.store.store import Store
 
 _NOBODY: Final = digest(mint_token("jst"))
 """Hash that a key of unknown id is compared with: the answer takes as long."""

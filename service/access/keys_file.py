@@ -18,8 +18,9 @@ from pydantic import AwareDatetime, Field, ValidationError
 
 from jointstiff.schemas.access import KeyId, Role
 from jointstiff.schemas.fields import Message, Name
-from jointstiff.service.problems import NotFoundError
-from jointstiff.service.store import KEY, AccessKey
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.store.access import KEY
+from jointstiff.service.store.records import AccessKey
 
 MAX_BYTES: Final = 1024 * 1024
 _STORED: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")

@@ -26,12 +26,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Role
 from jointstiff.schemas.job import Requester
-from jointstiff.service.access import without_keys
+from jointstiff.service.access.key_text import without_keys
 from jointstiff.service.api.errors import answer_error
 from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.posture import SAFE
-from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError
-from jointstiff.service.store import AccessKey, AuditEntry, Store
+from jointstiff.service.problems.errors import KeyRefusedError, RoleError, StoreError
+from jointstiff.service.store.records import AccessKey, AuditEntry
+from jointstiff.service.store.store import Store
 
 ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")
 """Each may do what those before it may."""

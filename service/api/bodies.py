@@ -19,8 +19,8 @@ from jointstiff.service.api.access import AccessRoute
 from jointstiff.service.api.forms import read_form
 from jointstiff.service.api.limited import LimitedChild
 from jointstiff.service.api.limits import SMALL_BYTES, refuse_structure
-from jointstiff.service.conversion import MalformedError, parse
-from jointstiff.service.store import IdempotencyKey
+from jointstiff.service.conversion.parsing import MalformedError, parse
+from jointstiff.service.store.records import IdempotencyKey
 
 MAX_KEY_LENGTH: Final = 255
 

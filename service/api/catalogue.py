@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from jointstiff.schemas.catalogue import Catalogue
 from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.parts import problems
-from jointstiff.service.resources import catalogue
+from jointstiff.service.resources.nominal_arms import catalogue
 
 router = APIRouter(prefix="/v1/catalogue", tags=["robots"], route_class=AccessRoute)
 

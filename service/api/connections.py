@@ -19,7 +19,7 @@ from uvicorn.server import ServerState
 
 from jointstiff.service.api.errors import RETRY_SECONDS
 from jointstiff.service.api.headers import ANSWER_HEADERS
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems.table import http_problem
 
 SPARE_DESCRIPTORS: Final = 256
 """Left to databases, files, and what is accepted before room is made."""

@@ -8,15 +8,15 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
 
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.api.access import OPERATOR
 from jointstiff.service.api.bodies import BodyRoute, large_bodies
 from jointstiff.service.api.examples import DEFLECTIONS, shown
 from jointstiff.service.api.parts import PartsOf, json_response, problems
-from jointstiff.service.computation import predict_by_run
-from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import NotFoundError
-from jointstiff.service.resources import stored_job
+from jointstiff.service.computation.deflection import predict_by_run
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.solver.errors import RequestError
 
 router = APIRouter(prefix="/v1/deflections", tags=["runs"], route_class=BodyRoute)

@@ -14,8 +14,8 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.service.api.headers import ANSWER_HEADERS
 from jointstiff.service.api.observed import REQUEST_ID_HEADER
 from jointstiff.service.logs import REQUEST_ID
-from jointstiff.service.problems import http_problem, invalid_request, problem_of
-from jointstiff.service.store import StoreError
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError
 
 _REMEDIES: Final = {

@@ -11,8 +11,10 @@ from typing import ClassVar, Final
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import ServerSentEvent
 
-from jointstiff.service.jobs import Job, Jobs
-from jointstiff.service.store import JobStatus, NotFoundError, StoreUnavailableError
+from jointstiff.schemas.job import Job
+from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
+from jointstiff.service.store.job_log import JobStatus
 
 TURN_SECONDS: Final = 0.1
 """Pause between two looks at the jobs that are followed."""

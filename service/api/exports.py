@@ -7,12 +7,13 @@ from typing import Any, Final, cast
 from fastapi import APIRouter, HTTPException, Response
 
 from jointstiff.schemas.robot import Robot
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.exporting import FORMATS, ExportedModel, ModelFormat, export_model
-from jointstiff.service.jobs import Parts
+from jointstiff.service.exporting.formats import FORMATS, ModelFormat, export_model
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.jobs.registry import Parts
 
 _FILES: Final[dict[int | str, dict[str, Any]]] = {
     200: {

@@ -14,10 +14,14 @@ from anyio.to_thread import run_sync
 from starlette.requests import HTTPConnection
 
 from jointstiff.schemas.access import Access
-from jointstiff.service.access import Keyring, Throttle, digest, mint_token
+from jointstiff.service.access.key_text import digest, mint_token
+from jointstiff.service.access.keyring import Keyring
+from jointstiff.service.access.throttle import Throttle
 from jointstiff.service.api.watch import Watch
-from jointstiff.service.problems import KeyRefusedError, StoreError, WrongKeysError
-from jointstiff.service.store import MINUTE, SESSION_LONGEST, AccessKey, SessionRecord, Store
+from jointstiff.service.problems.errors import KeyRefusedError, StoreError, WrongKeysError
+from jointstiff.service.store.access import MINUTE
+from jointstiff.service.store.records import AccessKey, SessionRecord
+from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.solver.errors import RequestError
 
 SLOW_SECONDS: Final = 1.0

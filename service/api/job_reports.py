@@ -12,10 +12,11 @@ from jointstiff.schemas.plan import Plan
 from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.api.reports import REPORT_FILES, ReportFormat, report_answer
-from jointstiff.service.exporting import pair_csv
-from jointstiff.service.jobs import KINDS, AnyKind, Parts
-from jointstiff.service.render import plan_csv
-from jointstiff.service.reports import REPORTED_KINDS, job_document
+from jointstiff.service.exporting.pairs import pair_csv
+from jointstiff.service.jobs.kinds import AnyKind
+from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.render.plan_table import plan_csv
+from jointstiff.service.reports.job import REPORTED_KINDS, job_document
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {

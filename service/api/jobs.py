@@ -29,8 +29,11 @@ from jointstiff.service.api.parts import (
     json_response,
     problems,
 )
-from jointstiff.service.jobs import AnyKind, Jobs, Stepped
-from jointstiff.service.store import OPEN_STATES, JobRecord, NotFoundError, StoreUnavailableError
+from jointstiff.service.jobs.kinds import AnyKind, Stepped
+from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
+from jointstiff.service.store.job_log import OPEN_STATES
+from jointstiff.service.store.records import JobRecord
 
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]

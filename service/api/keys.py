@@ -9,7 +9,8 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Path, Request
 
 from jointstiff.schemas.access import Key, KeyList, KeyRequest, NewKey
-from jointstiff.service.access import described, mint
+from jointstiff.service.access.key_text import mint
+from jointstiff.service.access.keyring import described
 from jointstiff.service.api.access import ADMIN
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.gate import Gate

@@ -8,7 +8,7 @@ from jointstiff.schemas.kinematics import Kinematics, KinematicsRequest
 from jointstiff.service.api.access import VIEWER
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.conversion import to_kinematics
+from jointstiff.service.conversion.robots import to_kinematics
 
 router = APIRouter(prefix="/v1/kinematics", tags=["robots"], route_class=BodyRoute)
 

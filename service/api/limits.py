@@ -11,8 +11,8 @@ from fastapi import HTTPException
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from jointstiff.service.conversion import MAX_SET_BYTES
-from jointstiff.service.jobs import KINDS
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.jobs.registry import KINDS
 
 SMALL_BYTES: Final = 64 * 1024
 """Largest body of an address without a limit of its own; parsed at once, in about a millisecond."""

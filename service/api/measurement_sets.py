@@ -7,18 +7,18 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.measurement import (
+from jointstiff.schemas.measurement.measurement_set import (
     MeasurementSet,
     MeasurementSetRequest,
     MeasurementSetSummary,
-    SetChange,
 )
+from jointstiff.schemas.measurement.metadata import SetChange
 from jointstiff.schemas.query import SetQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import MEASUREMENT_SETS, SET_CHANGES, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
-from jointstiff.service.resources import assembled
+from jointstiff.service.resources.measurement_sets import assembled
 
 router = APIRouter(prefix="/v1/measurement-sets", tags=["measurement sets"], route_class=BodyRoute)
 

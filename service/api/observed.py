@@ -10,7 +10,7 @@ from typing import Final
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from jointstiff.service.access import without_keys
+from jointstiff.service.access.key_text import without_keys
 from jointstiff.service.api.metrics import Metrics
 from jointstiff.service.logs import ACCESS_LOGGER, REQUEST_ID
 

@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access
 from jointstiff.service.api.errors import answer_problem
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems.table import http_problem
 
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})

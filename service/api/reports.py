@@ -9,26 +9,22 @@ from typing import Any, Final, Literal
 from fastapi import APIRouter, HTTPException, Request, Response
 
 from jointstiff.schemas.report import Authorisation, AuthorisationList, AuthorisationRequest
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.api.access import ADMIN, VIEWER, asked_of
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.exports import exported_model
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import NotFoundError
-from jointstiff.service.reports import (
-    POLICY,
-    Document,
-    LaboratorySettings,
-    RunSubject,
-    report_page,
-    report_pdf,
-    run_document,
-    state_of,
-)
-from jointstiff.service.resources import stored_job
-from jointstiff.service.store import AuthorisationRecord
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.reports.document import Document
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.page import POLICY, report_page
+from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.state import state_of
+from jointstiff.service.resources.stored_jobs import stored_job
+from jointstiff.service.store.records import AuthorisationRecord
 from jointstiff.solver.errors import RequestError
 
 ReportFormat = Literal["pdf", "html"]

@@ -13,7 +13,7 @@ from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.examples import ROBOT_CHANGES, ROBOTS, shown
 from jointstiff.service.api.parts import DELETED, LOCATION, PartsOf, created, json_response, problems
-from jointstiff.service.resources import described
+from jointstiff.service.resources.robots import described
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=BodyRoute)
 

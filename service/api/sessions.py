@@ -11,7 +11,7 @@ from jointstiff.service.api.access import PUBLIC, asked_of
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.gate import Gate, cookie_name
 from jointstiff.service.api.parts import problems
-from jointstiff.service.store import SESSION_LONGEST
+from jointstiff.service.store.store import SESSION_LONGEST
 
 router = APIRouter(prefix="/v1/session", tags=["access"], route_class=BodyRoute, dependencies=[PUBLIC])
 

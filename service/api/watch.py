@@ -10,9 +10,10 @@ from typing import Final, Literal, NamedTuple
 
 from anyio.to_thread import run_sync
 
-from jointstiff.service.access import Keyring
-from jointstiff.service.problems import StoreError, StoreUnavailableError
-from jointstiff.service.store import SILENT_SECONDS, Store
+from jointstiff.service.access.keyring import Keyring
+from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.store.heartbeats import SILENT_SECONDS
+from jointstiff.service.store.store import Store
 
 LOOK_SECONDS: Final = 0.5
 """Pause between two looks at the database."""

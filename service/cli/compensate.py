@@ -107,11 +107,13 @@ def compensate(
     as_json: AsJson = False,
 ) -> None:
     """Correct a program by a campaign's model, so that the loaded tool is where it says."""
-    from jointstiff.schemas.run import Run
-    from jointstiff.service.computation import unpacked, without_contents
-    from jointstiff.service.library import CampaignError, programs, read_campaign
-    from jointstiff.service.library.campaigns import read_document
-    from jointstiff.service.render import console, program_report, progress_bar
+    from jointstiff.schemas.run.run import Run
+    from jointstiff.service.computation.program import unpacked, without_contents
+    from jointstiff.service.library import programs
+    from jointstiff.service.library.campaigns import read_campaign, read_document
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.render.program_table import program_report
+    from jointstiff.service.render.terminal import console, progress_bar
 
     several = len(program) > 1
     outputs = {each.name: output.with_suffix(each.suffix) if several else output for each in program}

@@ -9,15 +9,16 @@ from jointstiff.service.cli.answers import failed
 from jointstiff.service.cli.options import DatabaseUrl
 
 if TYPE_CHECKING:
-    from jointstiff.service.store import Manifest
+    from jointstiff.service.store.backups import Manifest
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the backup.")]
 
 
 def backup(folder: Folder, *, database: DatabaseUrl) -> None:
     """Copy a database into a new folder, while the service goes on."""
-    from jointstiff.service.render import console
-    from jointstiff.service.store import StoreError, back_up
+    from jointstiff.service.problems.errors import StoreError
+    from jointstiff.service.render.terminal import console
+    from jointstiff.service.store.backups import back_up
 
     try:
         manifest = back_up(database, folder)
@@ -39,9 +40,9 @@ def restore(
     ] = False,
 ) -> None:
     """Put a backup in the place of a database that no service uses, and check that all of it arrived."""
-    from jointstiff.service.render import console
-    from jointstiff.service.store import StoreError
-    from jointstiff.service.store import restore as put_back
+    from jointstiff.service.problems.errors import StoreError
+    from jointstiff.service.render.terminal import console
+    from jointstiff.service.store.backups import restore as put_back
 
     try:
         manifest = put_back(database, folder, overwrite=overwrite)
@@ -53,9 +54,9 @@ def restore(
 
 def doctor(*, database: DatabaseUrl) -> None:
     """Look for faults in a database, which is not changed; exit status 1 if there are any."""
-    from jointstiff.service.render import console
-    from jointstiff.service.store import StoreError
-    from jointstiff.service.workers import examine
+    from jointstiff.service.problems.errors import StoreError
+    from jointstiff.service.render.terminal import console
+    from jointstiff.service.workers.doctor import examine
 
     try:
         found = examine(database)

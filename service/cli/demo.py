@@ -8,10 +8,14 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from jointstiff.schemas.comparison import Comparison, ComparisonSummary
-from jointstiff.schemas.measurement import MeasurementSetSummary
-from jointstiff.schemas.run import RunSummary
-from jointstiff.service.library import Client, RefusedError, TabledRun
-from jointstiff.service.render import comparison_report, console, problem_text, run_report
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
+from jointstiff.schemas.run.run import RunSummary
+from jointstiff.service.library.client import Client
+from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.library.tabled_run import TabledRun
+from jointstiff.service.render.methods_table import comparison_report
+from jointstiff.service.render.run_table import run_report
+from jointstiff.service.render.terminal import console, problem_text
 from jointstiff.service.server import run_server
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -11,7 +11,7 @@ from jointstiff.service.cli.answers import refuse_existing, refused, write_bytes
 from jointstiff.service.cli.options import CampaignFile, Overwrite, RunFile
 
 if TYPE_CHECKING:
-    from jointstiff.service.exporting import ModelFormat
+    from jointstiff.service.exporting.formats import ModelFormat
 
 _FORMATS: Final[dict[str, ModelFormat]] = {
     ".csv": "csv",
@@ -39,9 +39,10 @@ def export(
     overwrite: Overwrite = False,
 ) -> None:
     """Export a campaign's model: stiffness and intervals as a table, or springs for a simulator."""
-    from jointstiff.schemas.run import Run
-    from jointstiff.service.library import CampaignError, models, read_campaign
-    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.schemas.run.run import Run
+    from jointstiff.service.library import models
+    from jointstiff.service.library.campaigns import read_campaign, read_document
+    from jointstiff.service.library.errors import CampaignError
 
     found = _FORMATS.get(output.suffix.lower())
     if found is None:

@@ -10,7 +10,7 @@ from jointstiff.service.cli.answers import refuse_existing, refused, write_text
 from jointstiff.service.cli.options import AsJson, Details, NamedRobot
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.geometry import GeometryRequest
+    from jointstiff.schemas.geometry.message import GeometryRequest
 
 
 class FitChoice(StrEnum):
@@ -52,8 +52,10 @@ def geometry(
 
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
-    from jointstiff.service.library import CampaignError, campaigns
-    from jointstiff.service.render import console, geometry_report
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.render.geometry_table import geometry_report
+    from jointstiff.service.render.terminal import console
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
@@ -82,9 +84,11 @@ def _request(file: Path, robot: str | None, chosen: dict[str, Any]) -> "Geometry
     """
     from pydantic import ValidationError
 
-    from jointstiff.schemas.geometry import GeometryRequest
-    from jointstiff.service.library import CampaignError, read_document, read_robot
-    from jointstiff.service.problems import invalid_request
+    from jointstiff.schemas.geometry.message import GeometryRequest
+    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.library.robots import read_robot
+    from jointstiff.service.problems.table import invalid_request
 
     request = read_document(file, GeometryRequest)
     changes = {name: value.value for name, value in chosen.items() if value is not None}

@@ -31,7 +31,7 @@ from jointstiff.service.cli.options import (
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import ComparisonOptions
-    from jointstiff.schemas.run import RunOptions
+    from jointstiff.schemas.run.options import RunOptions
 
 Options = TypeVar("Options", "RunOptions", "ComparisonOptions")
 
@@ -102,8 +102,11 @@ def identify(
 
     Prints the verdict, the joints and what to do next. docs/glossary.md explains the words.
     """
-    from jointstiff.service.library import CampaignError, campaigns, read_campaign
-    from jointstiff.service.render import console, progress_bar, run_report
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.library.campaigns import read_campaign
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.render.run_table import run_report
+    from jointstiff.service.render.terminal import console, progress_bar
 
     chosen = {
         "method": method,
@@ -157,9 +160,12 @@ def compare(
 ) -> None:
     """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
     from jointstiff.schemas.comparison import ComparisonOptions
-    from jointstiff.service.conversion import comparison_csv
-    from jointstiff.service.library import CampaignError, campaigns, read_campaign
-    from jointstiff.service.render import comparison_report, console, progress_bar
+    from jointstiff.service.conversion.csv_table import comparison_csv
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.library.campaigns import read_campaign
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.render.methods_table import comparison_report
+    from jointstiff.service.render.terminal import console, progress_bar
 
     constraint = None if positive is None else ["positive" if positive else "unconstrained"]
     chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
@@ -208,9 +214,12 @@ def pair(
     from pydantic import ValidationError
 
     from jointstiff.schemas.pair import PairOptions
-    from jointstiff.service.library import CampaignError, campaigns, read_campaign
-    from jointstiff.service.problems import invalid_request
-    from jointstiff.service.render import console, pair_report
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.library.campaigns import read_campaign
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import invalid_request
+    from jointstiff.service.render.pair_table import pair_report
+    from jointstiff.service.render.terminal import console
 
     try:
         campaign, other = read_campaign(first), read_campaign(second)
@@ -238,8 +247,8 @@ def _takes_long(options: "RunOptions") -> bool:
 def _changed(options: Options, changes: Mapping[str, object]) -> Options:
     from pydantic import ValidationError
 
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import invalid_request
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import invalid_request
 
     try:
         return type(options).model_validate({**options.model_dump(), **changes})

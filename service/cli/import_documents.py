@@ -11,7 +11,8 @@ from jointstiff.service.cli.answers import failed, refuse_existing, refused, wri
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.schemas.measurement import MeasurementSetDocument, SetMetadata
+    from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+    from jointstiff.schemas.measurement.metadata import SetMetadata
     from jointstiff.schemas.robot import RobotDocument
 
 
@@ -31,9 +32,9 @@ def read_template(path: Path) -> dict[str, Any]:
         CampaignError: the file is none.
     """
     from jointstiff.schemas.imports import ImportTemplate
-    from jointstiff.service.conversion import MAX_SET_BYTES, MalformedError, parse
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import invalid_request
+    from jointstiff.service.conversion.parsing import MAX_SET_BYTES, MalformedError, parse
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import invalid_request
 
     with path.open("rb") as file:
         content = file.read(MAX_SET_BYTES + 1)
@@ -67,9 +68,9 @@ def noted_in(texts: Sequence[str]) -> SetMetadata:
     """
     from pydantic import ValidationError
 
-    from jointstiff.schemas.measurement import SetMetadata
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import invalid_request
+    from jointstiff.schemas.measurement.metadata import SetMetadata
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import invalid_request
 
     pairs = (text.partition("=") for text in texts)
     try:
@@ -93,8 +94,8 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
     Raises:
         typer.Exit: something is missing, or the file cannot be written.
     """
-    from jointstiff.service.problems import http_problem
-    from jointstiff.service.render import console
+    from jointstiff.service.problems.table import http_problem
+    from jointstiff.service.render.terminal import console
 
     if answer.measurement_set is None:
         missing = "; ".join(answer.missing)

@@ -22,7 +22,7 @@ from jointstiff.service.cli.options import AsJson, EncoderChoice, NamedRobot
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer, ImportRequest
     from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.service.importing import SourceFile
+    from jointstiff.service.importing.reading import SourceFile
 
 Files = Annotated[
     list[Path],
@@ -159,8 +159,9 @@ def import_readings(
     Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
     asks for what is missing.
     """
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.render import console, import_report
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.render.import_table import import_report
+    from jointstiff.service.render.terminal import console
 
     chosen = {
         "units": None if units is None else pairs_of([part for part in units.split(",") if part], "--units"),
@@ -210,9 +211,7 @@ def import_readings(
 
 
 def _robot_of(text: str) -> "RobotDocument":
-    from jointstiff.service.library import (
-        read_robot,
-    )  # with numpy, which an import without a robot does not need
+    from jointstiff.service.library.robots import read_robot
 
     return read_robot(text)
 
@@ -225,9 +224,10 @@ def _understood(
     Raises:
         CampaignError: what was chosen contradicts itself, or a file was not understood.
     """
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import FilesError, problem_of
-    from jointstiff.service.resources import import_files
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.resources.imports import import_files
 
     sources, asked = _read(files), set[str]()
     while asking:
@@ -249,10 +249,11 @@ def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer"
     Raises:
         CampaignError: the readings do not fit it.
     """
-    from jointstiff.service.computation import prepare_robot
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import FilesError, problem_of
-    from jointstiff.service.resources import inspect_import
+    from jointstiff.service.computation.prepared import prepare_robot
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.resources.imports import inspect_import
 
     try:
         return inspect_import(answer, prepare_robot(owner).robot)
@@ -264,8 +265,8 @@ def _request(chosen: Options) -> "ImportRequest":
     from pydantic import ValidationError
 
     from jointstiff.schemas.imports import ImportRequest
-    from jointstiff.service.library import CampaignError
-    from jointstiff.service.problems import invalid_request
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.problems.table import invalid_request
 
     try:
         return ImportRequest.model_validate(chosen)
@@ -276,7 +277,8 @@ def _request(chosen: Options) -> "ImportRequest":
 
 def _read(files: Sequence[Path]) -> "list[SourceFile]":
     """The files, no more of them than an import takes."""
-    from jointstiff.service.importing import MAX_FILE_BYTES, SourceFile
+    from jointstiff.service.importing.limits import MAX_FILE_BYTES
+    from jointstiff.service.importing.reading import SourceFile
 
     sources, left = [], MAX_FILE_BYTES
     for path in files:

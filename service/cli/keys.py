@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from jointstiff.service.store import AccessKey, Store
+    from jointstiff.service.store.records import AccessKey
+    from jointstiff.service.store.store import Store
 
 from contextlib import contextmanager
 
@@ -57,7 +58,8 @@ def create(
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
-    from jointstiff.service.access import KeysFile, mint
+    from jointstiff.service.access.key_text import mint
+    from jointstiff.service.access.keys_file import KeysFile
 
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
@@ -82,8 +84,9 @@ def create(
 @keys.command("list")
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, revoked ones, too."""
-    from jointstiff.service.access import described
-    from jointstiff.service.render import console, keys_table
+    from jointstiff.service.access.keyring import described
+    from jointstiff.service.render.keys_table import keys_table
+    from jointstiff.service.render.terminal import console
 
     with _refusals():
         found = [described(key, is_filed=keys_file is not None) for key in _known(database, keys_file)]
@@ -95,7 +98,7 @@ def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
     """Revoke a key for good, and end its sessions."""
-    from jointstiff.service.access import KeysFile
+    from jointstiff.service.access.keys_file import KeysFile
 
     now = datetime.now(UTC)
     with _refusals():
@@ -119,7 +122,7 @@ def link(
     """Print a link, with a QR code, that signs one browser in with a key: once, within ten minutes."""
     import segno
 
-    from jointstiff.service.access import digest, mint_token
+    from jointstiff.service.access.key_text import digest, mint_token
 
     now, token = datetime.now(UTC), mint_token("jsl")
     with _refusals():
@@ -136,7 +139,7 @@ def link(
 
 
 def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
-    from jointstiff.service.access import KeysFile
+    from jointstiff.service.access.keys_file import KeysFile
 
     if keys_file is not None:
         return KeysFile(keys_file).all()
@@ -146,7 +149,7 @@ def _known(database: str, keys_file: Path | None) -> list[AccessKey]:
 
 @contextmanager
 def _opened(database: str) -> Iterator[Store]:
-    from jointstiff.service.store import Store
+    from jointstiff.service.store.store import Store
 
     with Store.open(database) as store:
         yield store
@@ -154,8 +157,8 @@ def _opened(database: str) -> Iterator[Store]:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    from jointstiff.service.access import KeysFileError
-    from jointstiff.service.store import NotFoundError, StoreError
+    from jointstiff.service.access.keys_file import KeysFileError
+    from jointstiff.service.problems.errors import NotFoundError, StoreError
 
     try:
         yield
@@ -167,7 +170,7 @@ def _refusals() -> Iterator[None]:
 
 def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
     """Write into the audit what was done at the terminal."""
-    from jointstiff.service.store import AuditEntry
+    from jointstiff.service.store.records import AuditEntry
 
     store.audit.add(
         AuditEntry(

@@ -11,7 +11,7 @@ from jointstiff.service.cli.answers import refuse_existing, refused, write_text
 from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.run import Run
+    from jointstiff.schemas.run.run import Run
 
 _Table = Annotated[
     Path,
@@ -46,8 +46,10 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
-    from jointstiff.service.conversion import prediction_csv
-    from jointstiff.service.library import CampaignError, campaigns, read_campaign
+    from jointstiff.service.conversion.load_case_table import prediction_csv
+    from jointstiff.service.library import campaigns
+    from jointstiff.service.library.campaigns import read_campaign
+    from jointstiff.service.library.errors import CampaignError
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
@@ -73,7 +75,7 @@ def predict(
 
 
 def _run(path: Path | None) -> Run | None:
-    from jointstiff.schemas.run import Run
+    from jointstiff.schemas.run.run import Run
     from jointstiff.service.library import campaigns
 
     return None if path is None else campaigns.read_document(path, Run)

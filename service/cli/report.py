@@ -32,10 +32,11 @@ def report(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a report: results, uncertainty, method, traceability. That on a campaign is a draft."""
-    from jointstiff.schemas.run import Run
-    from jointstiff.service.library import CampaignError, models
+    from jointstiff.schemas.run.run import Run
+    from jointstiff.service.library import models
     from jointstiff.service.library.campaigns import read_document
-    from jointstiff.service.reports import LaboratorySettings, SettingsError, read_laboratory
+    from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
 
     if output.suffix.lower() not in _SUFFIXES:
         raise typer.BadParameter(f"ends in {' or '.join(_SUFFIXES)}", param_hint="--output")

@@ -18,7 +18,8 @@ from jointstiff.service.cli.options import (
 from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
 
 if TYPE_CHECKING:
-    from jointstiff.service.library import Client, TabledRun
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.tabled_run import TabledRun
 
 LogLines = Annotated[
     LogFormat,
@@ -83,7 +84,7 @@ def serve(
     laboratory: LaboratoryFile = None,
 ) -> None:
     """Start the service."""
-    from jointstiff.service.problems import StoreError
+    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.server import ServerError, run_server
 
     try:
@@ -119,8 +120,8 @@ def worker(
     import secrets
     import socket
 
-    from jointstiff.service.problems import StoreError
-    from jointstiff.service.workers import run_worker
+    from jointstiff.service.problems.errors import StoreError
+    from jointstiff.service.workers.worker import run_worker
 
     set_log_format(log_format)
     try:
@@ -140,8 +141,11 @@ def post(
 
     Where the service demands a key, the environment variable JOINTSTIFF_KEY has it.
     """
-    from jointstiff.service.library import CampaignError, Client, RefusedError, read_campaign
-    from jointstiff.service.render import console, run_report
+    from jointstiff.service.library.campaigns import read_campaign
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.errors import CampaignError, RefusedError
+    from jointstiff.service.render.run_table import run_report
+    from jointstiff.service.render.terminal import console
 
     try:
         campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
@@ -163,7 +167,7 @@ def post(
 
 def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
     """Wait for the end of a run; who waits no longer is told that it goes on."""
-    from jointstiff.service.render import progress_bar
+    from jointstiff.service.render.terminal import progress_bar
 
     try:
         with progress_bar(shown=run.progress is not None) as tell:
@@ -185,7 +189,7 @@ def demo(
 ) -> None:
     """Start the service, post an example campaign over HTTP, and show what it answers."""
     from jointstiff.service.cli.demo import run_demo
-    from jointstiff.service.problems import StoreError
+    from jointstiff.service.problems.errors import StoreError
     from jointstiff.service.server import ServerError
 
     try:

@@ -66,11 +66,12 @@ def watch(
     import time
 
     from jointstiff.schemas.imports import ImportRequest
-    from jointstiff.service.library import CampaignError, Client, RefusedError, read_document
+    from jointstiff.service.library.campaigns import read_document
+    from jointstiff.service.library.client import Client
     from jointstiff.service.library.delivery import Delivery
-    from jointstiff.service.library.errors import AwayError
+    from jointstiff.service.library.errors import AwayError, CampaignError, RefusedError
     from jointstiff.service.library.folder import WatchedFolder
-    from jointstiff.service.render import console
+    from jointstiff.service.render.terminal import console
 
     try:
         options = None if template is None else read_document(template, ImportRequest)
@@ -94,7 +95,7 @@ def watch(
 
 def _look(watched: "WatchedFolder", folder: Path) -> None:
     """Look once, and say what happened."""
-    from jointstiff.service.render import console
+    from jointstiff.service.render.terminal import console
 
     for event in watched.look():
         line = f"{event.file or folder}: {event.message}"

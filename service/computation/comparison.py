@@ -9,17 +9,19 @@ from typing import Final
 from jointstiff.schemas.assessment import Assessment, Reason
 from jointstiff.schemas.comparison import ComparedFit, ComparisonRequest, ComparisonResult
 from jointstiff.schemas.problem import Problem
-from jointstiff.schemas.run import RunOptions, RunResult
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunResult
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
 from jointstiff.service.computation.run import run_identification
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of
-from jointstiff.service.conversion import combined, to_settings
-from jointstiff.service.problems import problem_of
-from jointstiff.solver.convex import Bounds
+from jointstiff.service.conversion.assessments import combined
+from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.problems.table import problem_of
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
 from jointstiff.solver.identification import refuse_unsupported
-from jointstiff.solver.resampling import Resamples
+from jointstiff.solver.resampling.draws import Resamples
 
 Part = Resamples | Problem
 """Some draws of one fit, or why it has none."""

@@ -8,28 +8,23 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionOptions, DeflectionResult, LinkMass
-from jointstiff.schemas.run import Run
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel
-from jointstiff.service.conversion import (
-    to_case_results,
-    to_covariances,
-    to_deflection_budgets,
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.budgets import to_covariances, to_deflection_budgets
+from jointstiff.service.conversion.deflections import (
     to_directions,
     to_elastic_predictor,
     to_joint_model,
     to_load_cases,
     to_own_weight,
 )
-from jointstiff.solver.deflection import (
-    Deflection,
-    JointModel,
-    ModelError,
-    ModelErrorBound,
-    length_uncertainties,
-    predict_deflections,
-)
+from jointstiff.service.conversion.predictions import to_case_results
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.length_uncertainty import length_uncertainties
+from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
+from jointstiff.solver.deflection.prediction import Deflection, predict_deflections
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 FIRST_ORDER: Final = (
     "to first order in the load: links and joints bend linearly, own weight and complementary stiffness are "

@@ -8,45 +8,42 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.run import RunOptions, RunResult
 from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunResult
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import Span, SteppedWork, pack, unpack
-from jointstiff.service.conversion import (
+from jointstiff.service.conversion.deflections import to_elastic_model
+from jointstiff.service.conversion.links import (
     to_elastic_columns,
-    to_elastic_model,
     to_links_result,
     to_losses,
     to_plan,
-    to_result,
     to_selection,
-    to_settings,
-    to_warnings,
 )
-from jointstiff.solver.deflection import ElasticPredictor, ModelError, folds_left_out
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.conversion.results import to_result
+from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
+from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
-from jointstiff.solver.fitting import DEFAULT_THRESHOLD
+from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate, judge
-from jointstiff.solver.links import (
-    MODELS,
-    ElasticEstimate,
-    ElasticModel,
-    FoldFit,
-    Folds,
-    HeldOut,
-    Selection,
-    compared_losses,
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold
+from jointstiff.solver.links.estimate import ElasticEstimate
+from jointstiff.solver.links.estimation import (
     effective_compliances,
     effective_intervals,
     first_certified,
-    fit_fold,
-    judge_losses,
-    judge_penalty,
     refuse_unsupported_elastic,
-    select_model,
-    with_links,
 )
+from jointstiff.solver.links.joints import with_links
+from jointstiff.solver.links.losses import compared_losses
+from jointstiff.solver.links.model import MODELS, ElasticModel
+from jointstiff.solver.links.penalty import judge_losses, judge_penalty
+from jointstiff.solver.links.selection import HeldOut, Selection, select_model
 
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""

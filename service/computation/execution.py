@@ -12,7 +12,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.computation.work import QuickWork, SteppedWork, Work
-from jointstiff.service.problems import http_problem, problem_of
+from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError, RequestError
 

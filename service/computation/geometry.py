@@ -6,24 +6,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from jointstiff.schemas.geometry import GeometryRequest, GeometryResult
+from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.service.computation.work import QuickWork, hash_of
-from jointstiff.service.conversion import (
-    to_base_targets,
-    to_conventions,
-    to_geometry_result,
-    to_poses,
-    to_sweeps,
-)
+from jointstiff.service.conversion.geometry import to_geometry_result
+from jointstiff.service.conversion.sweeps import to_base_targets, to_conventions, to_poses, to_sweeps
 from jointstiff.solver.errors import InputError, NotObservableError, RequestError
-from jointstiff.solver.geometry import (
-    IdentifiedGeometry,
-    Poses,
-    SweepSet,
-    identify_from_poses,
-    identify_from_sweeps,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
+from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.sweep import SweepSet
+from jointstiff.solver.robot.model import Robot
 
 
 def geometry_work(request: GeometryRequest, nominal: Robot | None, robot_hash: str = "") -> QuickWork:

@@ -9,22 +9,24 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.map import MapOptions, MapResult
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.computation.deflection import FIRST_ORDER, model_of, no_bound, remarks_of
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of, pack, unpack
-from jointstiff.service.conversion import (
+from jointstiff.service.conversion.deflections import to_elastic_predictor, to_joint_model
+from jointstiff.service.conversion.maps import (
     map_columns,
     map_csv,
     map_npz,
-    to_elastic_predictor,
-    to_joint_model,
     to_map_result,
     to_map_task,
     to_places,
 )
-from jointstiff.solver.deflection import DeflectionMap, ElasticPredictor, JointModel, map_places
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.maps import DeflectionMap, map_places
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.robot import InverseKinematics, Robot
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 POSES_A_STEP: Final = 10_000
 """Places times orientations of a quarter of a second."""

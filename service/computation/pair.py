@@ -7,24 +7,24 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 from jointstiff.schemas.assessment import Reason
-from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.pair import PairRequest, PairResult
-from jointstiff.schemas.run import RunOptions
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import QuickWork, hash_of
-from jointstiff.service.conversion import (
-    AssessedSide,
-    to_assessment,
-    to_joint_budgets,
-    to_joints,
-    to_pair_result,
-    to_settings,
-    to_warnings,
-)
+from jointstiff.service.conversion.assessments import to_assessment, to_joints
+from jointstiff.service.conversion.budgets import to_joint_budgets
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.pairs import AssessedSide, to_pair_result
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import refuse_unsupported
-from jointstiff.solver.inference import Estimate, UncertaintyBudget, judge, predict
-from jointstiff.solver.paired import PairSide, compare_pair, models_differ, refuse_other_joints
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.paired.comparison import compare_pair
+from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
 
 Placed = TypeVar("Placed", QualityWarning, Reason)
 

@@ -9,15 +9,17 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.plan import PlanRequest, PlanResult
-from jointstiff.schemas.run import RunOptions
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import QuickWork, hash_of
-from jointstiff.service.conversion import to_design_request, to_plan_result, to_settings
+from jointstiff.service.conversion.plans import to_design_request, to_plan_result
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design import plan_campaign
+from jointstiff.solver.design.campaign_plan import plan_campaign
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate, predict
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.robot.model import Robot
 
 _LACK_OF_FIT: Final = 0.1
 """Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning, ResolvedFrame
+from jointstiff.schemas.measurement.frame import ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
-from jointstiff.service import conversion
 from jointstiff.service.computation.work import hash_of
-from jointstiff.service.conversion import (
-    LENGTH,
-    ReadingArrays,
-    content_hash,
-    dh_kinematics,
-    in_base,
-    stated_transform,
-    to_findings,
-    to_measurements,
-    to_resolved,
-    to_warnings,
-)
+from jointstiff.service.conversion import robots
+from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
+from jointstiff.service.conversion.measurements import to_findings, to_measurements, to_warnings
+from jointstiff.service.conversion.readings import ReadingArrays, content_hash
+from jointstiff.service.conversion.robots import dh_kinematics
+from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.inference import Assessment, Estimate, Prediction, assess, inspect_encoders
-from jointstiff.solver.integrity import inspect
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import KinematicChain, Robot, read_urdf, write_urdf
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.assessment import Assessment, assess
+from jointstiff.solver.inference.encoder_prediction import inspect_encoders
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ def build_robot(document: RobotDocument) -> Robot:
         chain = dh_kinematics(model, document.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    return conversion.build_robot(chain, document.joint_map)
+    return robots.build_robot(chain, document.joint_map)
 
 
 def check_set(

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, ProgramRequest, ProgramResult
-from jointstiff.schemas.run import Run
 from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.computation.deflection import (
     FIRST_ORDER,
     model_of,
@@ -27,20 +27,17 @@ from jointstiff.service.computation.program_path import ProgramPath, program_pat
 from jointstiff.service.computation.program_points import Corrections, WrittenPoints
 from jointstiff.service.computation.program_rewriting import cases_at, certified, rewritten
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of, pack, unpack
-from jointstiff.service.conversion import ANGLE, LENGTH, to_elastic_predictor, to_joint_model, to_own_weight
-from jointstiff.service.programs import ProgramError, read_program
+from jointstiff.service.conversion.deflections import to_elastic_predictor, to_joint_model, to_own_weight
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import (
-    CorrectionLimits,
-    ElasticForward,
-    ForwardModel,
-    JointForward,
-    ModelError,
-    compensate,
-    ramp_shares,
-)
+from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
+from jointstiff.solver.deflection.forward import ElasticForward, ForwardModel, JointForward
+from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import InverseKinematics, Robot
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 MAX_QUICK_POINTS: Final = 10_000
 """Points of a program that is corrected at once; one that several moves use counts for each."""

@@ -9,14 +9,10 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import ProgramFrame, ProgramOptions
-from jointstiff.service.programs import (
-    FrameName,
-    Notation,
-    Orientation,
-    Program,
-    frame_notation,
-    shown,
-)
+from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.formats import frame_notation
+from jointstiff.service.programs.notation import Notation, Orientation
+from jointstiff.service.programs.program import FrameName, Program
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 

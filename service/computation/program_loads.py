@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import LoadSegment, ProcessLoad, ProgramOptions
-from jointstiff.service.conversion import FORCE, MOMENT, moment_factor
-from jointstiff.service.problems import FilesError
+from jointstiff.service.conversion.deflections import moment_factor
+from jointstiff.service.conversion.units import FORCE, MOMENT
+from jointstiff.service.problems.errors import FilesError
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 

@@ -11,26 +11,18 @@ from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.computation.geometry import as_request_errors
 from jointstiff.service.computation.program_frames import ProgramFrames
 from jointstiff.service.computation.program_loads import loads_of
-from jointstiff.service.conversion import ANGLE, LENGTH
-from jointstiff.service.programs import (
-    Fault,
-    Motion,
-    Orientation,
-    Program,
-    ProgramError,
-    StatedConfigurations,
-    shown,
-)
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.notation import Orientation
+from jointstiff.service.programs.program import Motion, Program
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection import LoadCases
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import (
-    Configurations,
-    InverseKinematics,
-    Robot,
-    Unreached,
-    choose_postures,
-)
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration_choice import Unreached, choose_postures
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 _SAME: Final = 1e-6
 """Difference of two postures [rad] that is rounding."""

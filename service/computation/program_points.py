@@ -11,9 +11,10 @@ import numpy as np
 
 from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
 from jointstiff.service.computation.program_path import ProgramPath
-from jointstiff.service.conversion import guarded
+from jointstiff.service.conversion.csv_table import guarded
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection import Compensation, ModelErrorBound
+from jointstiff.solver.deflection.compensation import Compensation
+from jointstiff.solver.deflection.model_error import ModelErrorBound
 
 _SPECIAL: Final = frozenset('",\r\n')
 _MM: Final = 1e3

@@ -9,10 +9,16 @@ import numpy as np
 
 from jointstiff.service.computation.program_path import ProgramPath
 from jointstiff.service.computation.program_points import Corrections, WrittenPoints
-from jointstiff.service.programs import Orientation, Program, ProgramError
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.notation import Orientation
+from jointstiff.service.programs.program import Program
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.deflection import ForwardModel, LoadCases, residuals
-from jointstiff.solver.robot import Configurations, InverseKinematics, Robot, flange_poses
+from jointstiff.solver.deflection.compensation import residuals
+from jointstiff.solver.deflection.forward import ForwardModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.model import Robot
 
 _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""

@@ -5,20 +5,15 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Final
 
-from jointstiff.schemas.run import Resampling, RunOptions
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.resampling import Resampling
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.work import Span, pack, unpack
-from jointstiff.service.conversion import to_settings
-from jointstiff.solver.convex import Bounds
+from jointstiff.service.conversion.requests import to_settings
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.resampling import (
-    GramBlocks,
-    Resamples,
-    ResamplingPlan,
-    gram_blocks,
-    refuse_nonlinear,
-    resample,
-)
+from jointstiff.solver.resampling.blocks import GramBlocks, gram_blocks, refuse_nonlinear
+from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
 
 STEP_SECONDS: Final = 0.25
 _SECONDS_A_REPETITION: Final = 8e-6

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jointstiff.schemas.run import Budget, EncoderResidual, RunOptions, RunRequest, RunResult
+from jointstiff.schemas.run.budget import Budget
 from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
 from jointstiff.service.computation.elastic import ElasticWork
 from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.resampling import ResamplingWork, decode, encode
 from jointstiff.service.computation.work import Span, SteppedWork, hash_of
-from jointstiff.service.conversion import (
-    to_budget,
-    to_encoder_residuals,
-    to_identified_model,
-    to_resampling_result,
-    to_result,
-    to_settings,
-    to_warnings,
-)
-from jointstiff.solver.deflection import JointModel, ModelError, leave_postures_out
-from jointstiff.solver.design import advise
+from jointstiff.service.conversion.budgets import to_budget
+from jointstiff.service.conversion.deflections import to_identified_model
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.conversion.results import to_encoder_residuals, to_resampling_result, to_result
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
+from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
-from jointstiff.solver.inference import Estimate, UncertaintyBudget, judge, predict, predict_encoders
-from jointstiff.solver.resampling import Resamples, summarise
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.encoder_prediction import predict_encoders
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.resampling.draws import Resamples
+from jointstiff.solver.resampling.summary import summarise
 
 
 class RunWork(SteppedWork[Resamples]):

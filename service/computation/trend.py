@@ -12,18 +12,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
-from jointstiff.solver.trend import (
-    FALSE_ALARMS,
-    LIFE,
-    Alarm,
-    Change,
-    Chart,
-    Series,
-    alarms_of,
-    change_between,
-    charts_of,
-    log_stiffness,
-)
+from jointstiff.solver.trend.alarms import Alarm, alarms_of
+from jointstiff.solver.trend.chart import Chart, charts_of
+from jointstiff.solver.trend.monitor import FALSE_ALARMS, LIFE
+from jointstiff.solver.trend.series import Change, Series, change_between, log_stiffness
 
 _OPEN_INTERVAL = "the stiffness has no upper end, or is known to less than a quarter"
 

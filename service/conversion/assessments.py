@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jointstiff.schemas import assessment as messages
-from jointstiff.schemas.run import JointResult, UncertaintyBudget
+from jointstiff.schemas.run.joints import JointResult, UncertaintyBudget
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.solver.geometry import GeometryFinding
-from jointstiff.solver.inference import Action, Assessment, JointCompliance, Place, Usability
+from jointstiff.solver.geometry.finding import GeometryFinding
+from jointstiff.solver.inference.assessment import Assessment
+from jointstiff.solver.inference.joint import JointCompliance
+from jointstiff.solver.inference.reason import Action, Place, Usability
 
 
 def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.Assessment:

@@ -7,13 +7,14 @@ from math import hypot, isfinite
 
 import numpy as np
 
-from jointstiff.schemas import run as runs
 from jointstiff.schemas.deflection import DeflectionBudget, DeflectionComponent
+from jointstiff.schemas.run import joints as messages
+from jointstiff.schemas.run.budget import Budget, BudgetComponent
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference import UncertaintyBudget
+from jointstiff.solver.inference.budget import UncertaintyBudget
 
 
-def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> runs.Budget | None:
+def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> Budget | None:
     """Return the budget of the joints that have an estimate; None for none.
 
     Args:
@@ -28,10 +29,10 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> runs.Bu
         part: list[list[float]] = matrix[np.ix_(shown, shown)].tolist()
         return part
 
-    return runs.Budget(
+    return Budget(
         joints=[names[j] for j in shown],
         components=[
-            runs.BudgetComponent(
+            BudgetComponent(
                 source=part.source,
                 evaluation=part.evaluation,
                 included=part.included,
@@ -52,7 +53,7 @@ def to_budget(budget: UncertaintyBudget | None, names: Sequence[str]) -> runs.Bu
     )
 
 
-def to_covariances(budget: runs.Budget, joints: Sequence[str]) -> FloatArray:
+def to_covariances(budget: Budget, joints: Sequence[str]) -> FloatArray:
     """Return the covariances (K, n, n) of the components, zero for joints without an estimate."""
     shown = [joints.index(name) for name in budget.joints]
     covariances = np.zeros((len(budget.components), len(joints), len(joints)))
@@ -63,7 +64,7 @@ def to_covariances(budget: runs.Budget, joints: Sequence[str]) -> FloatArray:
 
 
 def to_deflection_budgets(
-    budget: runs.Budget, contributions: FloatArray, radius: FloatArray | None, factor: float
+    budget: Budget, contributions: FloatArray, radius: FloatArray | None, factor: float
 ) -> list[DeflectionBudget]:
     """Return the budget of each displacement.
 
@@ -80,7 +81,7 @@ def to_deflection_budgets(
 
 
 def _deflection_budget(
-    budget: runs.Budget, contributions: FloatArray, radius: float | None, factor: float
+    budget: Budget, contributions: FloatArray, radius: float | None, factor: float
 ) -> DeflectionBudget:
     components = [
         DeflectionComponent(
@@ -105,7 +106,7 @@ def _deflection_budget(
     )
 
 
-def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[runs.UncertaintyBudget | None]:
+def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[messages.UncertaintyBudget | None]:
     """Return the included contributions of each of `count` joints, where errors are stated that all share."""
     included = [] if budget is None else [part for part in budget.components if part.included]
     if budget is None or len(included) < 2:
@@ -113,7 +114,7 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[runs.
     parts = {part.source: part.spread.uncertainty for part in included}
     absent = np.zeros(count)
     return [
-        runs.UncertaintyBudget(
+        messages.UncertaintyBudget(
             readings=float(parts["readings"][j]),
             force_scale=float(parts.get("force_scale", absent)[j]),
             force_direction=float(parts.get("force_direction", absent)[j]),

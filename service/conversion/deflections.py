@@ -9,19 +9,24 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
 from jointstiff.schemas.run.model import ModelError as StoredModelError
 from jointstiff.service.conversion.requests import joint_index
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import ElasticPredictor, JointModel, LoadCases, ModelError, OwnWeight
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.fitting import Likelihood
-from jointstiff.solver.links import ElasticColumns
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000
 """Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""

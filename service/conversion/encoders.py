@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.measurement import EncoderReading, Observation
+from jointstiff.schemas.measurement.measurement_set import EncoderReading, Observation
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.measurement import Frame, MeasurementSetHeader, Noise, ResolvedFrame
+from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetHeader
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.readings import ReadingArrays
@@ -17,7 +19,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from jointstiff.solver.geometry import RigidTransform
+    from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
@@ -32,7 +34,7 @@ def stated_transform(frame: Frame, length: float) -> RigidTransform:
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
-    from jointstiff.solver.geometry import RigidTransform
+    from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 
     return RigidTransform.stated(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)

@@ -10,15 +10,12 @@ from jointstiff.schemas.geometry import result as results
 from jointstiff.schemas.robot import JointMap, RobotDocument, UrdfModel
 from jointstiff.service.conversion.assessments import to_geometry_assessment
 from jointstiff.service.conversion.message import message, rows
-from jointstiff.solver.geometry import (
-    CalibratedAxes,
-    CentreEstimate,
-    DhTable,
-    IdentifiedGeometry,
-    WristCentre,
-)
-from jointstiff.solver.robot import JointMap as RobotJointMap
-from jointstiff.solver.robot import write_urdf
+from jointstiff.solver.geometry.frames.wrist_centre import CentreEstimate, WristCentre
+from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
+from jointstiff.solver.geometry.model.dh_identification import DhTable
+from jointstiff.solver.geometry.model.kinematic_calibration import CalibratedAxes
+from jointstiff.solver.robot.joint_map import JointMap as RobotJointMap
+from jointstiff.solver.robot.urdf import write_urdf
 
 
 def to_geometry_result(

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jointstiff.schemas.run import RunOptions
 from jointstiff.schemas.run import links as messages
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.requests import joint_index
-from jointstiff.solver.links import (
-    LOSSES,
-    WEIGHTS,
-    ElasticColumns,
-    ElasticEstimate,
-    HeldOut,
-    Loss,
-    Plan,
-    Selection,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.links.cross_validation import WEIGHTS, Plan
+from jointstiff.solver.links.estimate import ElasticEstimate
+from jointstiff.solver.links.model import LOSSES, Loss
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.selection import HeldOut, Selection
+from jointstiff.solver.robot.model import Robot
 
 
 def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:

@@ -12,9 +12,10 @@ import numpy as np
 from jointstiff.schemas import map as messages
 from jointstiff.service.conversion.requests import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import STATUSES, DeflectionMap, MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 _LEAST_LENGTH: Final = 1e-9

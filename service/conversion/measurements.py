@@ -17,8 +17,9 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.readings import EncoderReadings, Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 
 def to_measurements(header: sets.MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from jointstiff.schemas.measurement import Noise
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings import (
-    ISOTROPIC_DIFFERENCE,
-    CommonUncertainty,
-    DifferenceNoise,
-    Measurements,
-    refuse_no_covariance,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
+from jointstiff.solver.readings.measurements import ISOTROPIC_DIFFERENCE, Measurements
+from jointstiff.solver.readings.tracker_noise import DifferenceNoise, refuse_no_covariance
+from jointstiff.solver.robot.model import Robot
 
 
 def to_noise(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from jointstiff.schemas import pair as pairs
 from jointstiff.schemas.assessment import Assessment
-from jointstiff.schemas.measurement import QualityWarning
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.message import message
-from jointstiff.solver.paired import JointRatio, Pair
+from jointstiff.solver.paired.comparison import JointRatio, Pair
 
 
 @dataclass(frozen=True, eq=False)

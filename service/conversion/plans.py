@@ -10,17 +10,14 @@ import numpy as np
 from jointstiff.schemas import plan as plans
 from jointstiff.service.conversion.requests import joint_index
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design import (
-    CampaignPlan,
-    Cell,
-    Equipment,
-    Loads,
-    PlanRequest,
-    targets_in_flange,
-)
+from jointstiff.solver.design.campaign_plan import CampaignPlan
+from jointstiff.solver.design.experiment import Equipment, Loads, targets_in_flange
+from jointstiff.solver.design.feasibility import Cell
+from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings import Instrument, Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import Instrument
+from jointstiff.solver.robot.model import Robot
 
 SoFar: TypeAlias = tuple[Measurements, tuple[str, ...]]
 """Readings of a campaign, and the names of their targets."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.measurement import Matrix3, Reading
+from jointstiff.schemas.measurement.measurement_set import Reading
+from jointstiff.schemas.measurement.noise import Matrix3
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 

@@ -8,7 +8,10 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection import Deflection, ElasticPredictor, JointModel, ModelErrorBound
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.model_error import ModelErrorBound
+from jointstiff.solver.deflection.prediction import Deflection
 
 
 def to_case_results(

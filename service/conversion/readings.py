@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jointstiff.schemas.measurement import (
+from jointstiff.schemas.measurement.frame import ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import (
     MAX_TARGETS,
     MeasurementSetHeader,
-    Noise,
     Observation,
     Reading,
-    ResolvedFrame,
 )
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.encoders import EncoderArrays
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.solver.arrays import BoolArray, FloatArray

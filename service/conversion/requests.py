@@ -7,11 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.solver.convex import Bounds, Order
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.solver.convex.constraints import Order
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting import DEFAULT_THRESHOLD, Prior, Settings
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.fitting.prior import Prior
+from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.robot.model import Robot
 
 
 def to_settings(options: RunOptions, robot: Robot) -> Settings:

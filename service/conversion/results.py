@@ -7,19 +7,24 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.measurement import QualityWarning
-from jointstiff.schemas.run import JointResult, ResampledCompensation, ResampledJoint, ResamplingResult
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
 from jointstiff.schemas.run import identifiability as identifiabilities
 from jointstiff.schemas.run import run as runs
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.resampling import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.budgets import to_budget, to_joint_budgets
 from jointstiff.service.conversion.message import message, rows
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design import Advice
-from jointstiff.solver.inference import Assessment, Contributions, Estimate, Prediction, UncertaintyBudget
-from jointstiff.solver.readings import EncoderReadings, Measurements
-from jointstiff.solver.resampling import ResamplingSummary
+from jointstiff.solver.design.advised_reading import Advice
+from jointstiff.solver.inference.assessment import Assessment
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import Contributions, Prediction
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.resampling.summary import ResamplingSummary
 
 MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""

@@ -7,13 +7,16 @@ from typing import Literal
 
 import numpy as np
 
-from jointstiff.schemas.geometry import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
+from jointstiff.schemas.geometry.message import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
 from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import BaseTargets, Conventions, Poses, Sweep, SweepSet
-from jointstiff.solver.readings import at_read_places
-from jointstiff.solver.robot import JointMap, Robot
+from jointstiff.solver.geometry.identified_geometry import BaseTargets, Conventions
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
+from jointstiff.solver.readings.tracker_noise import at_read_places
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
 
 
 class _Readings:

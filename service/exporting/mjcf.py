@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from jointstiff.service.exporting.model import PLACEHOLDERS, ExportedModel
 from jointstiff.service.exporting.xml import Element, add, add_remarks, numbers, written
-from jointstiff.solver.robot import ChainJoint
+from jointstiff.solver.robot.chain import ChainJoint
 
 _SPRINGS: Final = (
     "Each position actuator is the spring in series with a drive that holds its angle: kp is the stiffness, "

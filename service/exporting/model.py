@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointstiff.schemas.run import JointResult, Run, RunResult
-from jointstiff.service.render import METHOD_NAMES, UNITS
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.run import Run, RunResult
+from jointstiff.service.render.stiffness import UNITS
+from jointstiff.service.render.terminal import METHOD_NAMES
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
+from jointstiff.solver.robot.model import Robot
 
 _UNIT = UNITS["MNm/rad"]
 _VERDICTS = {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}

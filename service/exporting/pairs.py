@@ -6,8 +6,8 @@ import csv
 import io
 
 from jointstiff.schemas.pair import PairedJoint, PairResult
-from jointstiff.schemas.run import JointResult
-from jointstiff.service.conversion import guarded
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.service.conversion.csv_table import guarded
 
 _Row = dict[str, str | float | None]
 

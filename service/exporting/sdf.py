@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from jointstiff.service.exporting.model import PLACEHOLDERS, ExportedModel
 from jointstiff.service.exporting.xml import Element, add, add_remarks, comment, numbers, written
-from jointstiff.solver.robot import ChainJoint
+from jointstiff.solver.robot.chain import ChainJoint
 
 _VERSION: Final = "1.9"
 _NO_LIMIT: Final = 1e16  # of the format

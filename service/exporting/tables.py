@@ -7,8 +7,8 @@ import io
 from collections.abc import Sequence
 from typing import Any, Final
 
-from jointstiff.schemas.run import JointResult
-from jointstiff.service.conversion import guarded
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.service.conversion.csv_table import guarded
 from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
 
 Cell = str | float | None

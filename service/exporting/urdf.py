@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.xml import add_remarks, comment, written
-from jointstiff.solver.robot import write_urdf
+from jointstiff.solver.robot.urdf import write_urdf
 
 _MISSING: Final = (
     "URDF describes kinematics, limits, damping and friction. It has no springs: each stiffness stands in a "

@@ -9,7 +9,7 @@ from openpyxl import Workbook
 from openpyxl.styles import Font
 from openpyxl.utils import get_column_letter
 
-from jointstiff.service.conversion import guarded
+from jointstiff.service.conversion.csv_table import guarded
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import (
     Table,

@@ -16,29 +16,3 @@ reading        files to readings: the way through
     ├── text > encoding      delimited text
     └── workbook > sheet > archive    Excel
 """
-
-from jointstiff.service.importing.errors import ImportFileError, Place
-from jointstiff.service.importing.file_types import file_type
-from jointstiff.service.importing.limits import MAX_FILE_BYTES
-from jointstiff.service.importing.preview import Missing, missing_from
-from jointstiff.service.importing.reading import (
-    Imported,
-    SourceFile,
-    Understood,
-    read_files,
-    understand_files,
-)
-
-__all__ = [
-    "MAX_FILE_BYTES",
-    "ImportFileError",
-    "Imported",
-    "Missing",
-    "Place",
-    "SourceFile",
-    "Understood",
-    "file_type",
-    "missing_from",
-    "read_files",
-    "understand_files",
-]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from jointstiff.schemas.importing import State
-from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
+from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.records import Point, Record, Vector

@@ -9,7 +9,8 @@ from typing import Final, Literal, TypeVar, cast
 
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.importing import DecimalMark, FilePreview, ImportOptions, ImportPreview
-from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place
 from jointstiff.service.importing.file_types import WORKBOOK, file_type

@@ -14,18 +14,21 @@ from sqlalchemy import Connection
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.computation import (
-    Work,
+from jointstiff.service.computation.execution import (
     carry_out,
     final_state,
     new_job,
     outcome_of,
     unexpected_failure,
 )
+from jointstiff.service.computation.work import Work
 from jointstiff.service.jobs.kinds import AnyKind
-from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
-from jointstiff.service.resources import Resources, read_job
-from jointstiff.service.store import OPEN_STATES, IdempotencyKey, JobRecord, JobStatus
+from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
+from jointstiff.service.problems.table import problem_of
+from jointstiff.service.resources.composition import Resources
+from jointstiff.service.resources.stored_jobs import read_job
+from jointstiff.service.store.job_log import OPEN_STATES, JobStatus
+from jointstiff.service.store.records import IdempotencyKey, JobRecord
 from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
-from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometrySummary
+from jointstiff.schemas.geometry.message import Geometry, GeometryRequest, GeometrySummary
 from jointstiff.schemas.map import Map, MapRequest, MapSummary
 from jointstiff.schemas.pair import Pair, PairRequest, PairSummary
 from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
@@ -21,13 +21,16 @@ from jointstiff.schemas.query import (
     ProgramQuery,
     RunQuery,
 )
-from jointstiff.schemas.run import Run, RunRequest, RunSummary
-from jointstiff.service.computation import without_contents
+from jointstiff.schemas.run.run import Run, RunRequest, RunSummary
+from jointstiff.service.computation.program import without_contents
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
 from jointstiff.service.jobs.life import Enqueue, Jobs
-from jointstiff.service.resources import MeasurementSets, Resources, Robots, Trends
-from jointstiff.service.store import Store
+from jointstiff.service.resources.composition import Resources
+from jointstiff.service.resources.measurement_sets import MeasurementSets
+from jointstiff.service.resources.robots import Robots
+from jointstiff.service.resources.trends import Trends
+from jointstiff.service.store.store import Store
 
 _OPTIONS_BYTES: Final = 64 * 1024
 _READINGS_BYTES: Final = 4 * 1024 * 1024

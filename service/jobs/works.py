@@ -7,28 +7,24 @@ from contextlib import contextmanager
 from typing import Any
 
 from jointstiff.schemas.comparison import ComparisonRequest
-from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.schemas.geometry.message import GeometryRequest
 from jointstiff.schemas.map import MapRequest
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.plan import PlanRequest
 from jointstiff.schemas.program import ProgramRequest
-from jointstiff.schemas.run import Run, RunOptions, RunRequest
-from jointstiff.service.computation import (
-    ComparisonWork,
-    MapWork,
-    Planned,
-    ProgramWork,
-    QuickWork,
-    Side,
-    SteppedWork,
-    as_request_errors,
-    geometry_work,
-    pair_work,
-    plan_work,
-    run_work,
-)
-from jointstiff.service.problems import NotFoundError
-from jointstiff.service.resources import Resources, stored_job
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.service.computation.comparison import ComparisonWork
+from jointstiff.service.computation.geometry import as_request_errors, geometry_work
+from jointstiff.service.computation.maps import MapWork
+from jointstiff.service.computation.pair import Side, pair_work
+from jointstiff.service.computation.plan import Planned, plan_work
+from jointstiff.service.computation.program import ProgramWork
+from jointstiff.service.computation.run import run_work
+from jointstiff.service.computation.work import QuickWork, SteppedWork
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.resources.composition import Resources
+from jointstiff.service.resources.stored_jobs import stored_job
 from jointstiff.solver.errors import RequestError
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.library.errors import RefusedError
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems.table import http_problem
 
 Resource = TypeVar("Resource", bound=BaseModel)
 

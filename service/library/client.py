@@ -13,18 +13,18 @@ from tenacity import RetryCallState, Retrying, retry_if_exception, stop_before_d
 
 from jointstiff.schemas.comparison import Comparison, ComparisonSummary
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry import Geometry, GeometrySummary
-from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
+from jointstiff.schemas.geometry.message import Geometry, GeometrySummary
+from jointstiff.schemas.measurement.measurement_set import MeasurementSet, MeasurementSetSummary
 from jointstiff.schemas.pair import Pair, PairSummary
 from jointstiff.schemas.program import Program, ProgramSummary
 from jointstiff.schemas.robot import Robot, RobotSummary
-from jointstiff.schemas.run import RunSummary
+from jointstiff.schemas.run.run import RunSummary
 from jointstiff.service.library.answers import alien, no_address, problem_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
 from jointstiff.service.library.compensated import Programs
 from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems.table import http_problem
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""

@@ -12,11 +12,11 @@ import httpx
 
 from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.geometry import Geometry
+from jointstiff.schemas.geometry.message import Geometry
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.pair import Pair
 from jointstiff.schemas.program import Program
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.library.answers import resource_in
 
 _LOOK_SECONDS: Final = 0.2

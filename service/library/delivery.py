@@ -11,17 +11,18 @@ from typing import Any, Final
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.robot import Robot
-from jointstiff.service.computation import prepare_robot
-from jointstiff.service.conversion import MAX_SET_BYTES
-from jointstiff.service.importing import SourceFile
+from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.library.campaigns import as_campaign_error, parse_content
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import CampaignError, RefusedError
 from jointstiff.service.library.folder import TABLES, FinishedFile, too_large
-from jointstiff.service.problems import FilesError, http_problem, problem_of
-from jointstiff.service.resources import import_files
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems.table import http_problem, problem_of
+from jointstiff.service.resources.imports import import_files
 
 _CONFLICT: Final = "urn:jointstiff:problem:idempotency-conflict"
 _TAKEN_BEFORE: Final = "its content was taken before, under another name"

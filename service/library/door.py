@@ -17,18 +17,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jointstiff.service.library import CampaignError, Client, RefusedError, TabledRun, identify
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.errors import CampaignError, RefusedError
+    from jointstiff.service.library.tabled_run import TabledRun, identify
 
 __all__ = ["CampaignError", "Client", "RefusedError", "TabledRun", "identify"]
+
+_HOMES = {
+    "CampaignError": "errors",
+    "Client": "client",
+    "RefusedError": "errors",
+    "TabledRun": "tabled_run",
+    "identify": "tabled_run",
+}
 
 
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
     if name == "__version__":
         return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
-    if name not in __all__:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("jointstiff.service.library"), name)
+    return getattr(import_module(f"jointstiff.service.library.{_HOMES[name]}"), name)
 
 
 def __dir__() -> list[str]:

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Final, Literal, NamedTuple, Protocol
 
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.conversion import MAX_SET_BYTES
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.library.errors import AwayError, CampaignError, RefusedError
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems.table import http_problem
 
 TABLES: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"})
 _OF_THE_FILE: Final = frozenset({409, 413, 415, 422})

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from jointstiff.schemas.map import Map, MapOptions, MapRequest
-from jointstiff.schemas.run import Run
-from jointstiff.service.computation import MapWork
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.computation.maps import MapWork
 from jointstiff.service.library.campaigns import (
     OnProgress,
     carried_out,

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
-from jointstiff.service.exporting import ExportedModel, ModelFormat, export_model
-from jointstiff.service.jobs import KINDS
+from jointstiff.service.exporting.formats import ModelFormat, export_model
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.jobs.registry import KINDS
 from jointstiff.service.library.campaigns import (
     as_campaign_error,
     model_run,
@@ -16,19 +17,15 @@ from jointstiff.service.library.campaigns import (
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.reports import (
-    REPORTED_KINDS,
-    LaboratorySettings,
-    RunSubject,
-    draft,
-    job_document,
-    report_page,
-    report_pdf,
-    run_document,
-)
+from jointstiff.service.reports.job import REPORTED_KINDS, job_document
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.page import report_page
+from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.state import draft
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.run import Run
+    from jointstiff.schemas.run.run import Run
 
 
 def exported(campaign: Campaign, name: ModelFormat, run: Run | None = None) -> bytes:

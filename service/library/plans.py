@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.computation import Planned, plan_work, prepare_robot
+from jointstiff.service.computation.plan import Planned, plan_work
+from jointstiff.service.computation.prepared import prepare_robot
 from jointstiff.service.library.campaigns import (
     as_campaign_error,
     carried_out,
@@ -21,7 +22,7 @@ from jointstiff.service.library.campaigns import (
 )
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.robots import read_robot
-from jointstiff.service.problems import invalid_request
+from jointstiff.service.problems.table import invalid_request
 
 
 def read_planned(text: str) -> RobotDocument | Campaign:

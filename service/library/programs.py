@@ -12,11 +12,12 @@ from pydantic import ValidationError
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest
-from jointstiff.schemas.run import Run
-from jointstiff.service.computation import ProgramWork, carry_out, new_job, packed
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.computation.execution import carry_out, new_job
+from jointstiff.service.computation.program import ProgramWork, packed
 from jointstiff.service.library.campaigns import model_run, prepared_campaign
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.problems import http_problem, invalid_request, problem_of
+from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError
 
 MAX_BYTES = 16 * 1024 * 1024

@@ -7,8 +7,8 @@ from pathlib import Path
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.library.campaigns import read_document
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.problems import problem_of
-from jointstiff.service.resources import find_arm, nominal_robot
+from jointstiff.service.problems.table import problem_of
+from jointstiff.service.resources.nominal_arms import find_arm, nominal_robot
 from jointstiff.solver.errors import RequestError
 
 

@@ -13,9 +13,10 @@ import anyio
 from fastapi import FastAPI
 from starlette.types import Message
 
-from jointstiff.service.api import FORWARDED, Forwarded, Posture
+from jointstiff.service.api.limited import FORWARDED, Forwarded
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 
 def run_child(descriptor: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jointstiff.service.problems import FilesError
+from jointstiff.service.problems.errors import FilesError
 
 MAX_FAULTS = 20
 """Faults that one refusal lists."""

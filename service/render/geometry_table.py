@@ -10,10 +10,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from jointstiff.schemas.geometry import (
+from jointstiff.schemas.geometry.message import Geometry
+from jointstiff.schemas.geometry.result import (
     BaseFrameResult,
     Drift,
-    Geometry,
     GeometryResult,
     LinkComparison,
     PoseEvidence,

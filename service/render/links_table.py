@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from jointstiff.schemas.run import LinkCompliance, LinksResult, ModelSelection
+from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection
 
 _MODEL_NAMES = {
     "joints": "joints",

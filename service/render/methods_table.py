@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jointstiff.schemas.comparison import ComparedFit, Comparison
-from jointstiff.schemas.run import ResampledJoint, ResamplingResult
+from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.service.render.resampling_table import moments
 from jointstiff.service.render.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
 from jointstiff.service.render.terminal import METHOD_NAMES, problem_text

@@ -5,7 +5,8 @@ from __future__ import annotations
 from rich.table import Table
 from rich.text import Text
 
-from jointstiff.schemas.run import ResampledJoint, ResamplingResult, Run
+from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.render.stiffness import StiffnessUnit, rounded
 
 

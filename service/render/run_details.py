@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from rich.console import RenderableType
 from rich.text import Text
 
-from jointstiff.schemas.run import Identifiability, RunResult
+from jointstiff.schemas.run.identifiability import Identifiability
+from jointstiff.schemas.run.run import RunResult
 
 _SIGMA = {
     "consistent": "consistent with sigma",

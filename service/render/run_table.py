@@ -9,7 +9,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from jointstiff.schemas.run import Advice, JointResult, Run, RunResult
+from jointstiff.schemas.run.identifiability import Advice
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.render.links_table import links_line, links_report, selection_table
 from jointstiff.service.render.resampling_table import resampling_table
 from jointstiff.service.render.run_details import detail_lines

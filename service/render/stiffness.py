@@ -10,7 +10,7 @@ from typing import Final
 
 from rich.text import Text
 
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.run.joints import JointResult
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 

@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from jointstiff.schemas.assessment import Assessment, Reason, Verdict
-from jointstiff.schemas.measurement import QualityWarning
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
 
 MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""

@@ -7,12 +7,13 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from jointstiff.schemas.run import JointResult, RunResult
-from jointstiff.service.conversion import to_kinematics
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.run import RunResult
+from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.reports.document import Picture
 from jointstiff.service.reports.svg import INK, MARK, PALE, Drawing
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _WIDTH = 480.0
 _ROW = 17.0

@@ -7,10 +7,11 @@ import json
 from dataclasses import dataclass
 from typing import Final
 
-from jointstiff.schemas.measurement import MeasurementSetDocument
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.measurement.metadata import SetMetadata
 from jointstiff.schemas.report import Party
-from jointstiff.service.exporting import ExportedModel, joints_csv
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Attachment, Document, Section, State, Table
 from jointstiff.service.reports.laboratory import LaboratorySettings

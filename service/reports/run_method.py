@@ -8,12 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import RunRequest
-from jointstiff.service.conversion import FORCE, LENGTH
-from jointstiff.service.exporting import ExportedModel
-from jointstiff.service.render import METHOD_NAMES
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.conversion.units import FORCE, LENGTH
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.render.terminal import METHOD_NAMES
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.wording import NOT_STATED, percent, rounded

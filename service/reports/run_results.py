@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from itertools import combinations
 
-from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.schemas.run import JointResult, RunResult
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.run.budget import Budget
-from jointstiff.service.conversion import ANGLE
-from jointstiff.service.exporting import ExportedModel, why_no_stiffness
-from jointstiff.service.render import UNITS
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.run import RunResult
+from jointstiff.service.conversion.units import ANGLE
+from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
+from jointstiff.service.render.stiffness import UNITS
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section, Table
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals

@@ -10,9 +10,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
-from jointstiff.schemas.run import Method, Weighting
-from jointstiff.service.computation import Campaign, JointNumbers
-from jointstiff.service.store import JobEntry, MeasurementSetEntry
+from jointstiff.schemas.run.options import Method, Weighting
+from jointstiff.service.computation.trend import Campaign, JointNumbers
+from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
 
 
 class _Part(BaseModel):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from jointstiff.service.resources.measurement_sets import MeasurementSets
 from jointstiff.service.resources.robots import Robots
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,26 +8,20 @@ from typing import Final, cast
 import numpy as np
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
-from jointstiff.schemas.measurement import (
-    Frame,
-    MeasurementSetRequest,
-    QualityWarning,
-    ResolvedFrame,
-    WarningCode,
-)
+from jointstiff.schemas.geometry.message import Geometry, GeometryRequest
+from jointstiff.schemas.geometry.result import GeometryResult
+from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest, QualityWarning, WarningCode
 from jointstiff.schemas.robot import Robot
-from jointstiff.service.conversion import (
-    LENGTH,
-    stated_transform,
-    to_base_targets,
-    to_resolved,
-)
+from jointstiff.service.conversion.frames import stated_transform, to_resolved
+from jointstiff.service.conversion.sweeps import to_base_targets
+from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.resources.stored_jobs import succeeded_geometry
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import BaseDrift, RigidTransform
+from jointstiff.solver.geometry.frames.base_drift import BaseDrift
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 
 FRAME_CODES: Final[frozenset[WarningCode]] = frozenset({"base_drifted", "base_target_moved"})
 """Kinds of warnings about a frame, whatever the observations."""

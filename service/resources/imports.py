@@ -10,21 +10,16 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.importing import FilePreview, ImportFault
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
-from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning
-from jointstiff.service.importing import (
-    Imported,
-    ImportFileError,
-    Missing,
-    Place,
-    SourceFile,
-    missing_from,
-    understand_files,
-)
-from jointstiff.service.problems import FilesError, reworded
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.service.importing.errors import ImportFileError, Place
+from jointstiff.service.importing.preview import Missing, missing_from
+from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from jointstiff.solver.robot import Robot
+    from jointstiff.solver.robot.model import Robot
 
 
 class ImportRefusedError(FilesError):
@@ -164,7 +159,7 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     Raises:
         ImportFileError: it cannot be one of this robot.
     """
-    from jointstiff.service.computation import check_set  # an import without a robot needs no numerics
+    from jointstiff.service.computation.prepared import check_set
 
     try:
         return check_set(document, robot, None, []).warnings

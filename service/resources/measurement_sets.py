@@ -8,15 +8,20 @@ from functools import lru_cache
 from typing import Final
 from uuid import uuid4
 
-from jointstiff.schemas.measurement import SetChange, SetMetadata
 from jointstiff.schemas.measurement import measurement_set as messages
-from jointstiff.service.computation import PreparedSet, check_set, hash_of
-from jointstiff.service.conversion import ReadingArrays, in_base, to_measurements
+from jointstiff.schemas.measurement.metadata import SetChange, SetMetadata
+from jointstiff.service.computation.prepared import PreparedSet, check_set
+from jointstiff.service.computation.work import hash_of
+from jointstiff.service.conversion.frames import in_base
+from jointstiff.service.conversion.measurements import to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.frames import FRAME_CODES, resolve_frame
 from jointstiff.service.resources.robots import Robots
-from jointstiff.service.store import IdempotencyKey, MeasurementSetRecord, NotFoundError, Store
+from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord
+from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _CACHED = 16
 _METADATA: Final = tuple(SetMetadata.model_fields)

@@ -7,12 +7,13 @@ from functools import lru_cache
 from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
-from jointstiff.service.computation import build_robot, prepare_robot
-from jointstiff.service.conversion import describe_joints, describe_wrist
+from jointstiff.service.computation.prepared import build_robot, prepare_robot
+from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.resources.nominal_arms import find_arm
 from jointstiff.service.resources.stored_jobs import succeeded_geometry
-from jointstiff.service.store import IdempotencyKey, RobotRecord, Store
-from jointstiff.solver.robot import Robot
+from jointstiff.service.store.records import IdempotencyKey, RobotRecord
+from jointstiff.service.store.store import Store
+from jointstiff.solver.robot.model import Robot
 
 _CACHED = 64
 

@@ -6,10 +6,12 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from jointstiff.schemas.geometry import Geometry, GeometryResult
+from jointstiff.schemas.geometry.message import Geometry
+from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.job import Job
-from jointstiff.service.problems import NotFoundError, OtherVersionError, Resource
-from jointstiff.service.store import JobRecord, Store
+from jointstiff.service.problems.errors import NotFoundError, OtherVersionError, Resource
+from jointstiff.service.store.records import JobRecord
+from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 
 AnyJob = TypeVar("AnyJob", bound=Job)

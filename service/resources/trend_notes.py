@@ -8,7 +8,7 @@ from datetime import datetime
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.job import Requester
-from jointstiff.service.store import MeasurementSetEntry, TrendNote
+from jointstiff.service.store.records import MeasurementSetEntry, TrendNote
 
 
 def note_of(

@@ -12,13 +12,14 @@ from pydantic import ValidationError
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.job import Requester
-from jointstiff.schemas.run import Run
-from jointstiff.service.computation import TrendInput, trend_of
-from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.computation.trend import TrendInput, trend_of
+from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.comparable_runs import Candidate, ReadRun, selection_of, sorted_out
 from jointstiff.service.resources.robots import described
 from jointstiff.service.resources.trend_notes import acknowledgements_of, baselines_of, note_of
-from jointstiff.service.store import JobEntry, MeasurementSetEntry, Store, TrendNote
+from jointstiff.service.store.records import JobEntry, MeasurementSetEntry, TrendNote
+from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 
 _RUNS: Final = Resource(Run.kind, Run.collection)

@@ -9,7 +9,7 @@ from typing import Final
 
 from sqlalchemy import ColumnElement, and_, delete, insert, or_, select, update
 
-from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import AccessKey, SessionRecord
 from jointstiff.service.store.tables import access_keys, access_links, access_sessions

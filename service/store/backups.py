@@ -20,7 +20,7 @@ from typing import Final, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 from sqlalchemy import URL, Connection, create_engine, make_url, text
 
-from jointstiff.service.problems import StoreError
+from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.content import TableContent, content_of, revision_of
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
 from jointstiff.service.versions import JOINTSTIFF_VERSION

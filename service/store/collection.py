@@ -12,7 +12,7 @@ from typing import Any, Final, Generic
 from sqlalchemy import Connection, Integer, Select, Table, bindparam, insert, select, true, update
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems import (
+from jointstiff.service.problems.errors import (
     CursorError,
     DeletedError,
     IdempotencyConflictError,

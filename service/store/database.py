@@ -15,7 +15,7 @@ from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event,
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 
 Dialect = Literal["sqlite", "postgresql"]
 

@@ -25,7 +25,7 @@ from sqlalchemy import (
     update,
 )
 
-from jointstiff.service.problems import (
+from jointstiff.service.problems.errors import (
     AuthorisedError,
     DeletedError,
     NotEndedError,

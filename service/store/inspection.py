@@ -11,7 +11,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, MetaData, Select, Table, exists, func, select
 from sqlalchemy.exc import NoSuchTableError
 
-from jointstiff.service.problems import StoreUnavailableError
+from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
 from jointstiff.service.store.content import revision_of
 from jointstiff.service.store.database import Database, open_existing

@@ -10,7 +10,7 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, and_, bindparam, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems import Resource
+from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.records import JobRecord
 from jointstiff.service.store.tables import job_steps, jobs

@@ -8,7 +8,7 @@ from typing import Final
 
 from sqlalchemy import text
 
-from jointstiff.service.problems import QuotaError
+from jointstiff.service.problems.errors import QuotaError
 from jointstiff.service.store.database import Database
 
 _FRESH_SECONDS: Final = 1.0

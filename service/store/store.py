@@ -8,7 +8,7 @@ from typing import Final
 
 from sqlalchemy import func, select
 
-from jointstiff.service.problems import Resource
+from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions
 from jointstiff.service.store.audit import Audit
 from jointstiff.service.store.authorisations import Authorisations

@@ -9,19 +9,15 @@ from typing import Final
 
 from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.schemas.robot import Robot, RobotDocument
-from jointstiff.service.computation import prepare_robot
-from jointstiff.service.conversion import ReadingArrays, content_hash
-from jointstiff.service.jobs import KINDS, AnyKind
-from jointstiff.service.problems import OtherVersionError
-from jointstiff.service.resources import read_job
-from jointstiff.service.store import (
-    OPEN_STATES,
-    Fault,
-    Inspection,
-    JobRecord,
-    MeasurementSetRecord,
-    RobotRecord,
-)
+from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.readings import ReadingArrays, content_hash
+from jointstiff.service.jobs.kinds import AnyKind
+from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.problems.errors import OtherVersionError
+from jointstiff.service.resources.stored_jobs import read_job
+from jointstiff.service.store.inspection import Fault, Inspection
+from jointstiff.service.store.job_log import OPEN_STATES
+from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.workers.queue import is_ended
 
 _KINDS: Final[Mapping[str, AnyKind]] = MappingProxyType({kind.name: kind for kind in KINDS})

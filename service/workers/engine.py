@@ -22,8 +22,10 @@ from dbos import DBOS, DBOSConfig, SetEnqueueOptions
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.jobs import Jobs, Span
-from jointstiff.service.store import Store, StoreUnavailableError
+from jointstiff.service.computation.work import Span
+from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers.queue import (
     APPLICATION,
     QUEUES,

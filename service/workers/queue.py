@@ -16,7 +16,8 @@ from dbos import DBOS, DBOSClient, EnqueueOptions
 from sqlalchemy import Connection, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
-from jointstiff.service.store import Store, StoreError
+from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers.serialization import JsonSerializer, refuse_pickles
 
 VERSION: Final = 3

@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from jointstiff.service.jobs import Jobs
-from jointstiff.service.problems import WorkerLostError
-from jointstiff.service.store import KEEP_DELETED, SILENT_SECONDS, Deletions, Heartbeats
+from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.store.deletion import KEEP_DELETED, Deletions
+from jointstiff.service.store.heartbeats import SILENT_SECONDS, Heartbeats
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.queue import Outcome, job_of
 

@@ -12,7 +12,7 @@ from typing import Any, Final, NoReturn
 from dbos import Serializer
 from dbos._serialization import DefaultSerializer
 
-from jointstiff.service.problems import FilesError
+from jointstiff.service.problems.errors import FilesError
 from jointstiff.solver.errors import JointstiffError
 
 _RAISED: Final = "raised"

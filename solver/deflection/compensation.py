@@ -18,7 +18,8 @@ from jointstiff.solver.deflection.forward import Bent, ForwardModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import rotation_vector
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 _BLOCK: Final = 4096
 """Postures worked on at a time: a few MB."""

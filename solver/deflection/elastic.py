@@ -16,24 +16,20 @@ from scipy import special
 from scipy.linalg import solve_triangular
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import diagonal
+from jointstiff.solver.convex.semidefinite.symmetric import diagonal
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.model_error import ModelError, merged_steps
 from jointstiff.solver.deflection.prediction import Deflection
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links import (
-    Companion,
-    ElasticColumns,
-    ElasticEstimate,
-    ElasticPlaces,
-    FoldFit,
-    Folds,
-    elastic_residuals,
-)
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.links.cross_validation import FoldFit, Folds
+from jointstiff.solver.links.estimate import Companion, ElasticEstimate
+from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 _SHARE_OF_TRACE: Final = 0.5
 """Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held

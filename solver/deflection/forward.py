@@ -22,9 +22,11 @@ from jointstiff.solver.deflection.loaded import (
 )
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links import ElasticPlaces
-from jointstiff.solver.regression import joint_torque, skew
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.links.places import ElasticPlaces
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 _STEPS: Final = 20
 _LAST_STEP: Final = 5e-7

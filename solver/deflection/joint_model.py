@@ -11,12 +11,13 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Constraints
+from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.fitting import Likelihood
-from jointstiff.solver.inference import Estimate, profile_row_ends, range_on_box
-from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
+from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.robot.model import Robot
 
 _UNSEEN: Final = 1e-9
 """Share of a row in what the readings do not determine, below which it is rounding."""

@@ -10,8 +10,10 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.regression import joint_torque, wrench_stiffness
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 _STEPS = 20
 """Newton's; four suffice for the loads of machining."""

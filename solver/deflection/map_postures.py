@@ -11,7 +11,9 @@ from jointstiff.solver.deflection.elastic import ElasticPredictor
 from jointstiff.solver.deflection.forward import load_torque
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.map_task import MapTask
-from jointstiff.solver.robot import Configurations, InverseKinematics, Robot
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 _FULL_TURN: Final = 2.0 * np.pi
 _TIE: Final = 1e-9

@@ -16,8 +16,10 @@ from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.map_postures import chosen_postures, postures_within_limits
 from jointstiff.solver.deflection.map_task import MapTask
 from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
-from jointstiff.solver.regression import joint_torque, wrench_stiffness
-from jointstiff.solver.robot import Configurations, InverseKinematics
+from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.inverse import InverseKinematics
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)

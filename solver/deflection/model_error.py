@@ -22,11 +22,13 @@ from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.loaded import LoadedPosture
 from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.inference import Estimate, LeftOut
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.resampling import GramBlocks, blocks_of_identified, fit_subsets
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.budget import LeftOut
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.resampling.blocks import GramBlocks, blocks_of_identified
+from jointstiff.solver.resampling.draws import fit_subsets
+from jointstiff.solver.robot.model import Robot
 
 MOST_LEFT_OUT: Final = 200
 """Postures that are left out, evenly spread over a larger set."""

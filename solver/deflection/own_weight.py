@@ -8,8 +8,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.regression import wrench_stiffness
-from jointstiff.solver.robot import Configurations, Robot, joint_frames
+from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.model import Robot
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
 """In R0, z upwards [m/s²]."""

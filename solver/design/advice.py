@@ -22,10 +22,10 @@ from jointstiff.solver.design.experiment import (
     targets_in_flange,
     within_limits,
 )
-from jointstiff.solver.inference import Estimate
-from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
 """Relative standard uncertainty of a compliance above which a joint gets advice."""

@@ -40,7 +40,7 @@ from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.design.pool import Pool
 from jointstiff.solver.design.problem import DesignProblem
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _PLACES: Final = 60
 """Postures in the work area at which predictions are judged."""

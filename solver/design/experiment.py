@@ -9,10 +9,12 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links import elastic_rows_of
-from jointstiff.solver.readings import DifferenceNoise, Instrument, Measurements
-from jointstiff.solver.regression import regressor_blocks, whitener
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.links.regressor import elastic_rows_of
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument
+from jointstiff.solver.regression.regressor import regressor_blocks, whitener
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 

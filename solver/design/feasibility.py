@@ -13,7 +13,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.design.experiment import Equipment, within_limits
-from jointstiff.solver.robot import Configurations, Robot, joint_frames
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.model import Robot
 
 _SAMPLES: Final = np.linspace(0.0, 1.0, 5)
 """Places along a link that are compared with boxes."""

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import best_for_worst_direction, best_for_worst_place
+from jointstiff.solver.convex.designs import best_for_worst_direction, best_for_worst_place
 from jointstiff.solver.design.candidates import Atoms
 from jointstiff.solver.design.certificate import Bound, bound_of
 from jointstiff.solver.design.criteria import EOptimality, GOptimality, SmoothCriterion

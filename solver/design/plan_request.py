@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.design.experiment import Equipment
 from jointstiff.solver.design.feasibility import Cell
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
 

@@ -14,7 +14,7 @@ from jointstiff.solver.design.feasibility import Strikes, feasible
 from jointstiff.solver.design.parameters import Parameters, parameters_of
 from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _WITH_LINKS: Final = 800
 """Candidates where elastic links are a nuisance: each costs fifteen times as much."""

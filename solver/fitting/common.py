@@ -11,9 +11,16 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.fitting.iteration import Iteration
 from jointstiff.solver.fitting.prior import PriorRows
-from jointstiff.solver.readings import CommonUncertainty, Measurements
-from jointstiff.solver.regression import BLOCK_LENGTH, RegressorBlock, joint_torque, regressor_blocks
-from jointstiff.solver.robot import Robot, displaced_axis
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import (
+    BLOCK_LENGTH,
+    RegressorBlock,
+    joint_torque,
+    regressor_blocks,
+)
+from jointstiff.solver.robot.axis_displacement import displaced_axis
+from jointstiff.solver.robot.model import Robot
 
 CommonSource = Literal["force_scale", "force_direction", "load_point", "target_places", "axes"]
 """Source of an error that all observations share."""

@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Constraints
+from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.stage import StageFit, combined, encoder_moment, fit_stage, solved
-from jointstiff.solver.observability import Excitation
-from jointstiff.solver.regression import (
-    RegressorBlock,
+from jointstiff.solver.observability.identifiability import Excitation
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import RegressorBlock
+from jointstiff.solver.regression.stage_rows import (
     Stage,
     encoder_readings,
-    fit_displacement,
     target_readings,
     wrist_centre_readings,
 )
-from jointstiff.solver.robot import WRIST_JOINTS, Robot, Wrist
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist
 
 
 class DecoupledPartialPose:

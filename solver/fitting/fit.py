@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, Support
-from jointstiff.solver.convex import Certificate
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.fitting.likelihood import Likelihood
-from jointstiff.solver.observability import Combination, Identifiability
+from jointstiff.solver.observability.combination import Combination
+from jointstiff.solver.observability.identifiability import Identifiability
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,17 +16,12 @@ from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.robust import RobustFit, fit_huber
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.fitting.with_prior import fit_with_prior
-from jointstiff.solver.observability import Excitation, Observability
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import (
-    BLOCK_LENGTH,
-    LargestStiffness,
-    RegressorBlock,
-    TargetRows,
-    neglected_readings,
-    regressor_blocks,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.observability.identifiability import Excitation, Observability
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.complementary_stiffness import LargestStiffness, neglected_readings
+from jointstiff.solver.regression.regressor import BLOCK_LENGTH, RegressorBlock, regressor_blocks
+from jointstiff.solver.regression.target_rows import TargetRows
+from jointstiff.solver.robot.model import Robot
 
 MAX_ITERATIONS = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,

@@ -7,20 +7,16 @@ from typing import Protocol
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Constraints
+from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.stage import encoder_moment, single_stage_fit, solved
-from jointstiff.solver.regression import (
-    Compression,
-    RegressorBlock,
-    Stage,
-    fit_displacement,
-    least_condition_length,
-    pose_readings,
-    target_readings,
-)
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.regression.characteristic_length import least_condition_length
+from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import RegressorBlock
+from jointstiff.solver.regression.stage_rows import Stage, pose_readings, target_readings
+from jointstiff.solver.robot.model import Robot
 
 
 class MethodAccumulator(Protocol):

@@ -23,20 +23,16 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import (
-    Certificate,
-    Constraints,
-    IdentificationProblem,
-    Proposer,
-    certify,
-    huber_point,
-    solve_step,
-)
+from jointstiff.solver.convex.certificate import Certificate, Proposer, certify
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import IdentificationProblem
+from jointstiff.solver.convex.solution import huber_point, solve_step
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting.prior import Prior
-from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import Compression, TargetRows
+from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.regression.target_rows import TargetRows
 
 DEFAULT_THRESHOLD = 2.8
 """Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.fitting.fit import Fit
-from jointstiff.solver.regression import Compression
+from jointstiff.solver.regression.compression import Compression
 
 SIGMA_TEST_LEVEL: Final = 0.01
 """Significance level: share of campaigns whose stated sigma is rejected although model and sigma are

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from jointstiff.solver.convex import Bounds, Constraints
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.fitting.prior import Prior
 
 Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]

@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import Constraints, IdentificationProblem, Solution, solve
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import IdentificationProblem
+from jointstiff.solver.convex.solution import Solution, solve
 from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.likelihood import Likelihood, rows_of
 from jointstiff.solver.fitting.prior import PriorRows
-from jointstiff.solver.observability import Combination, Identifiability, Spectrum, analyse
-from jointstiff.solver.regression import RegressorBlock, Stage, encoder_readings
+from jointstiff.solver.observability.combination import Combination
+from jointstiff.solver.observability.identifiability import Identifiability, Spectrum, analyse
+from jointstiff.solver.regression.regressor import RegressorBlock
+from jointstiff.solver.regression.stage_rows import Stage, encoder_readings
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from jointstiff.solver.fitting.methods import MethodAccumulator
 from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.fitting.scale import scale_of
 from jointstiff.solver.fitting.settings import Settings
-from jointstiff.solver.observability import Observability
+from jointstiff.solver.observability.identifiability import Observability
 
 
 def fit_with_prior(

@@ -13,14 +13,9 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames import (
-    BaseConvention,
-    CentreEstimate,
-    WristCentre,
-    find_base_frame,
-    find_wrist_centre,
-    nearest_to_axes,
-)
+from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.wrist_axes import nearest_to_axes
+from jointstiff.solver.geometry.frames.wrist_centre import CentreEstimate, WristCentre, find_wrist_centre
 from jointstiff.solver.geometry.identified_geometry import (
     BaseTargets,
     Conventions,
@@ -28,31 +23,30 @@ from jointstiff.solver.geometry.identified_geometry import (
     IdentifiedGeometry,
     SweepFit,
 )
-from jointstiff.solver.geometry.model import (
+from jointstiff.solver.geometry.model.dh_identification import dh_table
+from jointstiff.solver.geometry.model.identified_model import (
     FlangeConvention,
-    Poses,
-    calibrate,
-    dh_table,
     identify_model,
     link_findings,
     link_table,
-    refine_axes,
 )
-from jointstiff.solver.geometry.sweeps import (
-    AngleUse,
-    Axis,
-    IdentifiedAxes,
-    SweepSet,
-    SweptAxes,
+from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.model.sweep_bundle import refine_axes
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
+from jointstiff.solver.geometry.sweeps.findings import (
     agreement_findings,
     angle_probability,
     disagree,
     geometry_findings,
-    identify_axes,
-    resting_angles,
-    widened,
 )
-from jointstiff.solver.robot import WRIST_JOINTS, KinematicChain
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
+from jointstiff.solver.geometry.sweeps.resting_angles import resting_angles, widened
+from jointstiff.solver.geometry.sweeps.sweep import SweepSet
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 _DEGENERATE = "its uncertainty is too large"
 

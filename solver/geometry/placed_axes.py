@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames import BaseFrame
-from jointstiff.solver.geometry.sweeps import Axis, Geometry, IdentifiedAxes
+from jointstiff.solver.geometry.frames.base_frame import BaseFrame
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.identified_axes import Geometry, IdentifiedAxes
 
 
 @dataclass(frozen=True, eq=False)

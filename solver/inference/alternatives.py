@@ -19,9 +19,11 @@ import numpy as np
 from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import BLOCK_LENGTH, target_readings, unloaded_block
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import BLOCK_LENGTH, unloaded_block
+from jointstiff.solver.regression.stage_rows import target_readings
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 AlternativeKind = Literal[
     "columns_exchanged",

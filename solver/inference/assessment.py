@@ -11,15 +11,15 @@ from itertools import chain
 from typing import Final
 
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
 from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reading_reasons import alternative_reasons, finding_reasons, load_reasons
 from jointstiff.solver.inference.reason import Reason, Usability
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
 """Findings that the alternatives examine, too, and can undo."""

@@ -11,7 +11,8 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.fitting import CommonSource, Scale
+from jointstiff.solver.fitting.common import CommonSource
+from jointstiff.solver.fitting.scale import Scale
 from jointstiff.solver.inference.estimate import Estimate
 
 BudgetSource = Literal["readings", CommonSource, "model_error", "complementary_stiffness"]

@@ -9,9 +9,10 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.finding import Finding
-from jointstiff.solver.readings import EncoderReadings, Measurements
-from jointstiff.solver.regression import regressor_blocks
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.robot.model import Robot
 
 AGAINST_SIGMAS: Final = 5.0
 """Deflection opposite to the torque, in standard deviations, above which it is not noise."""

@@ -9,30 +9,22 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex import Certificate
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.fitting import (
-    CommonErrors,
-    Fit,
-    Likelihood,
-    RobustFit,
-    Scale,
-    Settings,
-    SigmaTest,
-    prior_to_data,
-    scale_of,
-    sigma_test,
-)
+from jointstiff.solver.fitting.common import CommonErrors
+from jointstiff.solver.fitting.fit import Fit
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.robust import RobustFit
+from jointstiff.solver.fitting.scale import Scale, SigmaTest, scale_of, sigma_test
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.fitting.with_prior import prior_to_data
 from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.stages import StagesCertificate
 from jointstiff.solver.inference.verdict import Evidence, verdicts
-from jointstiff.solver.observability import (
-    Identifiability,
-    Observability,
-    ObservabilityIndices,
-    observability_indices,
-)
-from jointstiff.solver.regression import ComplementaryStiffness, Compression
+from jointstiff.solver.observability.identifiability import Identifiability, Observability
+from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices
+from jointstiff.solver.regression.complementary_stiffness import ComplementaryStiffness
+from jointstiff.solver.regression.compression import Compression
 
 _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m], the unit of common errors where the readings are exact."""

@@ -13,7 +13,7 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 CARE_RATIO, UNUSABLE_RATIO = 1.5, 3.0
 """Ratio of the residuals to sigma above which the uncertainties are too small."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import regressor_blocks
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,16 +19,12 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import (
-    Bounds,
-    Constraints,
-    IdentificationProblem,
-    Inequalities,
-    solve_batch,
-    solve_step,
-)
+from jointstiff.solver.convex.batch import solve_batch
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
+from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fitting import Likelihood
+from jointstiff.solver.fitting.likelihood import Likelihood
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.finding import Finding, FindingCode
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.alternatives import BetterAlternative, better_alternative, places_on_flange
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jointstiff.solver.convex import Certificate
+from jointstiff.solver.convex.certificate import Certificate
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from math import floor, log10
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import Constraints
-from jointstiff.solver.fitting import Fit, Scale
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.fitting.fit import Fit
+from jointstiff.solver.fitting.scale import Scale
 from jointstiff.solver.inference.joint import JointCompliance, OneSidedBounds
 from jointstiff.solver.inference.profile import profile_ends
-from jointstiff.solver.observability import Observability, noise_reason
+from jointstiff.solver.observability.identifiability import Observability, noise_reason
 
 _NO_UNCERTAINTY = (
     "its uncertainty is unknown: sigma is not given, and there are no more readings than "

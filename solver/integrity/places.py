@@ -17,7 +17,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses, unit_hypotheses
 from jointstiff.solver.integrity.view import View, seen_from_flange
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.robot.configuration import Configurations
 
 Rows = IndexArray
 

@@ -15,8 +15,8 @@ from jointstiff.solver.integrity.response import inspect_response
 from jointstiff.solver.integrity.rigidity import inspect_rigidity
 from jointstiff.solver.integrity.values import inspect_values
 from jointstiff.solver.integrity.view import View
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Further findings of a kind are counted in its last message."""

@@ -19,8 +19,8 @@ from jointstiff.solver.integrity.order import Shift, exchanged_pair, find_shift
 from jointstiff.solver.integrity.springs import SpringModel, Springs
 from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
 from jointstiff.solver.integrity.view import View
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
 
 Rows = IndexArray
 

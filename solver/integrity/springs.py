@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import joint_torque
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations
 
 _ROUNDS: Final = 8
 _NULL: Final = 1e-9

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""

@@ -24,8 +24,8 @@ from jointstiff.solver.links.regressor import (
     elastic_rows,
     elastic_targets,
 )
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 Rule = Literal["best", "one_standard_error"]
 

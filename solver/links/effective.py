@@ -16,10 +16,12 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import diagonal, entries, penalised_range, solve_cone, weights
+from jointstiff.solver.convex.semidefinite.ends import penalised_range
+from jointstiff.solver.convex.semidefinite.solve import solve_cone
+from jointstiff.solver.convex.semidefinite.symmetric import diagonal, entries, weights
 from jointstiff.solver.links.model import Formulation
 from jointstiff.solver.links.regressor import ElasticColumns
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 _LIGHTER: Final = 0.3
 """Penalty of the intervals relative to the one that predicts best. That one trades bias for variance, so that

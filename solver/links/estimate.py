@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.inference import Prediction
+from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.links.model import ElasticModel, Formulation
 
 ElementKind = Literal["joint", "coupling", "link"]

@@ -10,15 +10,12 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import (
-    diagonal,
-    effective_freedom,
-    raised,
-    to_matrix,
-)
+from jointstiff.solver.convex.semidefinite.cone import raised
+from jointstiff.solver.convex.semidefinite.face import effective_freedom
+from jointstiff.solver.convex.semidefinite.symmetric import diagonal, to_matrix
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.inference import Prediction
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.links.cross_validation import Folds
 from jointstiff.solver.links.effective import EffectiveIntervals, effective_rows
 from jointstiff.solver.links.estimate import (
@@ -33,8 +30,8 @@ from jointstiff.solver.links.estimate import (
 from jointstiff.solver.links.losses import LossFit, LossProblem
 from jointstiff.solver.links.model import ElasticModel, Formulation
 from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 CERTIFIED_GAP: Final = 1e-2
 """Largest gap of an accepted certificate, in units of sigma."""

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Certificate
-from jointstiff.solver.inference import Estimate, JointCompliance
+from jointstiff.solver.convex.certificate import Certificate
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.links.effective import EffectiveIntervals
 from jointstiff.solver.links.estimate import ElasticEstimate
 

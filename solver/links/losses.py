@@ -15,22 +15,14 @@ import numpy as np
 from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import (
-    Bounds,
-    ConeSolution,
-    IdentificationProblem,
-    NormSum,
-    RobustProgram,
-    certify_cone,
-    certify_robust,
-    solve_cone,
-    solve_robust,
-    solve_step,
-)
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.semidefinite.robust import NormSum, RobustProgram, certify_robust, solve_robust
+from jointstiff.solver.convex.semidefinite.solve import ConeSolution, certify_cone, solve_cone
+from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.links.model import ElasticModel, Formulation, Loss, formulate
 from jointstiff.solver.links.regressor import ElasticRows, ElasticTargets
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 
 MOST_TARGETS: Final = 500
 """Targets up to which robust losses are supported: a program takes about 0.5 s there."""

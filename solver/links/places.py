@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import to_matrix
+from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 from jointstiff.solver.links.regressor import ElasticColumns, elastic_blocks, products
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import joint_torque, skew
-from jointstiff.solver.robot import Configurations, Robot, joint_frames
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import entries, weights
+from jointstiff.solver.convex.semidefinite.symmetric import entries, weights
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import Compression, RegressorBlock, regressor_blocks, skew, whitener
-from jointstiff.solver.robot import Robot, joint_frames
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks, whitener
+from jointstiff.solver.robot.configuration import joint_frames
+from jointstiff.solver.robot.model import Robot
 
 MOST_JOINTS = 12
 """Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""

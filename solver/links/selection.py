@@ -11,8 +11,8 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.links.cross_validation import FoldFit, Folds, Plan, answered, chosen_weight
 from jointstiff.solver.links.model import LOSSES, MODELS, Loss, ModelName
 from jointstiff.solver.links.regressor import elastic_blocks
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from jointstiff.solver.observability.combination import (
     combinations,
     weak_direction,
 )
-from jointstiff.solver.regression import RegressorBlock
+from jointstiff.solver.regression.regressor import RegressorBlock
 
 NULL_COLUMN = 1e-9
 """Norm of a column, relative to what the joint's levers allow, that counts as rounding."""

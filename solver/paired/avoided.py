@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.inference import predict
+from jointstiff.solver.inference.prediction import predict
 from jointstiff.solver.paired.sides import Matches, PairSide
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import regressor_blocks
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.regressor import regressor_blocks
 
 _NO_EFFECT = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""

@@ -14,10 +14,10 @@ from math import inf
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate
+from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.paired.avoided import (
     ConfigurationShare,
     MeasuredShare,
@@ -43,8 +43,8 @@ from jointstiff.solver.paired.ratio import (
     two_sided_quantile,
 )
 from jointstiff.solver.paired.sides import Matches, PairSide, match, refuse_other_joints
-from jointstiff.solver.resampling import gram_blocks
-from jointstiff.solver.robot import WRIST_JOINTS
+from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 _Both = tuple[Estimate, Estimate]
 

@@ -6,9 +6,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.fitting import Likelihood, Settings
-from jointstiff.solver.inference import Estimate, profile_ends
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.profile import profile_ends
 from jointstiff.solver.paired.ordered_pair import OrderedFit
 
 Order = tuple[tuple[int, int], ...]

@@ -14,21 +14,17 @@ from math import isfinite
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex import (
-    Bounds,
-    Certificate,
-    IdentificationProblem,
-    Inequalities,
-    solve,
-    solve_step,
-)
+from jointstiff.solver.convex.certificate import Certificate
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
+from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.inference import StagesCertificate, stiffness_of
-from jointstiff.solver.observability import Spectrum
-from jointstiff.solver.regression import Compression
-from jointstiff.solver.resampling import GramBlocks, StageBlocks
-from jointstiff.solver.robot import WRIST_JOINTS
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.joint import stiffness_of
+from jointstiff.solver.inference.stages import StagesCertificate
+from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
+from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 
 @dataclass(frozen=True, eq=False)

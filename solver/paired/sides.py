@@ -9,9 +9,10 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 POSTURE_TOLERANCE: Final = 1e-3
 """Tolerance of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.regression.regressor import RegressorBlock
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.robot.configuration import Configurations
 
 
 @dataclass(frozen=True)

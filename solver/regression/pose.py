@@ -8,7 +8,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.readings import Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.regression.regressor import RegressorBlock, whitener
 
 MIN_TARGETS = 3

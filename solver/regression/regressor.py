@@ -13,8 +13,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, SolverError
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 BLOCK_LENGTH = 2048
 """Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""

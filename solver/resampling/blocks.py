@@ -15,23 +15,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex import Bounds
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, spherical_wrist
-from jointstiff.solver.observability import Excitation
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import (
+from jointstiff.solver.observability.identifiability import Excitation
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import RegressorBlock, regressor_blocks
+from jointstiff.solver.regression.stage_rows import (
     DerivedReadings,
-    RegressorBlock,
     encoder_readings,
-    fit_displacement,
     pose_readings,
-    regressor_blocks,
     target_readings,
     wrist_centre_readings,
 )
-from jointstiff.solver.robot import WRIST_JOINTS, Robot
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 JointIndices = IndexArray
 

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
-from jointstiff.solver.convex import Bounds, IdentificationProblem, exactly_at_bounds, solve_batch, solve_step
+from jointstiff.solver.convex.batch import exactly_at_bounds, solve_batch
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solution import solve_step
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.observability import NULL_COLUMN, Spectrum, analyse
-from jointstiff.solver.regression import Compression
+from jointstiff.solver.observability.identifiability import NULL_COLUMN, Spectrum, analyse
+from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks
 
 MAX_REPETITIONS = 100_000

@@ -7,7 +7,7 @@ import re
 from playwright.sync_api import expect
 from support.programs import START, path, tool_poses
 
-from jointstiff.service.programs import read_program
+from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator.programs import program_text
 
 

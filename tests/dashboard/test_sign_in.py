@@ -10,8 +10,8 @@ from playwright.sync_api import expect
 from support.browsing import post
 from support.processes import Service
 
-from jointstiff.service.access import digest, mint, mint_token
-from jointstiff.service.store import Store
+from jointstiff.service.access.key_text import digest, mint, mint_token
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)

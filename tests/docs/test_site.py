@@ -1,4 +1,4 @@
-"""The openapiation site: its reference covers the API, and its pages hold no inline code."""
+"""The documentation site: its reference covers the API, and its pages hold no inline code."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 
 from external_code import externalise, inline_code  # noqa: E402
+from generated_pages import python_pages  # noqa: E402
 from http_reference import messages_page, operations_page  # noqa: E402
 
 
@@ -60,3 +61,25 @@ def test_every_guide_is_on_the_map():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
     assert pages <= set(index.split())
+
+
+def test_the_python_reference_has_every_public_module():
+    pages = python_pages()
+    documented = {
+        line.removeprefix(".. automodule:: ")
+        for text in pages.values()
+        for line in text.splitlines()
+        if line.startswith(".. automodule:: ")
+    }
+    folders = {
+        "jointstiff.solver": ROOT / "solver",
+        "jointstiff.service.library": ROOT / "service" / "library",
+        "jointstiff.schemas": ROOT / "schemas",
+        "jointstiff.simulator": ROOT / "examples" / "simulator",
+    }
+    for package, folder in folders.items():
+        for path in folder.rglob("*.py"):
+            parts = [part for part in path.relative_to(folder).with_suffix("").parts if part != "__init__"]
+            if not any(part.startswith("_") for part in parts):
+                assert ".".join([package, *parts]) in documented
+    assert ".. automodule:: jointstiff.solver.robot.chain" in pages["jointstiff.solver.robot"]

@@ -15,7 +15,7 @@ from support.browsing import DASHBOARD, post, run_npm
 from support.guide_files import ROOT
 
 from jointstiff.service.api.examples import IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
-from jointstiff.service.jobs import KINDS
+from jointstiff.service.jobs.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
 
 BIN = Path(sys.prefix, "bin")

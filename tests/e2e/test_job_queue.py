@@ -10,14 +10,13 @@ import pytest
 from sqlalchemy import MetaData, create_engine, func, select
 from support.processes import until, working
 
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import RunRequest
-from jointstiff.service.jobs import Parts
-from jointstiff.service.store import Store
-from jointstiff.service.workers import JobQueue
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers import queue as module
-from jointstiff.service.workers.queue import engine_url, schema_of
+from jointstiff.service.workers.queue import JobQueue, engine_url, schema_of
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

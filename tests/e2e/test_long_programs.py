@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.programs import options, path, tool_poses
 
-from jointstiff.service.library import Client
-from jointstiff.service.programs import read_program
+from jointstiff.service.library.client import Client
+from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 

@@ -23,7 +23,7 @@ from support.processes import free_port, ready, serving, until, workers_of, work
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
-from jointstiff.schemas.run import MAX_REPETITIONS
+from jointstiff.schemas.run.resampling import MAX_REPETITIONS
 from jointstiff.service.library import campaigns
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import job_steps, jobs

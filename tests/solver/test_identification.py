@@ -13,17 +13,16 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.errors import NotObservableError, UnsupportedMethodError
-from jointstiff.solver.inference import predict
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import (
-    Stage,
-    fit_displacement,
-    pose_readings,
-    regressor,
-    regressor_blocks,
-    target_readings,
-)
-from jointstiff.solver.robot import ChainJoint, Configurations, KinematicChain, Robot, find_wrist
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression import regressor
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.regression.stage_rows import Stage, pose_readings, target_readings
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.wrist import find_wrist
 
 FANUC_STIFFNESS = (861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549)
 FANUC_COMPENSATION = 0.810339

@@ -15,9 +15,10 @@ from benchmarks.designs import SIGMA, planned_design
 from benchmarks.verdicts import Way, judge
 from jointstiff.simulator import TARGETS, default_arm, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.fitting import Likelihood
-from jointstiff.solver.inference import UncertaintyBudget
-from jointstiff.solver.readings import CommonUncertainty, EncoderReadings
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.readings.common_uncertainty import CommonUncertainty
+from jointstiff.solver.readings.encoders import EncoderReadings
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 

@@ -15,8 +15,9 @@ from benchmarks.mutations import MUTATIONS
 from benchmarks.spreadsheets import HABITS, campaign_of
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing import ImportFileError, SourceFile, understand_files
-from jointstiff.service.resources import import_files
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.reading import SourceFile, understand_files
+from jointstiff.service.resources.imports import import_files
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
 

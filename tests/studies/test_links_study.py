@@ -8,7 +8,7 @@ from support.campaigns import prepare
 from support.shared_data import shared
 
 from benchmarks.links import held_out_compensation
-from jointstiff.solver.links import MODELS
+from jointstiff.solver.links.model import MODELS
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 

@@ -11,20 +11,18 @@ from support.shared_data import shared as shared
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.robot import DhModel
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import (
-    ReadingArrays,
-    build_robot,
-    dh_kinematics,
-    to_measurements,
-    to_settings,
-)
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.measurements import to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.conversion.robots import build_robot, dh_kinematics
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Robot, read_urdf
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
 

@@ -13,9 +13,13 @@ import numpy as np
 from support.shared_data import shared
 
 from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
-from jointstiff.solver.geometry import Axis, RigidTransform, Sweep, SweepSet
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
 from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, identify_axes
-from jointstiff.solver.robot import JointMap, KinematicChain, read_urdf
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.urdf import read_urdf
 
 __all__ = [
     "FANUC_MAP",

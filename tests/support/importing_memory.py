@@ -9,7 +9,7 @@ import sys
 import openpyxl
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing import SourceFile
+from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.resources.imports import import_files
 
 OBSERVATIONS, TARGETS = 3_600, 16

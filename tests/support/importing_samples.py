@@ -7,7 +7,7 @@ import io
 from dataclasses import dataclass
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing import Imported, SourceFile, read_files
+from jointstiff.service.importing.reading import Imported, SourceFile, read_files
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 

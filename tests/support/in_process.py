@@ -12,10 +12,10 @@ import anyio
 import httpx
 import uvicorn
 
-from jointstiff.service.api import Posture
 from jointstiff.service.api.connections import BoundedProtocol
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 
 class Client:

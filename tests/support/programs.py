@@ -10,12 +10,12 @@ import numpy as np
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
-from jointstiff.schemas.run import Run
-from jointstiff.service.computation import ProgramWork, packed
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.computation.program import ProgramWork, packed
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
-from jointstiff.solver.robot import Robot
+from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
 START = np.radians([10.0, -5.0, 10.0, 5.0, 45.0, 3.0])

@@ -6,9 +6,10 @@ import dataclasses
 from datetime import UTC, datetime
 from typing import Any
 
-from jointstiff.service.jobs import KINDS
-from jointstiff.service.problems import Resource
-from jointstiff.service.store import JobRecord, MeasurementSetRecord, RobotRecord, Store
+from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.problems.errors import Resource
+from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.store import Store
 
 RESOURCES = {kind.name: kind.resource for kind in KINDS}
 RUN = RESOURCES["run"]

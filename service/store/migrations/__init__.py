@@ -16,11 +16,9 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
-from jointstiff.service.problems import StoreError
+from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.content import revision_of
 from jointstiff.service.store.database import Database, make_private
-
-__all__ = ["configuration", "migrate"]
 
 _ADVISORY_LOCK = 0x4A6F696E74  # any number that no other program takes: "Joint"
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.sweeps import Axis
-from jointstiff.solver.robot import KinematicChain
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.robot.chain import KinematicChain
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""

@@ -23,8 +23,9 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.frames.axis_frame import chain_axes, common_feet, perpendicular_frame
 from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
-from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
-from jointstiff.solver.robot import KinematicChain
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
+from jointstiff.solver.robot.chain import KinematicChain
 
 _MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below which they meet
 

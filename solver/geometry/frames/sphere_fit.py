@@ -10,8 +10,8 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
-from jointstiff.solver.geometry.sweeps import SweptAxes
-from jointstiff.solver.regression import whitener
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
+from jointstiff.solver.regression.regressor import whitener
 
 
 @dataclass(frozen=True, eq=False)

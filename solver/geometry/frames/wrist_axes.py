@@ -10,8 +10,9 @@ from scipy import stats
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes, posed
-from jointstiff.solver.robot import WRIST_JOINTS, Wrist
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
+from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist
 
 
 @dataclass(frozen=True)

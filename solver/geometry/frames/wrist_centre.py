@@ -30,8 +30,10 @@ from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.frames.sphere_fit import SphereFit, fit_spheres
 from jointstiff.solver.geometry.frames.trilateration import trilaterate
 from jointstiff.solver.geometry.frames.wrist_axes import WristMiss, nearest_to_axes
-from jointstiff.solver.geometry.sweeps import STILL, IdentifiedAxes, SweptAxes
-from jointstiff.solver.robot import WRIST_JOINTS
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
+from jointstiff.solver.geometry.sweeps.sweep import STILL
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
+from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
 

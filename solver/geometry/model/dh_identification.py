@@ -15,10 +15,12 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames import LEAST_SINE, RigidTransform, chain_axes
+from jointstiff.solver.geometry.frames.axis_frame import LEAST_SINE, chain_axes
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.link_parameters import LinkGeometry, link_geometry, perpendicular_signs
-from jointstiff.solver.geometry.sweeps import Axis
-from jointstiff.solver.robot import Convention, DhRow, KinematicChain
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.dh import Convention, DhRow
 
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""

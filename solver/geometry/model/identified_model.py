@@ -11,10 +11,13 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames import BaseFrame, RigidTransform, chain_axes, perpendicular_frame
+from jointstiff.solver.geometry.frames.axis_frame import chain_axes, perpendicular_frame
+from jointstiff.solver.geometry.frames.base_frame import BaseFrame
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.model.link_parameters import link_geometry, near_parallel, perpendicular_signs
-from jointstiff.solver.geometry.sweeps import Axis, IdentifiedAxes
-from jointstiff.solver.robot import ChainJoint, KinematicChain
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 
 LinkQuantity = Literal["a", "alpha", "beta", "d", "theta"]
 

@@ -19,12 +19,14 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.finding import length_text
 from jointstiff.solver.geometry.finding import GeometryFinding
-from jointstiff.solver.geometry.frames import RigidTransform, chain_axes
+from jointstiff.solver.geometry.frames.axis_frame import chain_axes
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.model.poses import Poses
-from jointstiff.solver.geometry.sweeps import IdentifiedAxes, PoseReadings, PoseState, fit_poses, posed
-from jointstiff.solver.regression import whitener
-from jointstiff.solver.robot import KinematicChain
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes, posed
+from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
+from jointstiff.solver.regression.regressor import whitener
+from jointstiff.solver.robot.chain import KinematicChain
 
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named

@@ -16,8 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.geometry.frames import LEAST_SINE, RigidTransform, common_feet
-from jointstiff.solver.geometry.sweeps import Axis
+from jointstiff.solver.geometry.frames.axis_frame import LEAST_SINE, common_feet
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.sweeps.axis import Axis
 
 _SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
 _NO_DIRECTION = 1e-9

@@ -8,8 +8,8 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.sweeps import refuse_other_unit
-from jointstiff.solver.robot import JointMap
+from jointstiff.solver.geometry.sweeps.sweep import refuse_other_unit
+from jointstiff.solver.robot.joint_map import JointMap
 
 
 @dataclass(frozen=True, eq=False)

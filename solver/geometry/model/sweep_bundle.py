@@ -13,17 +13,12 @@ from __future__ import annotations
 import numpy as np
 
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.sweeps import (
-    CHART_SIZE,
-    AngleUse,
-    PoseReadings,
-    PoseState,
-    SweepSet,
-    SweptAxes,
-    fit_poses,
-    robust_sigma,
-)
-from jointstiff.solver.regression import whitener
+from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE
+from jointstiff.solver.geometry.sweeps.circle_point import AngleUse
+from jointstiff.solver.geometry.sweeps.pose_fit import PoseReadings, PoseState, fit_poses
+from jointstiff.solver.geometry.sweeps.sweep import SweepSet
+from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes, robust_sigma
+from jointstiff.solver.regression.regressor import whitener
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:

@@ -19,7 +19,8 @@ from scipy import special
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.geometry.gauss_newton import LinearFit
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
-from jointstiff.solver.regression import skew, whitener
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import whitener
 
 AnomalyKind = Literal["bump", "position", "reading"]
 

@@ -20,7 +20,7 @@ from jointstiff.solver.geometry.gauss_newton import LinearFit, minimise
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.circle_point_model import SweepState, WhitenedSweep, start
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
-from jointstiff.solver.regression import skew
+from jointstiff.solver.regression.pose import skew
 
 AngleUse = Literal["free", "controller"]
 

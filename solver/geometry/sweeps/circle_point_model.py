@@ -19,7 +19,8 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
-from jointstiff.solver.regression import skew, whitener
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import whitener
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 from jointstiff.solver.geometry.sweeps.circle_point import AngleUse, AxisFit
 from jointstiff.solver.geometry.sweeps.circle_point_model import start
 from jointstiff.solver.geometry.sweeps.sweep import Sweep
-from jointstiff.solver.regression import whitener
+from jointstiff.solver.regression.regressor import whitener
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.robot import JointMap
+from jointstiff.solver.robot.joint_map import JointMap
 
 MIN_POSITIONS = 4
 """Least number of positions: three points always lie on a circle, the fourth can contradict it."""

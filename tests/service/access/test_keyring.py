@@ -14,12 +14,15 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.processes import until
 
-from jointstiff.service.access import Keyring, KeysFile, KeysFileError, Throttle, digest, mint, without_keys
 from jointstiff.service.access import throttle as throttle_module
-from jointstiff.service.access.key_text import id_in
-from jointstiff.service.api import Watch
-from jointstiff.service.problems import KeyRefusedError
-from jointstiff.service.store import NotFoundError, SessionRecord, Store
+from jointstiff.service.access.key_text import digest, id_in, mint, without_keys
+from jointstiff.service.access.keyring import Keyring
+from jointstiff.service.access.keys_file import KeysFile, KeysFileError
+from jointstiff.service.access.throttle import Throttle
+from jointstiff.service.api.watch import Watch
+from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
+from jointstiff.service.store.records import SessionRecord
+from jointstiff.service.store.store import Store
 
 NOW = datetime.now(UTC)
 KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]

@@ -14,8 +14,8 @@ from fastapi import APIRouter
 from starlette.requests import HTTPConnection
 from support.in_process import Client
 
-from jointstiff.service.access import digest, mint, mint_token
-from jointstiff.service.api import Posture, gate, health
+from jointstiff.service.access.key_text import digest, mint, mint_token
+from jointstiff.service.api import gate, health
 from jointstiff.service.api.access import (
     ANONYMOUS_ENTRIES,
     OPERATOR,
@@ -26,9 +26,10 @@ from jointstiff.service.api.access import (
     operation_id,
 )
 from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
-from jointstiff.service.problems import StoreUnavailableError
-from jointstiff.service.store import Store
+from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)

@@ -16,10 +16,10 @@ from support.shared_data import shared
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import Robot
-from jointstiff.schemas.run import Run
-from jointstiff.service.jobs import KINDS
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.jobs.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.inference import predict
+from jointstiff.solver.inference.prediction import predict
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,12 @@ import pytest
 from support.records import RUN, job_record
 
 from jointstiff.schemas.report import Laboratory
-from jointstiff.service.access import mint
-from jointstiff.service.api import Posture
+from jointstiff.service.access.key_text import mint
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
-from jointstiff.service.reports import LaboratorySettings
-from jointstiff.service.store import AuthorisationRecord, Store
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.store.records import AuthorisationRecord
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)

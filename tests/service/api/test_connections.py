@@ -17,7 +17,7 @@ from support.in_process import served
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.headers import ANSWER_HEADERS
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 FOR_EVER = 1e9
 HEADER = b"POST /v1/measurement-sets HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"

@@ -16,7 +16,7 @@ from schemathesis.specs.openapi.checks import (
 from support.examples import examples
 
 from jointstiff.service.app import create_app
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 CHECKS = [
     not_a_server_error,

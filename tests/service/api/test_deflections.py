@@ -13,11 +13,13 @@ from typer.testing import CliRunner
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.service.cli.app import app
-from jointstiff.service.conversion import read_load_cases, to_load_cases
+from jointstiff.service.conversion.deflections import to_load_cases
+from jointstiff.service.conversion.load_case_table import read_load_cases
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import DhRow, Robot, dh_chain
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
 NAMES = [f"joint_{j}" for j in range(1, 7)]

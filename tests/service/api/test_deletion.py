@@ -14,17 +14,12 @@ from support.records import RESOURCES, job_record
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.api.examples import JOBS
-from jointstiff.service.jobs import KINDS, Parts, Stepped
-from jointstiff.service.store import (
-    KEEP_DELETED,
-    DeletedError,
-    IdempotencyKey,
-    MeasurementSetRecord,
-    NotEndedError,
-    NotFoundError,
-    RobotRecord,
-    Store,
-)
+from jointstiff.service.jobs.kinds import Stepped
+from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
+from jointstiff.service.store.deletion import KEEP_DELETED
+from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers.recovery import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 

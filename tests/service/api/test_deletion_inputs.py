@@ -10,17 +10,10 @@ from support.in_process import Client
 from support.jobs import QueueEngine, runs_of
 from support.records import RESOURCES, job_record
 
-from jointstiff.service.store import (
-    KEEP_DELETED,
-    DeletedError,
-    IdempotencyKey,
-    MeasurementSetRecord,
-    NotFoundError,
-    QuotaError,
-    ReferencedError,
-    RobotRecord,
-    Store,
-)
+from jointstiff.service.problems.errors import DeletedError, NotFoundError, QuotaError, ReferencedError
+from jointstiff.service.store.deletion import KEEP_DELETED
+from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers.recovery import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 

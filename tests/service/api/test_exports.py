@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from support.in_process import Client
 
-from jointstiff.service.exporting import FORMATS
-from jointstiff.service.store import Store
+from jointstiff.service.exporting.formats import FORMATS
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

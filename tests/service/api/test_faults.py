@@ -11,8 +11,8 @@ from sqlalchemy import event
 from support.in_process import Client
 
 from jointstiff.service.api.examples import ROBOTS
-from jointstiff.service.store import Store
-from jointstiff.service.workers import examine
+from jointstiff.service.store.store import Store
+from jointstiff.service.workers.doctor import examine
 
 ROBOT = ROBOTS["modified DH"]
 

@@ -16,23 +16,23 @@ from scipy import stats
 from support.shared_data import shared
 from typer.testing import CliRunner
 
-from jointstiff.schemas.geometry import Geometry, GeometryRequest
-from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS
-from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.measurement.measurement_set import StoredMeasurementSet
+from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest, StoredMeasurementSet
 from jointstiff.schemas.query import GeometryQuery
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import geometry_work
-from jointstiff.service.jobs import Parts
-from jointstiff.service.render import geometry_report
-from jointstiff.service.store import DeletedError, IdempotencyKey, Store
+from jointstiff.service.computation.geometry import geometry_work
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import DeletedError
+from jointstiff.service.render.geometry_table import geometry_report
+from jointstiff.service.store.records import IdempotencyKey
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.robot.configuration import Configurations
 
 SIGMA = 15e-6
 FANUC = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])

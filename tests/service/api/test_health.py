@@ -18,8 +18,9 @@ from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.headers import ANSWER_HEADERS
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
-from jointstiff.service.problems import StoreUnavailableError, problem_of
-from jointstiff.service.store import Store
+from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.problems.table import problem_of
+from jointstiff.service.store.store import Store
 
 ROBOT = ROBOTS["modified DH"]
 

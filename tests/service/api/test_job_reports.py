@@ -11,8 +11,8 @@ import pytest
 from support.in_process import Client
 from support.programs import options, path, tool_poses
 
-from jointstiff.service.reports import REPORTED_KINDS
-from jointstiff.service.store import Store
+from jointstiff.service.reports.job import REPORTED_KINDS
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 

@@ -11,11 +11,12 @@ from datetime import UTC, datetime
 import pytest
 from support.in_process import Client
 
-from jointstiff.service.access import mint
-from jointstiff.service.api import Posture, limited
+from jointstiff.service.access.key_text import mint
+from jointstiff.service.api import limited
 from jointstiff.service.api.examples import ROBOTS
 from jointstiff.service.api.limited import LimitedChild
-from jointstiff.service.store import Store
+from jointstiff.service.api.posture import Posture
+from jointstiff.service.store.store import Store
 
 pytestmark = pytest.mark.process
 JSON = {"Content-Type": "application/json"}

@@ -9,11 +9,12 @@ from support.campaigns import prepare
 from typer.testing import CliRunner
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import Run, RunOptions, RunResult
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import PreparedSet
+from jointstiff.service.computation.prepared import PreparedSet
 from jointstiff.service.computation.run import run_identification
-from jointstiff.service.conversion import ReadingArrays
+from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

@@ -9,10 +9,12 @@ from alembic import command
 from support.in_process import Client
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.service.library import identify
-from jointstiff.service.store import MeasurementSetRecord, NotFoundError, RobotRecord, Store
+from jointstiff.service.library.tabled_run import identify
+from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.migrations import configuration
+from jointstiff.service.store.records import MeasurementSetRecord, RobotRecord
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)

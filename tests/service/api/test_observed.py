@@ -16,7 +16,7 @@ from support.in_process import Client, served
 from jointstiff.service.api.headers import ANSWER_HEADERS
 from jointstiff.service.logs import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _showing
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 
 @pytest.fixture

@@ -7,13 +7,14 @@ from support.in_process import Client
 
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.service.api.examples import DEFLECTIONS, IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
-from jointstiff.service.importing import SourceFile
-from jointstiff.service.jobs import KINDS, Stepped
-from jointstiff.service.resources import import_files
-from jointstiff.service.store import Store
+from jointstiff.service.importing.reading import SourceFile
+from jointstiff.service.jobs.kinds import Stepped
+from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.resources.imports import import_files
+from jointstiff.service.store.store import Store
 
 
 @pytest.mark.parametrize(

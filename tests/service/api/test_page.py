@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 from fastapi import FastAPI
 
-from jointstiff.service.api import install_page
+from jointstiff.service.api.page import install_page
 
 
 def test_page_has_a_strict_policy_and_no_inline_code(client):

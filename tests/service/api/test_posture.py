@@ -9,12 +9,12 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.api import Posture
 from jointstiff.service.api.examples import ROBOTS
+from jointstiff.service.api.posture import Posture
 from jointstiff.service.cli.app import app as command
 from jointstiff.service.logs import LogFormat
 from jointstiff.service.server import _configuration
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 
 ROBOT = ROBOTS["modified DH"]
 

@@ -11,8 +11,8 @@ from support.programs import options, path, tool_poses
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.program import Program
 from jointstiff.service.api.examples import PROGRAMS
-from jointstiff.service.programs import read_program
-from jointstiff.service.store import Store
+from jointstiff.service.programs.formats import read_program
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 

@@ -15,11 +15,12 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
-from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.api import Followers
+from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.service.api.events import Followers
 from jointstiff.service.api.jobs import answer
-from jointstiff.service.jobs import KINDS
-from jointstiff.service.store import DeletedError, JobStatus, StoreUnavailableError
+from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
+from jointstiff.service.store.job_log import JobStatus
 
 FOLLOWERS = 100
 REQUEST = RunRequest(measurement_set_id="s")

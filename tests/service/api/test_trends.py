@@ -11,9 +11,9 @@ from support.in_process import Client
 
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest
-from jointstiff.service.problems import Resource
-from jointstiff.service.resources import Trends
-from jointstiff.service.store import Store
+from jointstiff.service.problems.errors import Resource
+from jointstiff.service.resources.trends import Trends
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 DAYS = [f"2026-{month:02d}-10T08:00:00Z" for month in range(1, 9)]

@@ -10,10 +10,10 @@ from support.workbooks import table_of
 from typer.testing import CliRunner
 
 from jointstiff.schemas.imports import ImportAnswer
-from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.run.run import Run
 from jointstiff.service.cli.app import app
-from jointstiff.service.importing import MAX_FILE_BYTES
+from jointstiff.service.importing.limits import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
 
 UNITS = ["--units", "length=mm,angle=deg,force=N"]

@@ -9,7 +9,7 @@ from support.programs import options, path, tool_poses
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.programs import read_program
+from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 

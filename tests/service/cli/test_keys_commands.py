@@ -9,10 +9,12 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
-from jointstiff.service.access import Keyring, digest
+from jointstiff.service.access.key_text import digest
+from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.cli.app import app
-from jointstiff.service.library import Client, RefusedError
-from jointstiff.service.store import Store
+from jointstiff.service.library.client import Client
+from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.store.store import Store
 
 
 @pytest.fixture

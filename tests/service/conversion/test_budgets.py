@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 import jointstiff
-from jointstiff.schemas.measurement import Noise
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

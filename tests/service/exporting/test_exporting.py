@@ -13,12 +13,15 @@ import pytest
 from typer.testing import CliRunner
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.cli.app import app
-from jointstiff.service.exporting import FORMATS, ExportedModel, export_model
+from jointstiff.service.exporting.formats import FORMATS, export_model
+from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.robot import Configurations, Robot, read_urdf
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
 
 ARM = default_arm()
 HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'

@@ -19,7 +19,7 @@ import openpyxl
 import pytest
 from support.importing_samples import CAMPAIGN, DELIMITERS, POINTS, Dialect, points_of, read, values_of
 
-from jointstiff.service.importing import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError
 
 UNITS = {"length": "mm", "angle": "deg", "force": "N"}
 TABLE = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]

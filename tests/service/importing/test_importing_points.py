@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read
 
-from jointstiff.service.importing import ImportFileError
-from jointstiff.service.importing.errors import Fault
+from jointstiff.service.importing.errors import Fault, ImportFileError
 from jointstiff.service.importing.naming import Template
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}

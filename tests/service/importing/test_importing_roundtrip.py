@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.importing_samples import Dialect, points_of, read, values_of
 
-from jointstiff.service.importing import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError
 
 NUMBERS = st.one_of(
     st.floats(-1e12, 1e12, allow_nan=False),

@@ -6,10 +6,11 @@ import pytest
 from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, values_of
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.service.conversion import MAX_SET_BYTES
-from jointstiff.service.importing import MAX_FILE_BYTES, ImportFileError, SourceFile, read_files
-from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_ROWS
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_FILE_BYTES, MAX_ROWS
+from jointstiff.service.importing.reading import SourceFile, read_files
 
 UNITS = {"length": "mm", "angle": "deg", "force": "N"}
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]

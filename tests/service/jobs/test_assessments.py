@@ -14,18 +14,22 @@ from support.shared_data import shared
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
-from jointstiff.schemas.geometry import GeometryRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import PairOptions
 from jointstiff.schemas.query import RunQuery
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import RunOptions, RunRequest
-from jointstiff.service.jobs import Parts
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.jobs.registry import Parts
 from jointstiff.service.library import campaigns
-from jointstiff.service.render import comparison_report, geometry_report, pair_report, run_report
-from jointstiff.service.store import Store
+from jointstiff.service.render.geometry_table import geometry_report
+from jointstiff.service.render.methods_table import comparison_report
+from jointstiff.service.render.pair_table import pair_report
+from jointstiff.service.render.run_table import run_report
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
-from jointstiff.solver.links import WEIGHTS
+from jointstiff.solver.links.cross_validation import WEIGHTS
 
 INCLUDED = RunOptions(complementary_stiffness="included")
 

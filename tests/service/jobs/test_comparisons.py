@@ -15,13 +15,14 @@ from support.shared_data import shared
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, Comparison, ComparisonOptions, ComparisonRequest
-from jointstiff.schemas.run import RunOptions, RunRequest
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.computation.run import run_identification
-from jointstiff.service.conversion import comparison_csv
-from jointstiff.service.jobs import Parts
+from jointstiff.service.conversion.csv_table import comparison_csv
+from jointstiff.service.jobs.registry import Parts
 from jointstiff.service.library import campaigns
-from jointstiff.service.render import comparison_report
-from jointstiff.service.store import Store
+from jointstiff.service.render.methods_table import comparison_report
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
 

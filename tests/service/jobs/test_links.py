@@ -11,15 +11,19 @@ from support.programs import path, request, tool_poses
 from typer.testing import CliRunner
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import Run, RunOptions, RunRequest
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Run, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import ProgramWork, carry_out, new_job, predict_by_run, run_work
-from jointstiff.service.conversion import to_joint_model
-from jointstiff.service.jobs import Parts
-from jointstiff.service.store import Store
+from jointstiff.service.computation.deflection import predict_by_run
+from jointstiff.service.computation.execution import carry_out, new_job
+from jointstiff.service.computation.program import ProgramWork
+from jointstiff.service.computation.run import run_work
+from jointstiff.service.conversion.deflections import to_joint_model
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text

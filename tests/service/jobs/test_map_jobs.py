@@ -12,9 +12,9 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation import MapWork
-from jointstiff.service.jobs import Parts
-from jointstiff.service.store import Store
+from jointstiff.service.computation.maps import MapWork
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=20, load="pull", seed=2)

@@ -12,15 +12,17 @@ from rich.console import Console
 from support.shared_data import shared
 from typer.testing import CliRunner
 
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import Pair, PairRequest
 from jointstiff.schemas.query import PairQuery
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import RunRequest
+from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs import Parts
-from jointstiff.service.render import pair_report
-from jointstiff.service.store import IdempotencyKey, NotFoundError, Store
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.render.pair_table import pair_report
+from jointstiff.service.store.records import IdempotencyKey
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 

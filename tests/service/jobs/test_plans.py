@@ -9,13 +9,13 @@ import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.query import PlanQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs import Parts
-from jointstiff.service.store import Store
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 

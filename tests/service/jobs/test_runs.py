@@ -10,10 +10,11 @@ from pydantic import ValidationError
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.computation.resampling import ResamplingWork
-from jointstiff.service.jobs import Parts
 from jointstiff.service.jobs import life as module
-from jointstiff.service.problems import OtherVersionError
-from jointstiff.service.store import IdempotencyKey, NotFoundError, Store, TooManyJobsError
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import NotFoundError, OtherVersionError, TooManyJobsError
+from jointstiff.service.store.records import IdempotencyKey
+from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 

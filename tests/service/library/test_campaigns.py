@@ -10,13 +10,15 @@ import pytest
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparisonOptions
-from jointstiff.schemas.geometry import GeometryRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import PairOptions, PairRequest
-from jointstiff.schemas.run import RunOptions, RunRequest
-from jointstiff.service.jobs import Parts
-from jointstiff.service.library import CampaignError, campaigns
-from jointstiff.service.store import Store
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.library import campaigns
+from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 HEAVY = ("sqlalchemy", "alembic", "psycopg", "dbos", "fastapi", "starlette", "uvicorn")

@@ -12,10 +12,11 @@ import httpx
 import pytest
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.measurement import SetChange
+from jointstiff.schemas.measurement.metadata import SetChange
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.library import Client, RefusedError
 from jointstiff.service.library import client as module
+from jointstiff.service.library.client import Client
+from jointstiff.service.library.errors import RefusedError
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

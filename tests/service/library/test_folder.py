@@ -16,10 +16,11 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.problem import Problem
 from jointstiff.service.app import create_app
 from jointstiff.service.cli.app import app
-from jointstiff.service.library import Client, RefusedError
+from jointstiff.service.library.client import Client
 from jointstiff.service.library.delivery import Delivery
+from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.library.folder import WatchedFolder
-from jointstiff.service.store import Store
+from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

@@ -19,9 +19,10 @@ from support.programs import (
     work_of,
 )
 
-from jointstiff.service.computation import ProgramWork, packed, unpacked
-from jointstiff.service.problems import FilesError
-from jointstiff.service.programs import ProgramError, read_program
+from jointstiff.service.computation.program import ProgramWork, packed, unpacked
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
-from jointstiff.service.computation import unpacked
-from jointstiff.service.programs import ProgramError
+from jointstiff.service.computation.program import unpacked
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import program_text
 
 KRL = "X {:.4f},Y {:.4f},Z {:.4f},A {:.5f},B {:.5f},C {:.5f}"

@@ -11,14 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from jointstiff.service.programs import (
-    FORMATS,
-    Motion,
-    ProgramError,
-    StatedConfigurations,
-    read_program,
-    reader,
-)
+from jointstiff.service.programs import reader
+from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import FORMATS, read_program
+from jointstiff.service.programs.program import Motion
 
 SAMPLES = Path(__file__).parent / "samples"
 PROGRAMS = {

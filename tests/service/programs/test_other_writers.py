@@ -10,7 +10,9 @@ import pytest
 from support.programs import request
 
 from jointstiff.service.computation.program_frames import ProgramFrames
-from jointstiff.service.programs import ProgramError, StatedConfigurations, read_program
+from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
 
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 POSE = f"[[10,20,30],[0.5,0.5,0.5,0.5],[0,0,-2,0],{FREE}]"

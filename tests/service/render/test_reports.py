@@ -12,10 +12,11 @@ from rich.console import Console
 from support.shared_data import shared
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import RunOptions
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
 from jointstiff.service.library import campaigns
-from jointstiff.service.render import UNITS, run_report
+from jointstiff.service.render.run_table import run_report
+from jointstiff.service.render.stiffness import UNITS
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.reports import SettingsError, read_laboratory
+from jointstiff.service.reports.laboratory import SettingsError, read_laboratory
 
 SVG = b'<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
 

@@ -17,20 +17,17 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run.run import Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
-from jointstiff.service.exporting import ExportedModel, joints_csv
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.library import campaigns
-from jointstiff.service.reports import (
-    LaboratorySettings,
-    RunSubject,
-    draft,
-    report_page,
-    report_pdf,
-    run_document,
-    state_of,
-)
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.page import report_page
+from jointstiff.service.reports.pdf import report_pdf
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.state import draft, state_of
 from jointstiff.service.reports.statements import ITEMS
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -9,10 +9,10 @@ from support.in_process import Client
 from support.shared_data import shared
 
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.computation import prepare_robot
-from jointstiff.service.conversion import to_kinematics
-from jointstiff.service.resources import catalogue, find_arm, nominal_robot
-from jointstiff.service.store import Store
+from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
+from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
 
 REACH_TOLERANCE = 0.003

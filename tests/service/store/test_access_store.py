@@ -8,15 +8,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from jointstiff.service.store import (
-    SESSION_IDLE,
-    SESSION_LONGEST,
-    AuditEntry,
-    CursorError,
-    SessionRecord,
-    Store,
-)
+from jointstiff.service.problems.errors import CursorError
 from jointstiff.service.store import access as access_module
+from jointstiff.service.store.records import AuditEntry, SessionRecord
+from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 
 NOW = datetime(2026, 11, 20, 12, tzinfo=UTC)
 MOMENT = timedelta(seconds=1)

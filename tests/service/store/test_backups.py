@@ -16,11 +16,15 @@ from alembic import command
 from support.jobs import request, runs_of, stored_set
 from support.processes import until
 
+from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.server import _shown
-from jointstiff.service.store import Manifest, RobotRecord, Store, StoreError, back_up, backups, restore
+from jointstiff.service.store import backups
+from jointstiff.service.store.backups import Manifest, back_up, restore
 from jointstiff.service.store.content import content_of
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.migrations import configuration
+from jointstiff.service.store.records import RobotRecord
+from jointstiff.service.store.store import Store
 
 ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
 

@@ -14,19 +14,22 @@ from typing import Any, TypeVar
 import pytest
 from support.records import RESOURCES, RUN, TIME, job_record, keeper
 
-from jointstiff.service.store import (
+from jointstiff.service.problems.errors import (
     CursorError,
     IdempotencyConflictError,
-    IdempotencyKey,
-    JobRecord,
-    MeasurementSetRecord,
     NotFoundError,
-    RobotRecord,
-    Store,
     StoreError,
     StoreUnavailableError,
 )
-from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
+from jointstiff.service.store.records import (
+    IdempotencyKey,
+    JobEntry,
+    JobRecord,
+    MeasurementSetEntry,
+    MeasurementSetRecord,
+    RobotRecord,
+)
+from jointstiff.service.store.store import Store
 
 T = TypeVar("T")
 

@@ -21,10 +21,13 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
-from jointstiff.service.store import RobotRecord, Store, StoreError, StoreUnavailableError, migrations
+from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
+from jointstiff.service.store import migrations
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.migrations import configuration
+from jointstiff.service.store.records import RobotRecord
+from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import metadata
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)

@@ -7,7 +7,9 @@ from datetime import UTC, datetime
 
 import pytest
 
-from jointstiff.service.store import QuotaError, Store, TrendNote
+from jointstiff.service.problems.errors import QuotaError
+from jointstiff.service.store.records import TrendNote
+from jointstiff.service.store.store import Store
 
 NOTE = TrendNote("robot", "baseline", datetime(2026, 11, 20, 12, tzinfo=UTC), "0123456789", "tablet", "{}")
 

@@ -11,9 +11,10 @@ from support.jobs import request, runs_of, stored_set
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.store import Store, StoreError
+from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.database import Database
-from jointstiff.service.workers import examine
+from jointstiff.service.store.store import Store
+from jointstiff.service.workers.doctor import examine
 
 
 @pytest.fixture

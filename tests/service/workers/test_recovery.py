@@ -11,9 +11,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from support.jobs import QueueEngine, request, runs_of, stored_set
 
-from jointstiff.service.store import Store, StoreUnavailableError
+from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.heartbeats import Heartbeats
+from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import _patient, _until_ended
 from jointstiff.service.workers.queue import VERSION, Outcome
 from jointstiff.service.workers.recovery import Recovery

@@ -13,12 +13,12 @@ from sqlalchemy import MetaData, create_engine, select, update
 from support.jobs import request, stored_set
 from support.processes import until, working
 
-from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import FilesError, problem_of
-from jointstiff.service.programs import Fault, ProgramError
-from jointstiff.service.store import Store
-from jointstiff.service.workers import JobQueue
-from jointstiff.service.workers.queue import engine_url, schema_of
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems.table import problem_of
+from jointstiff.service.programs.errors import Fault, ProgramError
+from jointstiff.service.store.store import Store
+from jointstiff.service.workers.queue import JobQueue, engine_url, schema_of
 from jointstiff.service.workers.serialization import EngineDataError, JsonSerializer, refuse_pickles
 from jointstiff.solver.errors import MeasurementError
 

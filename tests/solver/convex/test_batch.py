@@ -9,9 +9,10 @@ import pytest
 from reference.exact_nnls import exact_nnls
 from reference.exact_problems import Problem, random_problem, tied_problem
 
-from jointstiff.solver.convex import Bounds, IdentificationProblem, solve, solve_batch
 from jointstiff.solver.convex import batch as module
-from jointstiff.solver.convex.batch import LEAST_EIGENVALUE
+from jointstiff.solver.convex.batch import LEAST_EIGENVALUE, solve_batch
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem
+from jointstiff.solver.convex.solution import solve
 from jointstiff.solver.errors import SolverError
 
 

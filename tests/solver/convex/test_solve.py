@@ -19,20 +19,15 @@ from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex import (
-    Bounds,
-    Constraints,
-    IdentificationProblem,
-    Inequalities,
-    programs,
-    solve,
-    solve_step,
-)
+from jointstiff.solver.convex import programs
 from jointstiff.solver.convex import solution as module
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.scaled import Scaled
+from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.convex.supports import TOLERANCE
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.regression import regressor_blocks
+from jointstiff.solver.regression.regressor import regressor_blocks
 
 
 def random_problem(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

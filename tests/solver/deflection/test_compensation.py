@@ -11,18 +11,20 @@ from support.campaigns import prepare
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import (
-    CorrectionLimits,
-    ElasticForward,
-    ElasticPredictor,
-    JointForward,
-    JointModel,
-    LoadCases,
-    compensate,
-)
-from jointstiff.solver.links import ElasticColumns, ElasticModel, Folds, Plan, estimate_elastic
-from jointstiff.solver.robot import Configurations, Robot, read_urdf
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.forward import ElasticForward, JointForward
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.links.cross_validation import Folds, Plan
+from jointstiff.solver.links.estimation import estimate_elastic
+from jointstiff.solver.links.model import ElasticModel
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
 
 ARM = default_arm()
 ROBOT = Robot(read_urdf(urdf_text(ARM), BASE_LINK, FLANGE_LINK))

@@ -10,19 +10,14 @@ from support.campaigns import estimate
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm, equilibrium
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import (
-    STATUSES,
-    DeflectionMap,
-    JointModel,
-    LoadCases,
-    MapTask,
-    ToolFan,
-    map_places,
-    predict_deflections,
-    tool_rotations,
-)
-from jointstiff.solver.robot import InverseKinematics
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
+from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, map_places
+from jointstiff.solver.deflection.prediction import predict_deflections
+from jointstiff.solver.robot.inverse import InverseKinematics
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

@@ -10,19 +10,15 @@ from support.campaigns import METHODS, prepare, shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
-from jointstiff.solver.convex import Bounds
-from jointstiff.solver.deflection import (
-    JointModel,
-    LoadCases,
-    ModelError,
-    leave_postures_out,
-    predict_deflections,
-)
-from jointstiff.solver.deflection.model_error import MOST_STEPS, merged_steps
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
+from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import predict
+from jointstiff.solver.inference.prediction import predict
 
 ROBOT = robot_of(default_arm())
 DESIGN = SpringCampaign.of(default_arm())

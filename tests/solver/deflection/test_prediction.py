@@ -10,10 +10,16 @@ from support.campaigns import estimate
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
-from jointstiff.solver.convex import Bounds, Constraints
-from jointstiff.solver.deflection import JointModel, LoadCases, OwnWeight, predict_deflections
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot import DhRow, Robot, dh_chain, joint_frames
+from jointstiff.solver.robot.configuration import joint_frames
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from jointstiff.solver.deflection import PathNodes, best_constant_angle, best_path
+from jointstiff.solver.deflection.paths import PathNodes, best_constant_angle, best_path
 from jointstiff.solver.errors import RequestError
 
 

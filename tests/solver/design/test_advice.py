@@ -18,10 +18,12 @@ from jointstiff.service.conversion.results import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, SpringArm
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
-from jointstiff.solver.design import Advice, advise
-from jointstiff.solver.design.advice import new_postures, precision
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import Configurations, KinematicChain, Robot
+from jointstiff.solver.design.advice import advise, new_postures, precision
+from jointstiff.solver.design.advised_reading import Advice
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 
 class TestPrecision:

@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from support.campaigns import prepare
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design import Cell, Equipment, Loads, PlanRequest, plan_campaign
-from jointstiff.solver.design.feasibility import feasible, segment_distance
+from jointstiff.solver.design.campaign_plan import plan_campaign
+from jointstiff.solver.design.experiment import Equipment, Loads
+from jointstiff.solver.design.feasibility import Cell, feasible, segment_distance
 from jointstiff.solver.design.ordering import ordered, travel
+from jointstiff.solver.design.plan_request import PlanRequest
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.identification import identify
-from jointstiff.solver.readings import Instrument, Measurements
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import Instrument
 
 ARM = default_arm()
 N = len(ARM.stiffnesses)

@@ -7,17 +7,12 @@ import itertools
 import numpy as np
 import pytest
 
-from jointstiff.solver.design import (
-    AOptimality,
-    DesignProblem,
-    Distinct,
-    DOptimality,
-    EOptimality,
-    GOptimality,
-    PackedCandidates,
-    exact_design,
-    optimise,
-)
+from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
+from jointstiff.solver.design.distinct import Distinct
+from jointstiff.solver.design.exact import exact_design
+from jointstiff.solver.design.optimum import optimise
+from jointstiff.solver.design.problem import DesignProblem
 from jointstiff.solver.errors import RequestError
 
 P = 4

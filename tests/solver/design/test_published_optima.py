@@ -5,15 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jointstiff.solver.design import (
-    AOptimality,
-    DesignProblem,
-    DOptimality,
-    EOptimality,
-    GOptimality,
-    PackedCandidates,
-    optimise,
-)
+from jointstiff.solver.design.candidates import PackedCandidates
+from jointstiff.solver.design.criteria import AOptimality, DOptimality, EOptimality, GOptimality
+from jointstiff.solver.design.optimum import optimise
+from jointstiff.solver.design.problem import DesignProblem
 
 
 def polynomials(degree: int, count: int = 2001) -> tuple[np.ndarray, np.ndarray]:

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, prepare
 
-from jointstiff.schemas.run import JointResult, RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.message import message as message_of
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.fitting import Prior
+from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import judge, predict
-from jointstiff.solver.regression import regressor_blocks
-from jointstiff.solver.resampling import gram_blocks
-from jointstiff.solver.robot import KinematicChain, Robot
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.regression.regressor import regressor_blocks
+from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import Robot
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}
 PRIORS = {name: {"stiffness": k, "standard_uncertainty": u} for name, (k, u) in STIFFNESS.items()}

@@ -14,18 +14,23 @@ from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.schemas.campaign import Campaign
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import ReadingArrays, to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.service.conversion.results import to_robust_loss
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting import Prior, robust
+from jointstiff.solver.fitting import robust
+from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Estimate
-from jointstiff.solver.readings import EncoderReadings, Measurements
-from jointstiff.solver.robot import ChainJoint, JointMap, KinematicChain, Robot
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
 
 ARM = default_arm()
 SIGMA = 2e-5

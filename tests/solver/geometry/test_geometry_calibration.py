@@ -21,11 +21,16 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.geometry import Conventions, Poses, RigidTransform, identify_from_poses
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.identification import identify_from_poses
+from jointstiff.solver.geometry.identified_geometry import Conventions
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model, link_table
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
-from jointstiff.solver.robot import JointMap, KinematicChain, read_urdf
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.urdf import read_urdf
 
 LIMITS = default_arm().limits
 

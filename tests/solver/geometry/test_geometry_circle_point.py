@@ -13,10 +13,11 @@ from support.examples import examples
 from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, imperfect_arm
 
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import Axis, AxisFit, Sweep, SweepSet
-from jointstiff.solver.geometry.sweeps.circle_point import fit_axis
+from jointstiff.solver.geometry.sweeps.axis import Axis
+from jointstiff.solver.geometry.sweeps.circle_point import AxisFit, fit_axis
 from jointstiff.solver.geometry.sweeps.findings import sweep_findings
-from jointstiff.solver.robot import JointMap
+from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
+from jointstiff.solver.robot.joint_map import JointMap
 
 CELL = Cell(imperfect_arm(1))
 NAMES = ("P10", "P11", "P12")

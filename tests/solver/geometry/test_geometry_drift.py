@@ -7,8 +7,7 @@ import pytest
 from support.geometry_truth import chi_square, rodrigues
 
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry import BaseDrift
-from jointstiff.solver.geometry.frames import find_drift
+from jointstiff.solver.geometry.frames.base_drift import BaseDrift, find_drift
 
 SIGMA = 15e-6
 BASE = np.array([[0.6, 0.4, 0.1], [-0.5, 0.5, 0.05], [-0.4, -0.6, 0.2], [0.5, -0.5, 0.12], [0.0, 0.7, 0.6]])

@@ -23,26 +23,24 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.geometry import DhTable, IdentifiedAxes, RigidTransform
 from jointstiff.solver.geometry.frames.axis_frame import chain_axes
 from jointstiff.solver.geometry.frames.base_frame import BaseConvention, find_base_frame
-from jointstiff.solver.geometry.model.dh_identification import dh_table
+from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+from jointstiff.solver.geometry.model.dh_identification import DhTable, dh_table
 from jointstiff.solver.geometry.model.identified_model import (
     FlangeConvention,
     IdentifiedModel,
     identify_model,
     link_table,
 )
+from jointstiff.solver.geometry.sweeps.identified_axes import IdentifiedAxes
 from jointstiff.solver.geometry.sweeps.swept_axes import identify_axes
-from jointstiff.solver.robot import (
-    Configurations,
-    JointMap,
-    KinematicChain,
-    Robot,
-    dh_chain,
-    read_urdf,
-    write_urdf,
-)
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.dh import dh_chain
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 

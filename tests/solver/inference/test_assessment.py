@@ -9,17 +9,21 @@ import pytest
 from support.campaigns import METHODS, only_deflections, prepare
 from support.shared_data import shared
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.finding import Finding
-from jointstiff.solver.fitting import Prior
+from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import Assessment, Estimate, Place, assess, predict
-from jointstiff.solver.integrity import inspect
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import JointMap, Robot
+from jointstiff.solver.inference.assessment import Assessment, assess
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.inference.reason import Place
+from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
 
 TRUTH = default_arm().compliances
 COLUMNS = [(0, 1), (0, 3), (1, 2), (1, 4), (2, 3), (2, 5), (3, 4), (3, 5), (4, 5)]

@@ -7,9 +7,10 @@ import pytest
 from support.campaigns import estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.inference import predict
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.robot import DhRow, Robot, dh_chain
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.model import Robot
 
 LEVERS = Robot(dh_chain([DhRow(1.0, 0.0, 0.0, 0.0)] * 2, "standard", "levers"))
 """Two levers of 1 m along x, both turning about z."""

@@ -15,18 +15,19 @@ from scipy.optimize import brentq, lsq_linear
 from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex import Bounds, Constraints, programs
+from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.convex.scaled import Scaled
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.fitting import Likelihood
-from jointstiff.solver.fitting.likelihood import rows_of
+from jointstiff.solver.fitting.likelihood import Likelihood, rows_of
 from jointstiff.solver.identification import identify
 from jointstiff.solver.inference import profile as module
-from jointstiff.solver.inference import profile_ends
-from jointstiff.solver.regression import regressor_blocks
+from jointstiff.solver.inference.profile import profile_ends
+from jointstiff.solver.regression.regressor import regressor_blocks
 
 RADII = np.array([1.959963984540054, 1.6448536269514722])
 """Two-sided and one-sided at 95 %."""

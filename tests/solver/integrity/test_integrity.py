@@ -13,9 +13,10 @@ from support.shared_data import shared
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.solver.inference import judge, predict
-from jointstiff.solver.integrity import MAX_FINDINGS_PER_CODE, inspect
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.integrity.report import MAX_FINDINGS_PER_CODE, inspect
+from jointstiff.solver.robot.configuration import Configurations
 
 
 @pytest.fixture(scope="module")

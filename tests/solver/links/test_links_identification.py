@@ -13,35 +13,28 @@ from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, beam_compliance, elastic_campaign
-from jointstiff.solver.convex import Bounds, entries, solve_cone
-from jointstiff.solver.convex.semidefinite.symmetric import to_vector
-from jointstiff.solver.deflection import ElasticPredictor, LoadCases, folds_left_out
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.convex.semidefinite.solve import solve_cone
+from jointstiff.solver.convex.semidefinite.symmetric import entries, to_vector
+from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
+from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting import Settings
-from jointstiff.solver.links import (
-    LOSSES,
-    MODELS,
-    WEIGHTS,
-    ElasticColumns,
-    ElasticModel,
-    Folds,
-    Plan,
-    compared_losses,
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.links.cross_validation import WEIGHTS, Folds, Plan, chosen_weight, fit_fold
+from jointstiff.solver.links.effective import effective_rows
+from jointstiff.solver.links.estimation import (
     effective_compliances,
     effective_intervals,
     estimate_elastic,
     first_certified,
-    fit_fold,
-    judge_losses,
-    judge_penalty,
     refuse_unsupported_elastic,
-    select_model,
 )
-from jointstiff.solver.links.cross_validation import chosen_weight
-from jointstiff.solver.links.effective import effective_rows
-from jointstiff.solver.links.model import formulate
-from jointstiff.solver.links.regressor import ElasticRows, elastic_blocks, elastic_rows
-from jointstiff.solver.robot import Configurations
+from jointstiff.solver.links.losses import compared_losses
+from jointstiff.solver.links.model import LOSSES, MODELS, ElasticModel, formulate
+from jointstiff.solver.links.penalty import judge_losses, judge_penalty
+from jointstiff.solver.links.regressor import ElasticColumns, ElasticRows, elastic_blocks, elastic_rows
+from jointstiff.solver.links.selection import select_model
+from jointstiff.solver.robot.configuration import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)

@@ -14,9 +14,10 @@ from support.examples import examples
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, torques
 from jointstiff.simulator.equilibrium import linear_deflections
-from jointstiff.solver.observability import Observability, Spectrum, analyse, observability_indices
-from jointstiff.solver.observability.indices import ObservabilityIndices
-from jointstiff.solver.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.observability.identifiability import Observability, Spectrum, analyse
+from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
+from jointstiff.solver.robot.model import Robot
 
 NAMES = ("a", "b", "c", "d")
 

@@ -13,17 +13,17 @@ from support.campaigns import METHODS, prepare
 from support.encoders import with_encoders
 from support.shared_data import shared
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.fitting import Prior
-from jointstiff.solver.paired import PairSide, compare_pair, models_differ
+from jointstiff.solver.fitting.prior import Prior
 from jointstiff.solver.paired.avoided import measured_share
-from jointstiff.solver.paired.sides import match
+from jointstiff.solver.paired.comparison import compare_pair
+from jointstiff.solver.paired.sides import PairSide, match, models_differ
 
 MOTOR, SECONDARY = default_arm("motor"), default_arm("secondary")
 T95 = 1.959963984540054

@@ -9,16 +9,17 @@ import pytest
 from support.campaigns import METHODS, estimate, prepare
 from support.encoders import with_encoders
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
-from jointstiff.solver.convex import Bounds
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.inference import inspect_encoders, predict_encoders
-from jointstiff.solver.readings import EncoderReadings
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
+from jointstiff.solver.inference.encoder_prediction import inspect_encoders, predict_encoders
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.resampling.draws import ResamplingPlan, resample
 
 ARM = default_arm()
 SIGMA, ENCODER_SIGMA = 2e-5, 5e-6

@@ -9,18 +9,14 @@ import numpy as np
 import pytest
 from support.campaigns import METHODS, estimate, prepare
 
-from jointstiff.schemas.measurement import MeasurementSetDocument, QualityWarning
-from jointstiff.service.conversion import ReadingArrays, content_hash
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, plan_experiment, simulate_positions
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings import (
-    DifferenceNoise,
-    EncoderReadings,
-    Instrument,
-    Measurements,
-    refuse_no_covariance,
-)
+from jointstiff.solver.readings.encoders import EncoderReadings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import DifferenceNoise, Instrument, refuse_no_covariance
 
 ARM = default_arm()
 STATION = (3.5, -2.0, 0.8)

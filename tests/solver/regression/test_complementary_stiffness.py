@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 from support.campaigns import METHODS, estimate, prepare
 
-from jointstiff.schemas.run import RunOptions
-from jointstiff.service.conversion import to_settings
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.requests import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting import iteration
-from jointstiff.solver.inference import judge, predict
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import joint_torque, neglected_readings, regressor, regressor_blocks
-from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness
-from jointstiff.solver.resampling import gram_blocks
-from jointstiff.solver.robot import Configurations, Robot
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression import regressor
+from jointstiff.solver.regression.complementary_stiffness import complementary_stiffness, neglected_readings
+from jointstiff.solver.regression.regressor import joint_torque, regressor_blocks
+from jointstiff.solver.resampling.blocks import gram_blocks
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
 
 METHODS_AND_WEIGHTS = [
     ("complete_pose", "covariance"),

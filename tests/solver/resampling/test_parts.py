@@ -17,10 +17,13 @@ from support.shared_data import shared
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
 from jointstiff.solver.identification import spherical_wrist
-from jointstiff.solver.observability import Spectrum, analyse
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.regression import Compression, fit_displacement, regressor_blocks, whitener
-from jointstiff.solver.robot import Configurations, find_wrist
+from jointstiff.solver.observability.identifiability import Spectrum, analyse
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.compression import Compression
+from jointstiff.solver.regression.pose import fit_displacement
+from jointstiff.solver.regression.regressor import regressor_blocks, whitener
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.wrist import find_wrist
 
 
 @pytest.fixture(scope="module")

@@ -16,23 +16,19 @@ from support.campaigns import METHODS, prepare
 from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.convex import Bounds, batch
+from jointstiff.solver.convex import batch
+from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
-from jointstiff.solver.fitting import Settings
+from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
-from jointstiff.solver.inference import predict
-from jointstiff.solver.readings import Measurements
-from jointstiff.solver.resampling import (
-    GramBlocks,
-    Resamples,
-    ResamplingPlan,
-    StageBlocks,
-    gram_blocks,
-    resample,
-    summarise,
-)
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import draws as module
-from jointstiff.solver.robot import KinematicChain, Robot
+from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks, gram_blocks
+from jointstiff.solver.resampling.draws import Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling.summary import summarise
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import Robot
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
 BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))

@@ -13,13 +13,15 @@ from hypothesis import strategies as st
 from support.urdf_documents import changed
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import ChainJoint, KinematicChain, read_urdf, write_urdf
 from jointstiff.solver.robot.chain import (
     MAX_CHAIN_JOINTS,
     MAX_MOVING_JOINTS,
     MAX_NAME_LENGTH,
     UNLIMITED_ANGLE,
+    ChainJoint,
+    KinematicChain,
 )
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 Z = np.array([0.0, 0.0, 1.0])
 ANGLES = st.floats(-10.0, 10.0)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from support.shared_data import shared
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import DhRow, Robot, dh_chain
 from jointstiff.solver.robot.chain import UNLIMITED_ANGLE
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.model import Robot
 
 
 def standard(row: DhRow, q: float) -> np.ndarray:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import DhRow, InverseKinematics, Robot, dh_chain, flange_poses
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.model import Robot
 
 HALF = np.pi / 2
 UR5 = [

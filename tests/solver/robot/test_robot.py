@@ -9,16 +9,11 @@ import pinocchio as pin
 import pytest
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import (
-    ChainJoint,
-    Configurations,
-    DhRow,
-    JointMap,
-    KinematicChain,
-    Robot,
-    dh_chain,
-    joint_frames,
-)
+from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.dh import DhRow, dh_chain
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
 
 
 def joint(name: str, child: str, **changes: object) -> ChainJoint:

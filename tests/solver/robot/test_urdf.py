@@ -14,7 +14,9 @@ from support.examples import examples
 from support.urdf_documents import BRANCHED, SMALL, changed, inertial, serial
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import KinematicChain, Robot, read_urdf, write_urdf
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 
 def transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from support.hostile_urdfs import HOSTILE
 from support.urdf_documents import BRANCHED
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot import read_urdf
+from jointstiff.solver.robot.urdf import read_urdf
 
 
 @pytest.mark.parametrize(("text", "where", "reason"), HOSTILE.values(), ids=HOSTILE.keys())

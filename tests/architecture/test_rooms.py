@@ -1,0 +1,35 @@
+"""The shape of the house: no room is crowded, and every package says what it is for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MOST_MODULES = 6
+DOORS = {ROOT / "solver" / "__init__.py"}
+"""Packages from which names are imported; every other module is imported by its name."""
+
+
+@pytest.mark.parametrize("room", ["solver", "service"])
+def test_few_modules_lie_in_a_room(room):
+    assert len(list((ROOT / room).glob("*.py"))) <= MOST_MODULES
+
+
+@pytest.mark.parametrize("room", ["solver", "service", "schemas"])
+def test_packages_say_what_they_are_for(room):
+    inits = sorted((ROOT / room).rglob("__init__.py"))
+    silent = [path for path in inits if not path.read_text(encoding="utf-8").startswith('"""')]
+    assert len(inits) > 2
+    assert not silent
+
+
+@pytest.mark.parametrize("room", ["solver", "service", "schemas"])
+def test_packages_give_no_names_of_their_modules(room):
+    doors = [
+        path
+        for path in (ROOT / room).rglob("__init__.py")
+        if path not in DOORS and "__all__" in path.read_text(encoding="utf-8")
+    ]
+    assert not doors
