@@ -50,23 +50,15 @@ FindingCode = Literal[
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicion.
+    """One suspicion."""
 
-    Attributes:
-        code: its kind.
-        observation: index of the observation; None for the whole set.
-        message: what was seen, with figure and unit.
-        remedy: what to check.
-        severity: "error" where it is almost certainly a mistake, "note" where it is good to know.
-        joint: name of the joint; None where it is about no single one.
-    """
-
-    code: FindingCode
-    observation: int | None
-    message: str
-    remedy: str
+    code: FindingCode  #: its kind
+    observation: int | None  #: index of the observation; None for the whole set
+    message: str  #: what was seen, with figure and unit
+    remedy: str  #: what to check
+    #: "error" where it is almost certainly a mistake, "note" where it is good to know
     severity: Severity = "warning"
-    joint: str | None = None
+    joint: str | None = None  #: name of the joint; None where it is about no single one
 
 
 def length_text(length: float) -> str:

@@ -32,21 +32,14 @@ class SpringArm:
     """A serial arm of revolute joints, each a linear torsion spring; the links are rigid.
 
     The kinematics are given at zero joint angles, in R0; there are no link frames.
-
-    Attributes:
-        axis_points: A point on each axis, in R0 [m], (n, 3).
-        axis_directions: Unit vector along each axis, in R0, (n, 3).
-        flange_rotation: Rotation from the flange frame to R0, (3, 3).
-        flange_translation: Origin of the flange frame in R0 [m], (3,).
-        stiffnesses: Torsional stiffness of each joint [N·m/rad], (n,); infinite for a rigid joint.
-        limits: Lowest and highest angle of each joint [rad], (n, 2); ±π if not given.
     """
 
-    axis_points: FloatArray
-    axis_directions: FloatArray
-    flange_rotation: FloatArray
-    flange_translation: FloatArray
-    stiffnesses: FloatArray
+    axis_points: FloatArray  #: A point on each axis, in R0 [m], (n, 3)
+    axis_directions: FloatArray  #: Unit vector along each axis, in R0, (n, 3)
+    flange_rotation: FloatArray  #: Rotation from the flange frame to R0, (3, 3)
+    flange_translation: FloatArray  #: Origin of the flange frame in R0 [m], (3,)
+    stiffnesses: FloatArray  #: Torsional stiffness of each joint [N·m/rad], (n,); infinite for a rigid joint
+    #: Lowest and highest angle of each joint [rad], (n, 2); ±π if not given
     limits: FloatArray = field(default_factory=lambda: np.array([-np.pi, np.pi]))
 
     def __post_init__(self) -> None:
@@ -101,19 +94,12 @@ class SpringArm:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Positions of the axes and the flange of an arm, in R0.
+    """Positions of the axes and the flange of an arm, in R0."""
 
-    Attributes:
-        axis_points: Point o_j on each axis [m], (..., n, 3).
-        axis_directions: Unit vector a_j along each axis, (..., n, 3).
-        flange_rotation: Rotation from the flange frame to R0, (..., 3, 3).
-        flange_translation: Origin of the flange frame [m], (..., 3).
-    """
-
-    axis_points: FloatArray
-    axis_directions: FloatArray
-    flange_rotation: FloatArray
-    flange_translation: FloatArray
+    axis_points: FloatArray  #: Point o_j on each axis [m], (..., n, 3)
+    axis_directions: FloatArray  #: Unit vector a_j along each axis, (..., n, 3)
+    flange_rotation: FloatArray  #: Rotation from the flange frame to R0, (..., 3, 3)
+    flange_translation: FloatArray  #: Origin of the flange frame [m], (..., 3)
 
     def point_to_base(self, point: ArrayLike) -> FloatArray:
         """Express one point per posture, given in the flange frame [m] (..., 3), in R0."""

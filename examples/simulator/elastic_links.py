@@ -42,15 +42,11 @@ ROUNDING_ERRORS = 64.0
 
 @dataclass(frozen=True, eq=False)
 class ElasticArm:
-    """An arm with elastic links.
+    """An arm with elastic links."""
 
-    Attributes:
-        arm: Kinematics and joint springs, n joints.
-        links: Compliance of the link behind each joint, (n, 6, 6): (t, φ) [m, rad] by force and moment
-            [N, N·m] about the origin of the joint's frame, in its axes; zeros for a rigid link.
-    """
-
-    arm: SpringArm
+    arm: SpringArm  #: Kinematics and joint springs, n joints
+    #: Compliance of the link behind each joint, (n, 6, 6): (t, φ) [m, rad] by force and moment [N, N·m]
+    #: about the origin of the joint's frame, in its axes; zeros for a rigid link
     links: FloatArray
 
 

@@ -43,19 +43,12 @@ DIRECTION_DECIMALS = 6  # random directions are rounded: their length is 1 to ab
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Configurations and loads of N observations.
+    """Configurations and loads of N observations."""
 
-    Attributes:
-        joints: Joint angles without load [rad], (N, n).
-        forces: Force on the robot [N], axes of R0, (N, 3).
-        moments: Moment on the robot about the load point [N·m], axes of R0, (N, 3).
-        load_points: Where the force acts, in the flange frame [m], (N, 3).
-    """
-
-    joints: FloatArray
-    forces: FloatArray
-    moments: FloatArray
-    load_points: FloatArray
+    joints: FloatArray  #: Joint angles without load [rad], (N, n)
+    forces: FloatArray  #: Force on the robot [N], axes of R0, (N, 3)
+    moments: FloatArray  #: Moment on the robot about the load point [N·m], axes of R0, (N, 3)
+    load_points: FloatArray  #: Where the force acts, in the flange frame [m], (N, 3)
 
     @property
     def wrenches(self) -> tuple[FloatArray, FloatArray, FloatArray]:

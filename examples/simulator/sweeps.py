@@ -51,20 +51,15 @@ def imperfect_arm(seed: int, size: float = 1e-3) -> SpringArm:
 
 @dataclass(frozen=True, eq=False)
 class TrackedArm:
-    """An arm, a tracker, targets on the flange, and a controller that may count in its own way.
+    """An arm, a tracker, targets on the flange, and a controller that may count in its own way."""
 
-    Attributes:
-        arm: the arm; six axes.
-        rotation: (3, 3) from R0 to the tracker's frame.
-        translation: (3,) origin of R0 in the tracker's frame [m].
-        targets: (T, 3) in the flange frame [m].
-        matrix: (6, 6) angles of the arm by those of the controller.
-    """
-
-    arm: SpringArm = field(default_factory=default_arm)
+    arm: SpringArm = field(default_factory=default_arm)  #: the arm; six axes
+    #: (3, 3) from R0 to the tracker's frame
     rotation: FloatArray = field(default_factory=lambda: rotation_by([0.1, -0.05, 1.0], 2.1))
+    #: (3,) origin of R0 in the tracker's frame [m]
     translation: FloatArray = field(default_factory=lambda: np.array([-2.4, 3.1, -0.35]))
-    targets: FloatArray = field(default_factory=lambda: SWEEP_TARGETS)
+    targets: FloatArray = field(default_factory=lambda: SWEEP_TARGETS)  #: (T, 3) in the flange frame [m]
+    #: (6, 6) angles of the arm by those of the controller
     matrix: FloatArray = field(default_factory=lambda: np.eye(6))
 
     def readings(self, controller: FloatArray) -> FloatArray:
@@ -94,18 +89,14 @@ class WornArm(TrackedArm):
 
     A joint stands at ``q + gear sin(turns q + phase)``. Every link weighs on the joints before it, which
     give way about all three directions, about their axes most.
-
-    Attributes:
-        gear: (6,) amplitude of each joint's error [rad].
-        turns: (6,) its periods in one turn of the joint.
-        phase: (6,) [rad].
-        sag: greatest change of a target's displacement by weight within the sweeps from HOME [m].
     """
 
+    #: (6,) amplitude of each joint's error [rad]
     gear: FloatArray = field(default_factory=lambda: np.zeros(6))
+    #: (6,) its periods in one turn of the joint
     turns: FloatArray = field(default_factory=lambda: np.ones(6))
-    phase: FloatArray = field(default_factory=lambda: np.zeros(6))
-    sag: float = 0.0
+    phase: FloatArray = field(default_factory=lambda: np.zeros(6))  #: (6,) [rad]
+    sag: float = 0.0  #: greatest change of a target's displacement by weight within the sweeps from HOME [m]
 
     @classmethod
     def random(cls, seed: int, *, gear: float, sag: float) -> WornArm:

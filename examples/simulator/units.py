@@ -28,19 +28,12 @@ SIGNIFICANT_DIGITS = 15  # drops the last bit of a conversion: 0.02, not 0.02000
 
 @dataclass(frozen=True)
 class Scales:
-    """SI value of one unit of each quantity: m, rad, N, N·m.
+    """SI value of one unit of each quantity: m, rad, N, N·m."""
 
-    Attributes:
-        length: Metres in the unit of length.
-        angle: Radians in the unit of angle.
-        force: Newtons in the unit of force.
-        moment: Newton metres in the unit of moment.
-    """
-
-    length: float
-    angle: float
-    force: float
-    moment: float
+    length: float  #: Metres in the unit of length
+    angle: float  #: Radians in the unit of angle
+    force: float  #: Newtons in the unit of force
+    moment: float  #: Newton metres in the unit of moment
 
     @classmethod
     def of(cls, units: Mapping[str, str]) -> Scales:

@@ -27,15 +27,10 @@ _REMEDY: Final = "copy the whole key, from jst_ to its last character; it was sh
 
 
 class Minted(NamedTuple):
-    """A new key.
+    """A new key."""
 
-    Attributes:
-        text: that its holder keeps; nothing else does.
-        record: that is stored.
-    """
-
-    text: str
-    record: AccessKey
+    text: str  # that its holder keeps; nothing else does
+    record: AccessKey  # that is stored
 
 
 def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> Minted:

@@ -83,19 +83,12 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
 @dataclass
 class Asked:
-    """A request, and who asks.
+    """A request, and who asks."""
 
-    Attributes:
-        key: that came with it; None if none did.
-        is_open: whether no key is demanded.
-        address: where it came from.
-        operation: that was found for it.
-    """
-
-    key: AccessKey | None
-    is_open: bool
-    address: str
-    operation: str | None = None
+    key: AccessKey | None  # that came with it; None if none did
+    is_open: bool  # whether no key is demanded
+    address: str  # where it came from
+    operation: str | None = None  # that was found for it
 
     def require(self, role: Role | None) -> None:
         """Do nothing if a role, or that of anyone, is enough.

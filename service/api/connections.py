@@ -40,23 +40,16 @@ def connection_limit() -> int:
 
 
 class BoundedProtocol(H11Protocol):
-    """A connection that has to go on: header, body and answer each have their time.
+    """A connection that has to go on: header, body and answer each have their time."""
 
-    Attributes:
-        HEADER_SECONDS: for a whole header, from the connection or the end of the answer before.
-        BODY_SECONDS: for a body, and `BODY_RATE` bytes a second beyond it.
-        WRITE_SECONDS: without a byte of the answer taken.
-        LOOK_SECONDS: between two looks at the clock.
-        BODY_BYTES: of all bodies that are received or worked on.
-        CONNECTIONS: open at once; the one that was silent for longest makes room for a new one.
-    """
-
+    # for a whole header, from the connection or the end of the answer before
     HEADER_SECONDS: ClassVar[float] = 10.0
-    BODY_SECONDS: ClassVar[float] = 30.0
+    BODY_SECONDS: ClassVar[float] = 30.0  # for a body, and `BODY_RATE` bytes a second beyond it
     BODY_RATE: ClassVar[float] = 64 * 1024
-    WRITE_SECONDS: ClassVar[float] = 20.0
-    LOOK_SECONDS: ClassVar[float] = 1.0
-    BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024
+    WRITE_SECONDS: ClassVar[float] = 20.0  # without a byte of the answer taken
+    LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
+    BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # of all bodies that are received or worked on
+    # open at once; the one that was silent for longest makes room for a new one
     CONNECTIONS: ClassVar[int] = connection_limit()
 
     @classmethod

@@ -24,22 +24,14 @@ _PAUSE_PER_LOOK: Final = 4
 
 @dataclass(eq=False)
 class _Followed:
-    """A job while someone follows it.
+    """A job while someone follows it."""
 
-    Attributes:
-        jobs: the jobs of its kind.
-        followers: number of those who follow it.
-        job: the job as it was first seen.
-        news: the latest event.
-        over: no further event comes.
-        changed: set when `news` or `over` changes, and replaced by another then.
-    """
-
-    jobs: Jobs
-    followers: int = 0
-    job: Job | None = None
-    news: ServerSentEvent | None = None
-    over: bool = False
+    jobs: Jobs  # the jobs of its kind
+    followers: int = 0  # number of those who follow it
+    job: Job | None = None  # the job as it was first seen
+    news: ServerSentEvent | None = None  # the latest event
+    over: bool = False  # no further event comes
+    # set when `news` or `over` changes, and replaced by another then
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
@@ -94,13 +86,9 @@ class _NowAndThen:
 
 
 class Followers:
-    """Those who follow jobs. They belong to one event loop.
+    """Those who follow jobs. They belong to one event loop."""
 
-    Attributes:
-        ALLOWED_SECONDS: between two questions whether one may go on following.
-    """
-
-    ALLOWED_SECONDS: ClassVar[float] = 5.0
+    ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two questions whether one may go on following
 
     def __init__(
         self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS

@@ -33,17 +33,11 @@ _TOKEN: Final = re.compile(r"jss_[A-Za-z0-9]{43}", re.ASCII)
 
 @dataclass(frozen=True)
 class SignedIn:
-    """A browser that signed in.
+    """A browser that signed in."""
 
-    Attributes:
-        key: with which.
-        token: of its cookie.
-        ends_at: when it has to sign in again at the latest.
-    """
-
-    key: AccessKey
-    token: str
-    ends_at: datetime
+    key: AccessKey  # with which
+    token: str  # of its cookie
+    ends_at: datetime  # when it has to sign in again at the latest
 
 
 class Gate:

@@ -25,15 +25,11 @@ _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 @dataclass(frozen=True)
 class Posture:
-    """Whom the service trusts.
+    """Whom the service trusts."""
 
-    Attributes:
-        access: `loopback`: programs of this machine; `keys`: who has a key; `none`: whoever reaches the
-            address.
-        hosts: names in the Host header that are answered, without port; None answers all.
-    """
-
+    # `loopback`: programs of this machine; `keys`: who has a key; `none`: whoever reaches the address
     access: Access = "loopback"
+    # names in the Host header that are answered, without port; None answers all
     hosts: frozenset[str] | None = LOOPBACK_NAMES
 
     @classmethod

@@ -24,21 +24,13 @@ _logger = logging.getLogger(__name__)
 
 
 class Seen(NamedTuple):
-    """Outcome of a look.
+    """Outcome of a look."""
 
-    Attributes:
-        at: monotonic time of its end [s].
-        workers: number of living workers.
-        database: which one it is.
-        stored_bytes: size of the database.
-        error: why there is no answer.
-    """
-
-    at: float
-    workers: int = 0
-    database: Literal["sqlite", "postgresql"] = "sqlite"
-    stored_bytes: int = 0
-    error: StoreError | None = None
+    at: float  # monotonic time of its end [s]
+    workers: int = 0  # number of living workers
+    database: Literal["sqlite", "postgresql"] = "sqlite"  # which one it is
+    stored_bytes: int = 0  # size of the database
+    error: StoreError | None = None  # why there is no answer
 
 
 class Watch:

@@ -29,19 +29,12 @@ Part = Resamples | Problem
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """One method with one constraint.
+    """One method with one constraint."""
 
-    Attributes:
-        options: as of a run.
-        error: why the readings cannot support it.
-        draws: of the method, if the comparison resamples.
-        bounds: on the compliances.
-    """
-
-    options: RunOptions
-    error: Problem | None
-    draws: ResamplingWork | None
-    bounds: Bounds
+    options: RunOptions  # as of a run
+    error: Problem | None  # why the readings cannot support it
+    draws: ResamplingWork | None  # of the method, if the comparison resamples
+    bounds: Bounds  # on the compliances
 
 
 class ComparisonWork(SteppedWork[Part]):

@@ -31,19 +31,12 @@ Placed = TypeVar("Placed", QualityWarning, Reason)
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One side of a pair.
+    """One side of a pair."""
 
-    Attributes:
-        name: `first` or `second`.
-        set_id: id of its measurement set.
-        prepared: the set.
-        options: how to identify it.
-    """
-
-    name: str
-    set_id: str
-    prepared: PreparedSet
-    options: RunOptions
+    name: str  # `first` or `second`
+    set_id: str  # id of its measurement set
+    prepared: PreparedSet  # the set
+    options: RunOptions  # how to identify it
 
     @cached_property
     def campaign(self) -> PairSide:

@@ -29,19 +29,12 @@ _LARGEST_RELATIVE: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Hold the robot, the loads and the campaign of a plan.
+    """Hold the robot, the loads and the campaign of a plan."""
 
-    Attributes:
-        robot: the robot.
-        robot_id: id of the stored robot.
-        content: hash of robot, and of the readings so far.
-        prepared: the campaign to go on with; None to begin one.
-    """
-
-    robot: Robot
-    robot_id: str
-    content: str
-    prepared: PreparedSet | None = None
+    robot: Robot  # the robot
+    robot_id: str  # id of the stored robot
+    content: str  # hash of robot, and of the readings so far
+    prepared: PreparedSet | None = None  # the campaign to go on with; None to begin one
 
 
 def plan_work(planned: Planned, request: PlanRequest) -> QuickWork:

@@ -29,55 +29,33 @@ from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 
 @dataclass(frozen=True, eq=False)
 class PreparedRobot:
-    """A robot ready for computation.
+    """A robot ready for computation."""
 
-    Attributes:
-        document: the robot as it was understood.
-        robot: the robot.
-        content_hash: SHA-256 of kinematics and joint map, not of the name.
-    """
-
-    document: RobotDocument
-    robot: Robot
-    content_hash: str
+    document: RobotDocument  # the robot as it was understood
+    robot: Robot  # the robot
+    content_hash: str  # SHA-256 of kinematics and joint map, not of the name
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedSet:
-    """A measurement set that was checked and inspected.
+    """A measurement set that was checked and inspected."""
 
-    Attributes:
-        readings: the readings as they are stored.
-        measurements: the readings in SI units.
-        warnings: what was noticed.
-        content_hash: SHA-256 of readings, units and frame, not of the name.
-    """
-
-    readings: ReadingArrays
-    measurements: Measurements
-    warnings: list[QualityWarning]
-    content_hash: str
+    readings: ReadingArrays  # the readings as they are stored
+    measurements: Measurements  # the readings in SI units
+    warnings: list[QualityWarning]  # what was noticed
+    content_hash: str  # SHA-256 of readings, units and frame, not of the name
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedSet:
-    """A measurement set ready for computation, however many runs it gets.
+    """A measurement set ready for computation, however many runs it gets."""
 
-    Attributes:
-        robot: the robot that was measured.
-        measurements: the readings in SI units.
-        readings: the same as they are stored, for labels and names of targets.
-        warnings: what was noticed when the set was checked.
-        robot_id: id of the stored robot.
-        content: hash of robot and readings.
-    """
-
-    robot: Robot
-    measurements: Measurements
-    readings: ReadingArrays
-    warnings: list[QualityWarning]
-    robot_id: str
-    content: str
+    robot: Robot  # the robot that was measured
+    measurements: Measurements  # the readings in SI units
+    readings: ReadingArrays  # the same as they are stored, for labels and names of targets
+    warnings: list[QualityWarning]  # what was noticed when the set was checked
+    robot_id: str  # id of the stored robot
+    content: str  # hash of robot and readings
 
     def assess(self, settings: Settings, estimate: Estimate, prediction: Prediction) -> Assessment:
         """Assess an identification of this set by its prediction, with what was noticed in the readings."""

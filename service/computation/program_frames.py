@@ -22,16 +22,11 @@ _LEAST_SINE: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ProgramFrames:
-    """Frames of each target of a program.
+    """Frames of each target of a program."""
 
-    Attributes:
-        tool: (t, 4, 4) in the model's flange frame [m].
-        base: (t, 4, 4) in R0 [m].
-        x_axis: (3,) direction that the tools' x axes follow, in the base; None if it is not stated.
-    """
-
-    tool: FloatArray
-    base: FloatArray
+    tool: FloatArray  # (t, 4, 4) in the model's flange frame [m]
+    base: FloatArray  # (t, 4, 4) in R0 [m]
+    # (3,) direction that the tools' x axes follow, in the base; None if it is not stated
     x_axis: FloatArray | None
 
     @classmethod

@@ -26,15 +26,10 @@ _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Loads (k, 6) [N, N·m] along the axes of the request, and which of them each move of a program has.
+    """Loads (k, 6) [N, N·m] along the axes of the request, and which of them each move of a program has."""
 
-    Attributes:
-        values: (k, 6) force, then moment; the first one is no load.
-        of_visit: (v,) index of each visit's load.
-    """
-
-    values: FloatArray
-    of_visit: IndexArray
+    values: FloatArray  # (k, 6) force, then moment; the first one is no load
+    of_visit: IndexArray  # (v,) index of each visit's load
 
 
 def loads_of(

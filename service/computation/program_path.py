@@ -45,23 +45,14 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """The m targets that moves use, in the order of the path.
+    """The m targets that moves use, in the order of the path."""
 
-    Attributes:
-        program: the program.
-        frames: of its targets.
-        stated: what it says of the arm's configuration.
-        targets: (m,) indices of the program's targets.
-        cases: the wanted, loaded postures; the place is the tool's centre.
-        loaded: (m,) whether a load acts there.
-    """
-
-    program: Program
-    frames: ProgramFrames
-    stated: StatedConfigurations
-    targets: IndexArray
-    cases: LoadCases
-    loaded: BoolArray
+    program: Program  # the program
+    frames: ProgramFrames  # of its targets
+    stated: StatedConfigurations  # what it says of the arm's configuration
+    targets: IndexArray  # (m,) indices of the program's targets
+    cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
+    loaded: BoolArray  # (m,) whether a load acts there
 
     def fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault at a point of the path."""

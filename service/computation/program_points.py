@@ -23,35 +23,22 @@ _MRAD: Final = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """Corrections of k points under load.
+    """Corrections of k points under load."""
 
-    Attributes:
-        points: (k,) places in the path.
-        commanded: (k, 6) controller's angles [rad].
-        correction: (k, 6) displacement [m] and rotation vector [rad], axes of R0.
-        residual: (k, 6) from the wanted to the loaded place, before the program's rounding.
-        uncorrected: (k, 6) the same without a correction.
-        uncertainty: (k,) standard uncertainty of the deflection along itself [m]; NaN if unknown.
-        model_error: (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where
-            there is none.
-        extrapolation: (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it
-            extrapolates; NaN without a model error.
-        share: (k,) of the full correction.
-        uncertain: (k,) left alone, as the uncertainty exceeds the deflection.
-        capped: (k,) held back by the limits.
-    """
-
-    points: IndexArray
-    commanded: FloatArray
-    correction: FloatArray
-    residual: FloatArray
-    uncorrected: FloatArray
-    uncertainty: FloatArray
+    points: IndexArray  # (k,) places in the path
+    commanded: FloatArray  # (k, 6) controller's angles [rad]
+    correction: FloatArray  # (k, 6) displacement [m] and rotation vector [rad], axes of R0
+    residual: FloatArray  # (k, 6) from the wanted to the loaded place, before the program's rounding
+    uncorrected: FloatArray  # (k, 6) the same without a correction
+    uncertainty: FloatArray  # (k,) standard uncertainty of the deflection along itself [m]; NaN if unknown
+    # (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where there is none
     model_error: FloatArray
+    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
+    # without a model error
     extrapolation: FloatArray
-    share: FloatArray
-    uncertain: BoolArray
-    capped: BoolArray
+    share: FloatArray  # (k,) of the full correction
+    uncertain: BoolArray  # (k,) left alone, as the uncertainty exceeds the deflection
+    capped: BoolArray  # (k,) held back by the limits
 
     @classmethod
     def of(cls, points: IndexArray, found: Compensation, bound: ModelErrorBound | None) -> Corrections:
@@ -71,25 +58,15 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class WrittenPoints:
-    """The m points of a path with what is written for them.
+    """The m points of a path with what is written for them."""
 
-    Attributes:
-        path: the path.
-        corrections: of the points under load.
-        residual: (k, 6) from the wanted to the loaded place under what is written [m, rad].
-        rounding: (k,) part of it that comes of the program's digits [m].
-        changed: (k,) whether a number is another one than before.
-        place: (m, 3) where the tool's centre is wanted, in R0 [m].
-        quantile: half the width of intervals in standard uncertainties.
-    """
-
-    path: ProgramPath
-    corrections: Corrections
-    residual: FloatArray
-    rounding: FloatArray
-    changed: BoolArray
-    place: FloatArray
-    quantile: float
+    path: ProgramPath  # the path
+    corrections: Corrections  # of the points under load
+    residual: FloatArray  # (k, 6) from the wanted to the loaded place under what is written [m, rad]
+    rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
+    changed: BoolArray  # (k,) whether a number is another one than before
+    place: FloatArray  # (m, 3) where the tool's centre is wanted, in R0 [m]
+    quantile: float  # half the width of intervals in standard uncertainties
 
     def spread(self, sizes: FloatArray) -> Spread | None:
         """Return median, 95 % quantile and greatest of sizes (k,)."""

@@ -37,34 +37,25 @@ class JointNumbers(BaseModel):
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign that enters a trend.
-
-    Attributes:
-        joints: its run's results by name.
-    """
+    """A campaign that enters a trend."""
 
     run_id: str
     set_id: str
     name: str
     at: datetime
     time_source: Literal["measured_at", "created_at"]
-    joints: Mapping[str, JointNumbers]
+    joints: Mapping[str, JointNumbers]  # its run's results by name
 
 
 @dataclass(frozen=True)
 class TrendInput:
-    """Input of a trend.
+    """Input of a trend."""
 
-    Attributes:
-        names: joints of the robot.
-        campaigns: oldest first.
-        baselines: that were asked for, oldest first; the first campaigns are one by themselves.
-        acknowledgements: latest of each alarm, by its first measurement set and joint.
-    """
-
-    names: Sequence[str]
-    campaigns: Sequence[Campaign]
+    names: Sequence[str]  # joints of the robot
+    campaigns: Sequence[Campaign]  # oldest first
+    # that were asked for, oldest first; the first campaigns are one by themselves
     baselines: Sequence[messages.TrendBaseline] = ()
+    # latest of each alarm, by its first measurement set and joint
     acknowledgements: Mapping[tuple[str, str], messages.Acknowledgement] = field(default_factory=dict)
 
 
@@ -81,18 +72,12 @@ class TrendNumbers:
 
 @dataclass(frozen=True)
 class _Part:
-    """A joint's campaigns that are compared with one baseline.
+    """A joint's campaigns that are compared with one baseline."""
 
-    Attributes:
-        baseline: its index.
-        campaigns: indices of the campaigns in the series.
-        chart: None where they are too few.
-    """
-
-    baseline: int
-    campaigns: list[int]
+    baseline: int  # its index
+    campaigns: list[int]  # indices of the campaigns in the series
     series: Series
-    chart: Chart | None
+    chart: Chart | None  # None where they are too few
 
 
 def trend_of(given: TrendInput) -> TrendNumbers:

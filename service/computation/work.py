@@ -24,19 +24,14 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, eq=False)
 class QuickWork:
-    """Work that is done at once.
+    """Work that is done at once."""
 
-    Attributes:
-        compute: return the result; raises a RequestError for a request that is refused rather than stored,
-            another JointstiffError for one that fails.
-        input_hash: SHA-256 of data and request; equal inputs have equal hashes in any store.
-        robot_id: id of the stored robot; None if it is not stored.
-        details: fields of the job's message beyond those of every job.
-    """
-
+    # return the result; raises a RequestError for a request that is refused rather than stored, another
+    # JointstiffError for one that fails
     compute: Callable[[], Message]
-    input_hash: str
-    robot_id: str | None
+    input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
+    robot_id: str | None  # id of the stored robot; None if it is not stored
+    # fields of the job's message beyond those of every job
     details: Mapping[str, object] = field(default_factory=dict)
 
 

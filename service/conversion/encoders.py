@@ -19,19 +19,12 @@ _PREFIX = "encoder_"
 
 @dataclass(frozen=True, eq=False)
 class EncoderArrays:
-    """N observations of up to E encoders.
+    """N observations of up to E encoders."""
 
-    Attributes:
-        joints: (E,) names of the joints, in order of first appearance.
-        present: (N, E) which encoders were read.
-        unloaded: (N, E) angles before the load; zero where not read.
-        loaded: (N, E) angles under load; zero where not read.
-    """
-
-    joints: npt.NDArray[np.str_]
-    present: BoolArray
-    unloaded: FloatArray
-    loaded: FloatArray
+    joints: npt.NDArray[np.str_]  # (E,) names of the joints, in order of first appearance
+    present: BoolArray  # (N, E) which encoders were read
+    unloaded: FloatArray  # (N, E) angles before the load; zero where not read
+    loaded: FloatArray  # (N, E) angles under load; zero where not read
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> EncoderArrays | None:

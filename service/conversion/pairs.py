@@ -16,19 +16,13 @@ from jointstiff.solver.paired.comparison import JointRatio, Pair
 
 @dataclass(frozen=True, eq=False)
 class AssessedSide:
-    """A side by itself.
+    """A side by itself."""
 
-    Attributes:
-        assessment: places in it begin with the side.
-        joints: with their verdicts.
-        compensation: share of its mean deflection that its model predicts; None where nothing moved.
-        warnings: about its set and its fit; places in them begin with the side.
-    """
-
-    assessment: Assessment
-    joints: list[JointResult]
+    assessment: Assessment  # places in it begin with the side
+    joints: list[JointResult]  # with their verdicts
+    # share of its mean deflection that its model predicts; None where nothing moved
     compensation: float | None
-    warnings: list[QualityWarning]
+    warnings: list[QualityWarning]  # about its set and its fit; places in them begin with the side
 
 
 def to_pair_result(

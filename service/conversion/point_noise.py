@@ -20,17 +20,11 @@ _PREFIX = "noise_"
 
 @dataclass(frozen=True, eq=False)
 class PointNoise:
-    """Noise stated by N observations of T targets; zero where a reading states the other kind, or is absent.
+    """Noise stated by N observations of T targets; zero where a reading states the other kind or is absent."""
 
-    Attributes:
-        sigma: (N, T).
-        unloaded: (N, T, 3, 3) covariance before the load.
-        loaded: (N, T, 3, 3) under load.
-    """
-
-    sigma: FloatArray
-    unloaded: FloatArray
-    loaded: FloatArray
+    sigma: FloatArray  # (N, T)
+    unloaded: FloatArray  # (N, T, 3, 3) covariance before the load
+    loaded: FloatArray  # (N, T, 3, 3) under load
 
     @classmethod
     def from_readings(

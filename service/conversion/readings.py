@@ -30,39 +30,22 @@ from jointstiff.solver.errors import MeasurementError
 
 @dataclass(frozen=True, eq=False)
 class ReadingArrays:
-    """N observations of up to T targets, in the units of their set.
+    """N observations of up to T targets, in the units of their set."""
 
-    Attributes:
-        labels: (N,) names of the observations.
-        targets: (T,) names of the targets, in order of first appearance.
-        joints: (N, n) controller angles.
-        force: (N, 3).
-        moment: (N, 3), zero where not given.
-        moment_given: (N,).
-        load_point: (N, 3), zero where not given.
-        load_point_given: (N,).
-        present: (N, T) which targets were read.
-        as_deflection: (N, T) which readings came as a deflection.
-        unloaded: (N, T, 3) positions in R0; zero for deflections.
-        loaded: (N, T, 3) positions in R0, or the deflection itself.
-        encoders: what secondary encoders read; None if there are none.
-        noise: what readings state of their own; None if they do not.
-    """
-
-    labels: npt.NDArray[np.str_]
-    targets: npt.NDArray[np.str_]
-    joints: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    moment_given: BoolArray
-    load_point: FloatArray
-    load_point_given: BoolArray
-    present: BoolArray
-    as_deflection: BoolArray
-    unloaded: FloatArray
-    loaded: FloatArray
-    encoders: EncoderArrays | None = None
-    noise: PointNoise | None = None
+    labels: npt.NDArray[np.str_]  # (N,) names of the observations
+    targets: npt.NDArray[np.str_]  # (T,) names of the targets, in order of first appearance
+    joints: FloatArray  # (N, n) controller angles
+    force: FloatArray  # (N, 3)
+    moment: FloatArray  # (N, 3), zero where not given
+    moment_given: BoolArray  # (N,)
+    load_point: FloatArray  # (N, 3), zero where not given
+    load_point_given: BoolArray  # (N,)
+    present: BoolArray  # (N, T) which targets were read
+    as_deflection: BoolArray  # (N, T) which readings came as a deflection
+    unloaded: FloatArray  # (N, T, 3) positions in R0; zero for deflections
+    loaded: FloatArray  # (N, T, 3) positions in R0, or the deflection itself
+    encoders: EncoderArrays | None = None  # what secondary encoders read; None if there are none
+    noise: PointNoise | None = None  # what readings state of their own; None if they do not
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:

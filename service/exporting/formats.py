@@ -19,15 +19,10 @@ ModelFormat = Literal["csv", "xlsx", "urdf", "sdf", "mjcf"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format.
+    """A format."""
 
-    Attributes:
-        write: writes a model.
-        media_type: for HTTP.
-    """
-
-    write: Callable[[ExportedModel], bytes]
-    media_type: str
+    write: Callable[[ExportedModel], bytes]  # writes a model
+    media_type: str  # for HTTP
 
 
 _XML: Final = "application/xml"

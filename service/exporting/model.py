@@ -25,20 +25,13 @@ PLACEHOLDERS = (
 
 @dataclass(frozen=True, eq=False)
 class ExportedModel:
-    """A run with the robot that was measured, ready to be written.
+    """A run with the robot that was measured, ready to be written."""
 
-    Attributes:
-        run: the run.
-        result: its result.
-        robot: the robot.
-        name: of the robot.
-        geometry_id: of the geometry that was identified; None if the robot is as it was described.
-    """
-
-    run: Run
-    result: RunResult
-    robot: Robot
-    name: str
+    run: Run  # the run
+    result: RunResult  # its result
+    robot: Robot  # the robot
+    name: str  # of the robot
+    # of the geometry that was identified; None if the robot is as it was described
     geometry_id: str | None = None
 
     @classmethod

@@ -17,38 +17,25 @@ _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 @dataclass(slots=True)
 class Gathered:
-    """Values collected for one observation.
+    """Values collected for one observation."""
 
-    Attributes:
-        label: its label.
-        place: where it is first spoken of.
-        values: joint angles, force, moment, load point, and where they stand.
-        points: by target, then state.
-    """
-
-    label: str
-    place: Place
+    label: str  # its label
+    place: Place  # where it is first spoken of
+    # joint angles, force, moment, load point, and where they stand
     values: dict[Kind, tuple[Vector, Place]] = field(default_factory=dict)
-    points: dict[str, dict[State, Point]] = field(default_factory=dict)
+    points: dict[str, dict[State, Point]] = field(default_factory=dict)  # by target, then state
 
 
 @dataclass(frozen=True, slots=True)
 class Assembly:
-    """All observations, in order of appearance, checked against each other.
+    """All observations, in order of appearance, checked against each other."""
 
-    Attributes:
-        observations: with complete readings only, unless a state is absent from all of them.
-        targets: names, in order of appearance.
-        states: that were read at all.
-        assumptions: what was left out, in words.
-        sigmas: whether every reading states its own standard uncertainty.
-    """
-
+    # with complete readings only, unless a state is absent from all of them
     observations: tuple[Gathered, ...]
-    targets: tuple[str, ...]
-    states: tuple[State, ...]
-    assumptions: tuple[str, ...]
-    sigmas: bool = False
+    targets: tuple[str, ...]  # names, in order of appearance
+    states: tuple[State, ...]  # that were read at all
+    assumptions: tuple[str, ...]  # what was left out, in words
+    sigmas: bool = False  # whether every reading states its own standard uncertainty
 
     @property
     def one_state(self) -> bool:

@@ -14,19 +14,12 @@ from jointstiff.service.importing.units import Dimension
 
 @dataclass(frozen=True, slots=True)
 class HeaderCell:
-    """The header of one column.
+    """The header of one column."""
 
-    Attributes:
-        text: as it stands in the file, of several rows put together.
-        place: where it stands.
-        guessed: whether it was put together or assumed.
-        unused: whether the column has no header and no cells.
-    """
-
-    text: str
-    place: Place
-    guessed: bool = False
-    unused: bool = False
+    text: str  # as it stands in the file, of several rows put together
+    place: Place  # where it stands
+    guessed: bool = False  # whether it was put together or assumed
+    unused: bool = False  # whether the column has no header and no cells
 
 
 def with_units(

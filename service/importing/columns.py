@@ -22,36 +22,24 @@ _TOGETHER: Final = 4
 
 @dataclass(frozen=True)
 class Quantity:
-    """Quantity given by several columns: a vector, or all joint angles.
+    """Quantity given by several columns: a vector, or all joint angles."""
 
-    Attributes:
-        kind: of the quantity.
-        target: of a position, if the header names it.
-        state: of a position, if the header names it.
-    """
-
-    kind: Kind
-    target: str | None = None
-    state: State | None = None
+    kind: Kind  # of the quantity
+    target: str | None = None  # of a position, if the header names it
+    state: State | None = None  # of a position, if the header names it
 
 
 @dataclass(frozen=True)
 class Columns:
-    """All columns of a table.
+    """All columns of a table."""
 
-    Attributes:
-        meanings: one a column, with the unit that holds for it.
-        texts: index of the columns that name something, by kind.
-        quantities: indices of the columns of each quantity, in order of joints or axes.
-        units: by dimension, for all that occur; a moment may have none, then it is force times m.
-        faulty: whether they do not make a table.
-    """
-
-    meanings: tuple[Meaning, ...]
-    texts: Mapping[Kind, int]
+    meanings: tuple[Meaning, ...]  # one a column, with the unit that holds for it
+    texts: Mapping[Kind, int]  # index of the columns that name something, by kind
+    # indices of the columns of each quantity, in order of joints or axes
     quantities: Mapping[Quantity, tuple[int, ...]]
+    # by dimension, for all that occur; a moment may have none, then it is force times m
     units: Mapping[Dimension, str]
-    faulty: bool = False
+    faulty: bool = False  # whether they do not make a table
 
     @property
     def needed(self) -> frozenset[str]:

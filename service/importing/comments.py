@@ -24,15 +24,10 @@ _UNITS: Final = MappingProxyType(
 
 @dataclass(frozen=True)
 class Said:
-    """Unit and frame of the positions.
+    """Unit and frame of the positions."""
 
-    Attributes:
-        unit: of x, y and z.
-        frame: its name.
-    """
-
-    unit: str | None = None
-    frame: str | None = None
+    unit: str | None = None  # of x, y and z
+    frame: str | None = None  # its name
 
 
 def read_comments(grid: Grid) -> Said:

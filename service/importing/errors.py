@@ -18,17 +18,11 @@ def shown(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Somewhere in the files.
+    """Somewhere in the files."""
 
-    Attributes:
-        file: name of the file, as it was sent; None for all files together.
-        line: line of a text file or row of a sheet, from 1.
-        column: column of the table, from 1.
-    """
-
-    file: str | None = None
-    line: int | None = None
-    column: int | None = None
+    file: str | None = None  # name of the file, as it was sent; None for all files together
+    line: int | None = None  # line of a text file or row of a sheet, from 1
+    column: int | None = None  # column of the table, from 1
 
     def __str__(self) -> str:
         parts = [] if self.file is None else [shown(self.file)]

@@ -16,42 +16,26 @@ CellKind = Literal["text", "number", "date", "percentage", "truth value", "error
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row.
+    """One row."""
 
-    Attributes:
-        line: line of a text file or row of a sheet, from 1.
-        cells: without blanks at the ends.
-        kinds: what each cell of a sheet is; None in a text file, where all is text.
-    """
-
-    line: int
-    cells: tuple[str, ...]
+    line: int  # line of a text file or row of a sheet, from 1
+    cells: tuple[str, ...]  # without blanks at the ends
+    # what each cell of a sheet is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """All rows of a file.
+    """All rows of a file."""
 
-    Attributes:
-        file: its name.
-        format: what kind of file it is.
-        rows: those that are neither empty nor comments; all of the same length in a text file.
-        comments: rows that begin with a mark of comments, without it.
-        encoding: of a text file.
-        delimiter: of a text file.
-        sheet: of an Excel file.
-        assumptions: in words.
-    """
-
-    file: str
-    format: TableFormat
-    rows: tuple[Row, ...]
-    comments: tuple[Row, ...]
-    encoding: str | None = None
-    delimiter: Delimiter | None = None
-    sheet: str | None = None
-    assumptions: tuple[str, ...] = ()
+    file: str  # its name
+    format: TableFormat  # what kind of file it is
+    rows: tuple[Row, ...]  # those that are neither empty nor comments; all of the same length in a text file
+    comments: tuple[Row, ...]  # rows that begin with a mark of comments, without it
+    encoding: str | None = None  # of a text file
+    delimiter: Delimiter | None = None  # of a text file
+    sheet: str | None = None  # of an Excel file
+    assumptions: tuple[str, ...] = ()  # in words
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of its cell with this index."""

@@ -70,23 +70,15 @@ _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Meaning:
-    """Meaning of a column.
+    """Meaning of a column."""
 
-    Attributes:
-        kind: of its cells.
-        axis: number of the joint, or of the axis x, y, z, from 0; 0 of an uncertainty; None for texts.
-        target: of a position or its uncertainty, if the header names it.
-        state: of a position or its uncertainty, if the header names it.
-        unit: canonical, if the header names it.
-        guessed: whether the unit stood without brackets.
-    """
-
-    kind: Kind
+    kind: Kind  # of its cells
+    # number of the joint, or of the axis x, y, z, from 0; 0 of an uncertainty; None for texts
     axis: int | None = None
-    target: str | None = None
-    state: State | None = None
-    unit: str | None = None
-    guessed: bool = False
+    target: str | None = None  # of a position or its uncertainty, if the header names it
+    state: State | None = None  # of a position or its uncertainty, if the header names it
+    unit: str | None = None  # canonical, if the header names it
+    guessed: bool = False  # whether the unit stood without brackets
 
     def __str__(self) -> str:
         """Return words that are read as the same meaning."""

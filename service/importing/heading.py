@@ -27,21 +27,13 @@ _NONE: Final = frozenset("-–/")
 
 @dataclass(frozen=True)
 class Heading:
-    """A header as it stands in the file.
+    """A header as it stands in the file."""
 
-    Attributes:
-        cells: one a column.
-        lines: of the file that make it.
-        start: index of the first row of data.
-        notes: in words.
-        stated: whether the caller states it.
-    """
-
-    cells: tuple[HeaderCell, ...]
-    lines: tuple[int, ...]
-    start: int
-    notes: tuple[str, ...] = ()
-    stated: bool = False
+    cells: tuple[HeaderCell, ...]  # one a column
+    lines: tuple[int, ...]  # of the file that make it
+    start: int  # index of the first row of data
+    notes: tuple[str, ...] = ()  # in words
+    stated: bool = False  # whether the caller states it
 
 
 def find_heading(grid: Grid, options: ImportOptions, faults: Faults) -> Heading | None:

@@ -32,23 +32,14 @@ _TRAILING: Final = "every row ends with a delimiter; the empty last column was i
 
 @dataclass(frozen=True)
 class Layout:
-    """A table whose columns are understood.
+    """A table whose columns are understood."""
 
-    Attributes:
-        headers: as they stand in the file; empty texts where there is no header.
-        lines: of the file that make the header.
-        columns: what they mean.
-        rows: of data, at least one, as long as the header.
-        frame: of positions, as a comment of the file names it.
-        assumptions: in words.
-    """
-
-    headers: tuple[str, ...]
-    lines: tuple[int, ...]
-    columns: Columns
-    rows: tuple[Row, ...]
-    frame: str | None = None
-    assumptions: tuple[str, ...] = ()
+    headers: tuple[str, ...]  # as they stand in the file; empty texts where there is no header
+    lines: tuple[int, ...]  # of the file that make the header
+    columns: Columns  # what they mean
+    rows: tuple[Row, ...]  # of data, at least one, as long as the header
+    frame: str | None = None  # of positions, as a comment of the file names it
+    assumptions: tuple[str, ...] = ()  # in words
 
 
 def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:

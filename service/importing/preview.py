@@ -78,15 +78,10 @@ def preview_all(files: list[FilePreview], assembly: Assembly | None) -> ImportPr
 
 
 class Missing(NamedTuple):
-    """Something that a measurement set needs beyond what was read.
+    """Something that a measurement set needs beyond what was read."""
 
-    Attributes:
-        field: for programs.
-        text: for people.
-    """
-
-    field: MissingField
-    text: str
+    field: MissingField  # for programs
+    text: str  # for people
 
 
 def missing_from(

@@ -31,30 +31,19 @@ _Key = TypeVar("_Key", bound=str)
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file as it was sent.
+    """A file as it was sent."""
 
-    Attributes:
-        name: without a folder; it may say target and state.
-        content: its bytes.
-    """
-
-    name: str
-    content: bytes
+    name: str  # without a folder; it may say target and state
+    content: bytes  # its bytes
 
 
 @dataclass(frozen=True)
 class Imported:
-    """Content of the files, in their units.
+    """Content of the files, in their units."""
 
-    Attributes:
-        preview: what was understood, for people.
-        assembly: the observations.
-        units: by dimension, of all numbers that occur.
-    """
-
-    preview: ImportPreview
-    assembly: Assembly
-    units: Mapping[Dimension, str]
+    preview: ImportPreview  # what was understood, for people
+    assembly: Assembly  # the observations
+    units: Mapping[Dimension, str]  # by dimension, of all numbers that occur
 
     @property
     def complete(self) -> bool:
@@ -107,17 +96,11 @@ class Imported:
 
 @dataclass(frozen=True)
 class Understood:
-    """Content of files as far as it was understood.
+    """Content of files as far as it was understood."""
 
-    Attributes:
-        preview: as far as they were understood.
-        faults: what was not; at most `MAX_FAULTS`.
-        imported: their content, if there are no faults.
-    """
-
-    preview: ImportPreview
-    faults: tuple[ImportFileError, ...]
-    imported: Imported | None
+    preview: ImportPreview  # as far as they were understood
+    faults: tuple[ImportFileError, ...]  # what was not; at most `MAX_FAULTS`
+    imported: Imported | None  # their content, if there are no faults
 
 
 def read_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Imported:

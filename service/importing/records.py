@@ -26,40 +26,25 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Three numbers of one target in one state.
+    """Three numbers of one target in one state."""
 
-    Attributes:
-        target: its name.
-        state: of the robot, or `deflection` for the difference.
-        vector: x, y, z in the unit of length; None if the cells are empty.
-        place: where it stands.
-        sigma: standard uncertainty of a coordinate, in the unit of length, if the file has it.
-    """
-
-    target: str
-    state: State
-    vector: Vector | None
-    place: Place
+    target: str  # its name
+    state: State  # of the robot, or `deflection` for the difference
+    vector: Vector | None  # x, y, z in the unit of length; None if the cells are empty
+    place: Place  # where it stands
+    # standard uncertainty of a coordinate, in the unit of length, if the file has it
     sigma: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Content of one row.
+    """Content of one row."""
 
-    Attributes:
-        label: of the observation.
-        place: where it stands.
-        values: joint angles, force, moment, load point, in the file's units.
-        points: readings.
-        whole: whether the row claims to be the only one of its observation in this file.
-    """
-
-    label: str
-    place: Place
-    values: Mapping[Kind, Vector]
-    points: tuple[Point, ...]
-    whole: bool
+    label: str  # of the observation
+    place: Place  # where it stands
+    values: Mapping[Kind, Vector]  # joint angles, force, moment, load point, in the file's units
+    points: tuple[Point, ...]  # readings
+    whole: bool  # whether the row claims to be the only one of its observation in this file
 
 
 def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[DecimalMark, str | None]:

@@ -81,17 +81,11 @@ def _bare(row: Row) -> Row:
 
 @dataclass(frozen=True)
 class _Parts:
-    """The parts of a workbook.
+    """The parts of a workbook."""
 
-    Attributes:
-        sheets: by name, in order.
-        texts: those that cells refer to by number, if there are any.
-        styles: formats of cells, if there are any.
-    """
-
-    sheets: Mapping[str, str]
-    texts: str | None
-    styles: str | None
+    sheets: Mapping[str, str]  # by name, in order
+    texts: str | None  # those that cells refer to by number, if there are any
+    styles: str | None  # formats of cells, if there are any
 
 
 def _parts(archive: Archive) -> _Parts:

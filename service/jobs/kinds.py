@@ -31,31 +31,20 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Kind(Generic[AnyWork]):
-    """One kind of job. Use `Quick` or `Stepped`.
+    """One kind of job. Use `Quick` or `Stepped`."""
 
-    Attributes:
-        message: a stored job, which has the names of the kind.
-        request: a job as it is posted.
-        summary: a job in a listing: each field is one of the job, of its request, of its provenance,
-            or of its result's summary.
-        query: the page and the filters of a listing: each filter is a field of the summary.
-        work: return the work that a request takes; raises a RequestError for what does not exist or cannot
-            be done.
-        max_bytes: size of a request.
-        description: of the post, for the API's users.
-        is_form: whether it is posted as a form with files, at a route of its own.
-        answered: return a stored document as it is answered.
-    """
-
-    message: type[Job]
-    request: type[Message]
+    message: type[Job]  # a stored job, which has the names of the kind
+    request: type[Message]  # a job as it is posted
+    # a job in a listing: each field is one of the job, of its request, of its provenance, or of its
+    # result's summary
     summary: type[Message]
-    query: type[JobQuery]
+    query: type[JobQuery]  # the page and the filters of a listing: each filter is a field of the summary
+    # return the work that a request takes; raises a RequestError for what does not exist or cannot be done
     work: Callable[[Resources, Any], AnyWork]
-    max_bytes: int
-    description: str
-    is_form: bool = False
-    answered: Callable[[str], str] = str
+    max_bytes: int  # size of a request
+    description: str  # of the post, for the API's users
+    is_form: bool = False  # whether it is posted as a form with files, at a route of its own
+    answered: Callable[[str], str] = str  # return a stored document as it is answered
 
     @property
     def name(self) -> str:

@@ -145,21 +145,13 @@ progress.""",
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The application's parts.
+    """The application's parts."""
 
-    Attributes:
-        store: the store.
-        robots: its robots.
-        sets: its measurement sets.
-        jobs: its jobs, by the name of their kind.
-        trends: of its robots.
-    """
-
-    store: Store
-    robots: Robots
-    sets: MeasurementSets
-    jobs: Mapping[str, Jobs]
-    trends: Trends
+    store: Store  # the store
+    robots: Robots  # its robots
+    sets: MeasurementSets  # its measurement sets
+    jobs: Mapping[str, Jobs]  # its jobs, by the name of their kind
+    trends: Trends  # of its robots
 
     @classmethod
     def of(cls, store: Store, enqueue: Enqueue | None = None) -> Parts:

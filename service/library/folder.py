@@ -59,15 +59,11 @@ class Delivers(Protocol):
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that happened in a look.
+    """One thing that happened in a look."""
 
-    Attributes:
-        kind: `waiting`: nothing can be posted now; `left`: no file that is taken.
-        file: its name; empty where it is about all of them.
-    """
-
+    #: `waiting`: nothing can be posted now; `left`: no file that is taken
     kind: Literal["taken", "rejected", "waiting", "left"]
-    file: str
+    file: str  #: its name; empty where it is about all of them
     message: str
 
 

@@ -32,15 +32,10 @@ _MAX_SHOWN = 80
 
 
 class Resource(NamedTuple):
-    """A kind of resource.
+    """A kind of resource."""
 
-    Attributes:
-        name: in messages.
-        collection: name of all resources of this kind in addresses.
-    """
-
-    name: str
-    collection: str
+    name: str  # in messages
+    collection: str  # name of all resources of this kind in addresses
 
 
 class FilesError(RequestError):

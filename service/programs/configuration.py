@@ -23,17 +23,11 @@ _ROUNDING: Final = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """A word on one joint: where it stands, and the range of angles that each value of it means.
+    """A word on one joint: where it stands, and the range of angles that each value of it means."""
 
-    Attributes:
-        joint: index of the joint.
-        kind: `sign` (1 below zero), `quadrant` or `turn`.
-        value: as written.
-    """
-
-    joint: int
-    kind: str
-    value: int
+    joint: int  # index of the joint
+    kind: str  # `sign` (1 below zero), `quadrant` or `turn`
+    value: int  # as written
 
     def range(self) -> tuple[float, float]:
         """Return least and greatest angle [rad]."""
@@ -123,19 +117,12 @@ class StatedConfigurations:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Place of a word: its number's characters, and its bit where several words share the number.
+    """Place of a word: its number's characters, and its bit where several words share the number."""
 
-    Attributes:
-        span: first and last + 1 character.
-        bit: of the number; None where the number is the word.
-        whole: the number as it is.
-        style: `b` for KUKA's binary numbers.
-    """
-
-    span: tuple[int, int]
-    bit: int | None = None
-    whole: int = 0
-    style: str = "d"
+    span: tuple[int, int]  # first and last + 1 character
+    bit: int | None = None  # of the number; None where the number is the word
+    whole: int = 0  # the number as it is
+    style: str = "d"  # `b` for KUKA's binary numbers
 
 
 def _rewritten(words: Sequence[tuple[int, _Word, _Place]]) -> list[Edit]:

@@ -20,19 +20,12 @@ def shown(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that was not understood.
+    """Something that was not understood."""
 
-    Attributes:
-        file: name of the file.
-        line: line of the file, from 1; None for the whole file.
-        reason: what is wrong, in a sentence.
-        remedy: what to do.
-    """
-
-    file: str
-    line: int | None
-    reason: str
-    remedy: str
+    file: str  # name of the file
+    line: int | None  # line of the file, from 1; None for the whole file
+    reason: str  # what is wrong, in a sentence
+    remedy: str  # what to do
 
     @property
     def place(self) -> str:

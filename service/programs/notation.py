@@ -40,22 +40,14 @@ _GIMBAL: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """Meaning of the numbers of a target.
+    """Meaning of the numbers of a target."""
 
-    Attributes:
-        orientation: what follows the position; JOINTS where angles stand in place of a pose.
-        length: metres in the unit of position.
-        angle: radians in the unit of angles (1 where there are none).
-        length_decimals: digits behind the point that a changed position gets at least.
-        angle_decimals: the same of a changed angle or component of an orientation.
-        axis: of the tool, from the tip to the spindle, where a position alone is written.
-    """
-
-    orientation: Orientation
-    length: float = MM
-    angle: float = DEGREE
-    length_decimals: int = 4
-    angle_decimals: int = 5
+    orientation: Orientation  # what follows the position; JOINTS where angles stand in place of a pose
+    length: float = MM  # metres in the unit of position
+    angle: float = DEGREE  # radians in the unit of angles (1 where there are none)
+    length_decimals: int = 4  # digits behind the point that a changed position gets at least
+    angle_decimals: int = 5  # the same of a changed angle or component of an orientation
+    # of the tool, from the tip to the spindle, where a position alone is written
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     @property

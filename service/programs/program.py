@@ -33,17 +33,11 @@ class Motion(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file of a program.
+    """A file of a program."""
 
-    Attributes:
-        name: name of the file.
-        text: its bytes as Latin-1, which gives every byte back.
-        starts: offset of the first character of each line.
-    """
-
-    name: str
-    text: str
-    starts: tuple[int, ...]
+    name: str  # name of the file
+    text: str  # its bytes as Latin-1, which gives every byte back
+    starts: tuple[int, ...]  # offset of the first character of each line
 
     @classmethod
     def of(cls, name: str, content: bytes) -> Source:
@@ -64,14 +58,10 @@ class Source:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameName:
-    """A frame that a program uses: the base of its targets or the tool.
+    """A frame that a program uses: the base of its targets or the tool."""
 
-    Attributes:
-        name: as the program calls it, `BASE_DATA[2]` or `wobj1`.
-        pose: (4, 4) [m] where the program states it: base in R0, tool in the flange; else None.
-    """
-
-    name: str
+    name: str  # as the program calls it, `BASE_DATA[2]` or `wobj1`
+    # (4, 4) [m] where the program states it: base in R0, tool in the flange; else None
     pose: FloatArray | None = None
 
     def same(self, other: FrameName) -> bool:
@@ -83,29 +73,17 @@ class FrameName:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """A target: numbers that the program states, of one notation.
+    """A target: numbers that the program states, of one notation."""
 
-    Attributes:
-        name: as the program calls it, `P[3]` or `p10`; empty where it has no name.
-        source: index of its file.
-        line: line on which its numbers begin, from 1.
-        notation: what the numbers mean.
-        values: the numbers, as written.
-        spans: first and last + 1 character of each number, one after the other.
-        base: frame of the numbers.
-        tool: frame that is brought there.
-        branch: what the format says of the arm's configuration (`S 2, T 35`); empty if nothing.
-    """
-
-    name: str
-    source: int
-    line: int
-    notation: Notation
-    values: tuple[float, ...]
-    spans: tuple[int, ...]
-    base: FrameName
-    tool: FrameName
-    branch: str = ""
+    name: str  # as the program calls it, `P[3]` or `p10`; empty where it has no name
+    source: int  # index of its file
+    line: int  # line on which its numbers begin, from 1
+    notation: Notation  # what the numbers mean
+    values: tuple[float, ...]  # the numbers, as written
+    spans: tuple[int, ...]  # first and last + 1 character of each number, one after the other
+    base: FrameName  # frame of the numbers
+    tool: FrameName  # frame that is brought there
+    branch: str = ""  # what the format says of the arm's configuration (`S 2, T 35`); empty if nothing
 
     def at(self, text: str, spans: tuple[int, ...]) -> Target:
         """Return the target with the numbers that stand at spans of a text."""
@@ -125,17 +103,11 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """An instruction that moves the robot.
+    """An instruction that moves the robot."""
 
-    Attributes:
-        line: its line in the first file, from 1.
-        motion: how.
-        targets: indices of its targets, the last one where it ends.
-    """
-
-    line: int
-    motion: Motion
-    targets: tuple[int, ...]
+    line: int  # its line in the first file, from 1
+    motion: Motion  # how
+    targets: tuple[int, ...]  # indices of its targets, the last one where it ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,21 +120,13 @@ class Remark:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program that was understood as a whole.
+    """A program that was understood as a whole."""
 
-    Attributes:
-        format: name of its format.
-        sources: its files.
-        targets: each once, in the order of the files.
-        moves: in the order of the program's text.
-        left_alone: moves and calls that nothing is changed in.
-    """
-
-    format: str
-    sources: tuple[Source, ...]
-    targets: tuple[Target, ...]
-    moves: tuple[Move, ...]
-    left_alone: tuple[Remark, ...]
+    format: str  # name of its format
+    sources: tuple[Source, ...]  # its files
+    targets: tuple[Target, ...]  # each once, in the order of the files
+    moves: tuple[Move, ...]  # in the order of the program's text
+    left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in
 
     def by_notation(self) -> Mapping[Notation, list[int]]:
         """Return indices of targets by how they are written."""
@@ -251,19 +215,12 @@ def _padded(text: str, start: int, end: int, number: str) -> tuple[int, int, str
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Edited:
-    """A source after edits, and where its characters went.
+    """A source after edits, and where its characters went."""
 
-    Attributes:
-        source: with the new text.
-        ends: (e,) ends of the edits in the old text, ascending.
-        shift: (e + 1,) by which characters move that have as many edits before them.
-        lengths: (e,) characters of each edit's number.
-    """
-
-    source: Source
-    ends: IndexArray
-    shift: IndexArray
-    lengths: IndexArray
+    source: Source  # with the new text
+    ends: IndexArray  # (e,) ends of the edits in the old text, ascending
+    shift: IndexArray  # (e + 1,) by which characters move that have as many edits before them
+    lengths: IndexArray  # (e,) characters of each edit's number
 
     @classmethod
     def of(cls, source: Source, changes: Sequence[Edit]) -> _Edited:

@@ -45,16 +45,11 @@ NO_TARGET: Final = "write its numbers, or leave it out"
 
 @dataclass
 class Reader:
-    """Parts of a program that were read so far.
+    """Parts of a program that were read so far."""
 
-    Attributes:
-        format: name of the format.
-        sources: files of the program.
-        allowed: routines that the user says neither move the robot nor change frames, upper case.
-    """
-
-    format: str
-    sources: tuple[Source, ...]
+    format: str  # name of the format
+    sources: tuple[Source, ...]  # files of the program
+    # routines that the user says neither move the robot nor change frames, upper case
     allowed: Collection[str] = ()
     _targets: list[Target] = field(default_factory=list)
     _names: dict[str, int] = field(default_factory=dict)

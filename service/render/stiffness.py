@@ -17,17 +17,11 @@ _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
 @dataclass(frozen=True)
 class StiffnessUnit:
-    """A unit of stiffness, or of its inverse.
+    """A unit of stiffness, or of its inverse."""
 
-    Attributes:
-        factor: of a stiffness in N·m/rad; where inverse, of a compliance in rad/(N·m).
-        label: as printed.
-        inverse: whether compliances are shown.
-    """
-
-    factor: float
-    label: str
-    inverse: bool = False
+    factor: float  # of a stiffness in N·m/rad; where inverse, of a compliance in rad/(N·m)
+    label: str  # as printed
+    inverse: bool = False  # whether compliances are shown
 
     @property
     def quantity(self) -> str:

@@ -12,34 +12,21 @@ Fact = tuple[str, str]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text.
+    """A table of text."""
 
-    Attributes:
-        head: headers, with units.
-        rows: cells, as many as headers.
-        caption: above it.
-        texts: columns that hold text and not numbers.
-    """
-
-    head: list[str]
-    rows: list[list[str]]
-    caption: str = ""
-    texts: list[int] = field(default_factory=lambda: [0])
+    head: list[str]  # headers, with units
+    rows: list[list[str]]  # cells, as many as headers
+    caption: str = ""  # above it
+    texts: list[int] = field(default_factory=lambda: [0])  # columns that hold text and not numbers
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that was drawn here.
+    """A picture that was drawn here."""
 
-    Attributes:
-        svg: SVG without links and scripts.
-        caption: below it.
-        width: share of the text's width.
-    """
-
-    svg: str
-    caption: str
-    width: float = 1.0
+    svg: str  # SVG without links and scripts
+    caption: str  # below it
+    width: float = 1.0  # share of the text's width
 
 
 @dataclass(frozen=True)
@@ -56,38 +43,23 @@ class Section:
 
 @dataclass(frozen=True)
 class Letterhead:
-    """The laboratory above the title.
+    """The laboratory above the title."""
 
-    Attributes:
-        name: of the laboratory.
-        lines: its address, contact and accreditation.
-        logo: bytes of a PNG or JPEG; none without.
-        logo_type: of these bytes.
-    """
-
-    name: str
-    lines: list[str]
-    logo: bytes | None = None
-    logo_type: Literal["png", "jpg"] = "png"
+    name: str  # of the laboratory
+    lines: list[str]  # its address, contact and accreditation
+    logo: bytes | None = None  # bytes of a PNG or JPEG; none without
+    logo_type: Literal["png", "jpg"] = "png"  # of these bytes
 
 
 @dataclass(frozen=True)
 class State:
-    """State of a report: draft, authorised or superseded.
+    """State of a report: draft, authorised or superseded."""
 
-    Attributes:
-        kind: of the state.
-        line: who authorised it and when, or what is missing.
-        number: counts the authorisations; zero for none.
-        issued_at: when it was authorised; None for a draft.
-        by: name of the key that authorised it.
-    """
-
-    kind: Literal["draft", "authorised", "superseded", "unsigned"]
-    line: str
-    number: int = 0
-    issued_at: datetime | None = None
-    by: str | None = None
+    kind: Literal["draft", "authorised", "superseded", "unsigned"]  # of the state
+    line: str  # who authorised it and when, or what is missing
+    number: int = 0  # counts the authorisations; zero for none
+    issued_at: datetime | None = None  # when it was authorised; None for a draft
+    by: str | None = None  # name of the key that authorised it
 
     @property
     def watermark(self) -> str:
@@ -107,24 +79,13 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Document:
-    """A report.
+    """A report."""
 
-    Attributes:
-        title: of the report.
-        number: that identifies it, on each page.
-        state: whether it is authorised.
-        letterhead: of the laboratory.
-        dated: date of the document's file.
-        sections: in order; signature and end mark follow them.
-        attachments: files within it.
-        signs: whether it has a line to sign.
-    """
-
-    title: str
-    number: str
-    state: State
-    letterhead: Letterhead
-    dated: datetime
-    sections: list[Section]
-    attachments: list[Attachment] = field(default_factory=list)
-    signs: bool = True
+    title: str  # of the report
+    number: str  # that identifies it, on each page
+    state: State  # whether it is authorised
+    letterhead: Letterhead  # of the laboratory
+    dated: datetime  # date of the document's file
+    sections: list[Section]  # in order; signature and end mark follow them
+    attachments: list[Attachment] = field(default_factory=list)  # files within it
+    signs: bool = True  # whether it has a line to sign

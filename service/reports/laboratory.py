@@ -45,15 +45,10 @@ class Logo:
 
 @dataclass(frozen=True)
 class LaboratorySettings:
-    """A laboratory with its logo; without settings nothing is stated.
+    """A laboratory with its logo; without settings nothing is stated."""
 
-    Attributes:
-        laboratory: as the file has it.
-        logo: picture above the reports.
-    """
-
-    laboratory: Laboratory | None = None
-    logo: Logo | None = None
+    laboratory: Laboratory | None = None  # as the file has it
+    logo: Logo | None = None  # picture above the reports
 
     def letterhead(self) -> Letterhead:
         """Return what stands above a report."""

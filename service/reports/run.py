@@ -27,17 +27,11 @@ _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 
 @dataclass(frozen=True, eq=False)
 class RunSubject:
-    """A run to report on.
+    """A run to report on."""
 
-    Attributes:
-        model: the run with its robot.
-        readings: the measurement set; of its observations only the postures are drawn.
-        settings: of the laboratory.
-    """
-
-    model: ExportedModel
-    readings: MeasurementSetDocument
-    settings: LaboratorySettings
+    model: ExportedModel  # the run with its robot
+    readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
+    settings: LaboratorySettings  # of the laboratory
 
     def run_json(self) -> bytes:
         """Return the run as it is attached: a large one without what it says of each observation."""

@@ -11,17 +11,11 @@ from jointstiff.service.store.store import Store
 
 @dataclass(frozen=True, eq=False)
 class Resources:
-    """The resources of a store.
+    """The resources of a store."""
 
-    Attributes:
-        store: the store.
-        robots: its robots.
-        sets: its measurement sets.
-    """
-
-    store: Store
-    robots: Robots
-    sets: MeasurementSets
+    store: Store  # the store
+    robots: Robots  # its robots
+    sets: MeasurementSets  # its measurement sets
 
     @classmethod
     def of(cls, store: Store) -> Resources:

@@ -37,23 +37,14 @@ _STATES: Final[Mapping[messages.JointState, int]] = {
 
 @dataclass(frozen=True)
 class _Ground:
-    """Data of a robot's trends, looked up once.
+    """Data of a robot's trends, looked up once."""
 
-    Attributes:
-        names: of its joints.
-        stored: its sets that are not archived.
-        archived: those that are.
-        notes: in its trends.
-        sets: of `stored`, those that are looked at.
-        runs: with numbers, of `sets`.
-    """
-
-    names: list[str]
-    stored: list[MeasurementSetEntry]
-    archived: list[MeasurementSetEntry]
-    notes: list[TrendNote]
-    sets: list[MeasurementSetEntry]
-    runs: dict[str, list[Candidate]]
+    names: list[str]  # of its joints
+    stored: list[MeasurementSetEntry]  # its sets that are not archived
+    archived: list[MeasurementSetEntry]  # those that are
+    notes: list[TrendNote]  # in its trends
+    sets: list[MeasurementSetEntry]  # of `stored`, those that are looked at
+    runs: dict[str, list[Candidate]]  # with numbers, of `sets`
 
     def by_serial_number(self) -> Iterator[tuple[str, _Ground]]:
         """Yield each serial number with its sets and runs alone: a robot may stand for thousands of arms."""

@@ -31,27 +31,17 @@ _FOLDER_MODE: Final = 0o700  # readings, and hashes of keys
 
 
 class Manifest(BaseModel):
-    """Contents of a backup.
-
-    Attributes:
-        format: layout of backups.
-        jointstiff: version that made it.
-        made_at: when the copy began.
-        database: kind of database that it was made of, and that it can be restored to.
-        revision: schema version of the tables.
-        sha256: of the file beside the manifest.
-        tables: content of each table.
-    """
+    """Contents of a backup."""
 
     model_config = ConfigDict(frozen=True)
 
-    format: Literal[1] = 1
-    jointstiff: str = JOINTSTIFF_VERSION
-    made_at: datetime
-    database: Dialect
-    revision: str
-    sha256: str
-    tables: dict[str, TableContent]
+    format: Literal[1] = 1  # layout of backups
+    jointstiff: str = JOINTSTIFF_VERSION  # version that made it
+    made_at: datetime  # when the copy began
+    database: Dialect  # kind of database that it was made of, and that it can be restored to
+    revision: str  # schema version of the tables
+    sha256: str  # of the file beside the manifest
+    tables: dict[str, TableContent]  # content of each table
 
 
 def back_up(url: str, folder: Path) -> Manifest:

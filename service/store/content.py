@@ -17,17 +17,12 @@ _AT_ONCE: Final = 50
 
 
 class TableContent(BaseModel):
-    """Content of one table.
-
-    Attributes:
-        rows: their number.
-        sha256: of all their values, in the order of the primary key.
-    """
+    """Content of one table."""
 
     model_config = ConfigDict(frozen=True)
 
-    rows: int
-    sha256: str
+    rows: int  # their number
+    sha256: str  # of all their values, in the order of the primary key
 
 
 def content_of(connection: Connection) -> dict[str, TableContent]:

@@ -30,19 +30,12 @@ _TABLES: Final[tuple[tuple[Table, type[AnyRecord]], ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something wrong in a database.
+    """Something wrong in a database."""
 
-    Attributes:
-        code: of the kind of fault.
-        where: table or resource.
-        reason: what is wrong.
-        remedy: what to do about it.
-    """
-
-    code: str
-    where: str
-    reason: str
-    remedy: str
+    code: str  # of the kind of fault
+    where: str  # table or resource
+    reason: str  # what is wrong
+    remedy: str  # what to do about it
 
 
 class Inspection:

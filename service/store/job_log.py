@@ -33,15 +33,10 @@ _open: Final = jobs.c.state.in_(OPEN_STATES)
 
 @dataclass(frozen=True, slots=True)
 class JobStatus:
-    """State of a job.
+    """State of a job."""
 
-    Attributes:
-        state: its state.
-        done: units of its work that are done, while it has not ended.
-    """
-
-    state: str
-    done: int
+    state: str  # its state
+    done: int  # units of its work that are done, while it has not ended
 
     @property
     def goes_on(self) -> bool:

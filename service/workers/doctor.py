@@ -26,15 +26,10 @@ _RESTORE: Final = "restore a backup, or post it again"
 
 @dataclass
 class Examination:
-    """Outcome of a look at a database.
+    """Outcome of a look at a database."""
 
-    Attributes:
-        counted: records read, by what they are.
-        faults: what is wrong.
-    """
-
-    counted: dict[str, int] = field(default_factory=dict)
-    faults: list[Fault] = field(default_factory=list)
+    counted: dict[str, int] = field(default_factory=dict)  # records read, by what they are
+    faults: list[Fault] = field(default_factory=list)  # what is wrong
 
 
 def examine(url: str) -> Examination:

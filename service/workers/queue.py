@@ -35,15 +35,10 @@ logging.getLogger("dbos").setLevel(logging.CRITICAL)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of the workflow of a job.
+    """Outcome of the workflow of a job."""
 
-    Attributes:
-        status: the engine's word for it.
-        version: of the layout that it was enqueued with.
-    """
-
-    status: str
-    version: int
+    status: str  # the engine's word for it
+    version: int  # of the layout that it was enqueued with
 
     @property
     def ended(self) -> bool:

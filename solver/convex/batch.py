@@ -39,17 +39,12 @@ MOST_PIVOTS = 8
 
 @dataclass(frozen=True, eq=False)
 class BatchSolution:
-    """The optima of K problems over n parameters.
+    """The optima of K problems over n parameters."""
 
-    Attributes:
-        compliance: (K, n) [rad/(N·m)]; NaN where not certified.
-        active: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0.
-        certified: (K,) whether the optimality conditions hold to `TOLERANCE`. False means
-            that the Gram matrix is singular or too ill-conditioned to answer.
-    """
-
-    compliance: FloatArray
-    active: Support
+    compliance: FloatArray  #: (K, n) [rad/(N·m)]; NaN where not certified
+    active: Support  #: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0
+    #: (K,) whether the optimality conditions hold to `TOLERANCE`. False means that the Gram matrix is
+    #: singular or too ill-conditioned to answer.
     certified: BoolArray
 
 

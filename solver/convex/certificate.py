@@ -22,20 +22,14 @@ _ROUNDING = 64 * np.finfo(float).eps
 
 @dataclass(frozen=True)
 class Certificate:
-    """Violation of the optimality conditions, dimensionless, from the data alone.
+    """Violation of the optimality conditions, dimensionless, from the data alone."""
 
-    Attributes:
-        primal: greatest violation of a bound, in equilibrated variables.
-        dual: greatest gradient of the wrong sign at a bound, or of any sign off the bounds, beyond
-            rounding; a gradient is the cosine between a column and the residual, times ‖residual‖/‖z‖.
-        complementarity: greatest min(multiplier, slack), beyond rounding.
-        solved_by: algorithm that found the support.
-    """
-
-    primal: float
+    primal: float  #: greatest violation of a bound, in equilibrated variables
+    #: greatest gradient of the wrong sign at a bound, or of any sign off the bounds, beyond rounding; a
+    #: gradient is the cosine between a column and the residual, times ‖residual‖/‖z‖
     dual: float
-    complementarity: float
-    solved_by: Proposer
+    complementarity: float  #: greatest min(multiplier, slack), beyond rounding
+    solved_by: Proposer  #: algorithm that found the support
 
     @property
     def holds(self) -> bool:

@@ -21,16 +21,12 @@ class Constraints:
     The bounds of what is constructed are tight: each is reached by some c that satisfies all constraints,
     as ``c_i ≤ c_j`` hands the lower bound of i on to j, and the upper one of j to i.
 
-    Attributes:
-        bounds: of the n compliances [rad/(N·m)].
-        order: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j.
-
     Raises:
         RequestError: if the order goes round in a circle, or contradicts the bounds.
     """
 
-    bounds: Bounds
-    order: Order = ()
+    bounds: Bounds  #: of the n compliances [rad/(N·m)]
+    order: Order = ()  #: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j
 
     def __post_init__(self) -> None:
         if not self.order:

@@ -14,16 +14,12 @@ from jointstiff.solver.errors import RequestError, SolverError
 class Bounds:
     """Bounds on the compliances [rad/(N·m)]; -inf and inf where there is none.
 
-    Attributes:
-        lower: (n,) least compliances.
-        upper: (n,) greatest compliances.
-
     Raises:
         RequestError: if a lower bound is not below its upper bound, or is NaN.
     """
 
-    lower: FloatArray
-    upper: FloatArray
+    lower: FloatArray  #: (n,) least compliances
+    upper: FloatArray  #: (n,) greatest compliances
 
     def __post_init__(self) -> None:
         if not (self.lower < self.upper).all():
@@ -52,16 +48,12 @@ class Bounds:
 class Inequalities:
     """Linear inequalities ``matrix @ c ≥ least`` besides the bounds.
 
-    Attributes:
-        matrix: (k, n), no row of zeros.
-        least: (k,).
-
     Raises:
         SolverError: if a number is not finite, or a row is zero.
     """
 
-    matrix: FloatArray
-    least: FloatArray
+    matrix: FloatArray  #: (k, n), no row of zeros
+    least: FloatArray  #: (k,)
 
     def __post_init__(self) -> None:
         rows_hold = np.isfinite(self.matrix).all() and np.isfinite(self.least).all()
@@ -76,20 +68,14 @@ class Inequalities:
 class IdentificationProblem:
     """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper, and to linear inequalities if there are any.
 
-    Attributes:
-        R: (m, n) compressed, weighted regressor; every column has a positive norm.
-        z: (m,) compressed, weighted deflections.
-        bounds: of the n compliances.
-        inequalities: that hold besides, or None.
-
     Raises:
         SolverError: if a number is not finite, shapes disagree, or a column is zero.
     """
 
-    R: FloatArray
-    z: FloatArray
-    bounds: Bounds
-    inequalities: Inequalities | None = None
+    R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
+    z: FloatArray  #: (m,) compressed, weighted deflections
+    bounds: Bounds  #: of the n compliances
+    inequalities: Inequalities | None = None  #: that hold besides, or None
 
     def __post_init__(self) -> None:
         shapes = {self.bounds.lower.shape, self.bounds.upper.shape, self.R.shape[1:]}

@@ -12,25 +12,15 @@ from jointstiff.solver.convex.problem import IdentificationProblem
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """minimise ‖A x − b‖² subject to lower ≤ x ≤ upper and B x ≥ d, all rows and columns of unit norm.
+    """minimise ‖A x − b‖² subject to lower ≤ x ≤ upper and B x ≥ d, all rows and columns of unit norm."""
 
-    Attributes:
-        A: (m, n) columns of unit norm.
-        b: (m,) unit norm, or zero.
-        lower: (n,) least x; -inf where there is none.
-        upper: (n,) greatest x; inf where there is none.
-        B: (k, n) rows of unit norm; k = 0 without inequalities.
-        d: (k,).
-        unit: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)].
-    """
-
-    A: FloatArray
-    b: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    B: FloatArray
-    d: FloatArray
-    unit: FloatArray
+    A: FloatArray  #: (m, n) columns of unit norm
+    b: FloatArray  #: (m,) unit norm, or zero
+    lower: FloatArray  #: (n,) least x; -inf where there is none
+    upper: FloatArray  #: (n,) greatest x; inf where there is none
+    B: FloatArray  #: (k, n) rows of unit norm; k = 0 without inequalities
+    d: FloatArray  #: (k,)
+    unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
 
     @classmethod
     def of(cls, problem: IdentificationProblem) -> Scaled:

@@ -50,18 +50,12 @@ MOST_PIVOTS = 8
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The optimum of an `IdentificationProblem`.
+    """The optimum of an `IdentificationProblem`."""
 
-    Attributes:
-        compliance: (n,) [rad/(N·m)].
-        active: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0.
-        certificate: evidence that it is the optimum.
-        tight: (k,) inequalities that hold with equality up to rounding; None where the problem has none.
-    """
-
-    compliance: FloatArray
-    active: Support
-    certificate: Certificate
+    compliance: FloatArray  #: (n,) [rad/(N·m)]
+    active: Support  #: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0
+    certificate: Certificate  #: evidence that it is the optimum
+    #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
     tight: BoolArray | None = None
 
     @property

@@ -18,19 +18,12 @@ _SINGULAR: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class WorstDirection:
-    """The direction in which a force moves the place most, in B load cases.
+    """The direction in which a force moves the place most, in B load cases."""
 
-    Attributes:
-        compliance: (B,) greatest eigenvalue of C_tt [m/N].
-        direction: (B, 3) unit vector, axes of R0.
-        compliance_uncertainty: (B,) standard uncertainty of the eigenvalue [m/N]; NaN if unknown.
-        direction_uncertainty: (B,) standard uncertainty of the direction's angle [rad], at most a quarter
-            turn; NaN if unknown.
-    """
-
-    compliance: FloatArray
-    direction: FloatArray
-    compliance_uncertainty: FloatArray
+    compliance: FloatArray  #: (B,) greatest eigenvalue of C_tt [m/N]
+    direction: FloatArray  #: (B, 3) unit vector, axes of R0
+    compliance_uncertainty: FloatArray  #: (B,) standard uncertainty of the eigenvalue [m/N]; NaN if unknown
+    #: (B,) standard uncertainty of the direction's angle [rad], at most a quarter turn; NaN if unknown
     direction_uncertainty: FloatArray
 
 
@@ -40,18 +33,14 @@ class CartesianCompliance:
 
     It maps a further small wrench at the place (N, then N·m) to the displacement of the place (m) and the
     rotation of the flange (rad), axes of R0.
-
-    Attributes:
-        matrix: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)].
-        symmetric: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric.
-        by_joint: (B, 6, n) and (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``.
-        covariance: (n, n) of the compliances [(rad/(N·m))²]; None if unknown.
     """
 
-    matrix: FloatArray
+    matrix: FloatArray  #: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)]
+    #: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric
     symmetric: BoolArray
+    #: (B, 6, n) and (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``
     by_joint: tuple[FloatArray, FloatArray]
-    covariance: FloatArray | None
+    covariance: FloatArray | None  #: (n, n) of the compliances [(rad/(N·m))²]; None if unknown
 
     @classmethod
     def of(cls, model: JointModel, posture: LoadedPosture) -> CartesianCompliance:

@@ -27,46 +27,30 @@ _BLOCK: Final = 4096
 
 @dataclass(frozen=True)
 class CorrectionLimits:
-    """Rules by which a correction is held back.
+    """Rules by which a correction is held back."""
 
-    Attributes:
-        displacement: greatest correction of the place [m].
-        rotation: greatest correction of the orientation [rad].
-        ramp: length of path over which the correction sets in and fades with the load [m].
-    """
-
-    displacement: float = 5e-3
-    rotation: float = 10e-3
-    ramp: float = 0.0
+    displacement: float = 5e-3  #: greatest correction of the place [m]
+    rotation: float = 10e-3  #: greatest correction of the orientation [rad]
+    ramp: float = 0.0  #: length of path over which the correction sets in and fades with the load [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """Commands for m wanted postures, with what they reach by the forward model of the loaded robot.
+    """Commands for m wanted postures, with what they reach by the forward model of the loaded robot."""
 
-    Attributes:
-        commanded: (m, n) angles as the controller shows them [rad].
-        correction: (m, 6) from the wanted to the commanded pose of the place: displacement [m], then rotation
-            vector [rad], axes of R0.
-        residual: (m, 6) from the wanted to the loaded pose under the command: the certificate [m, rad].
-        uncorrected: (m, 6) from the wanted to the loaded pose without correction [m, rad].
-        uncertainty: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if
-            unknown.
-        leverage: (m,) the greatest of a displacement in any direction [m]; zero if unknown.
-        share: (m,) of the full correction that the command carries, 0 to 1.
-        uncertain: (m,) left alone, as the uncertainty of the deflection exceeds it.
-        capped: (m,) held back by the limits.
-    """
-
-    commanded: FloatArray
+    commanded: FloatArray  #: (m, n) angles as the controller shows them [rad]
+    #: (m, 6) from the wanted to the commanded pose of the place: displacement [m], then rotation vector
+    #: [rad], axes of R0
     correction: FloatArray
+    #: (m, 6) from the wanted to the loaded pose under the command: the certificate [m, rad]
     residual: FloatArray
-    uncorrected: FloatArray
+    uncorrected: FloatArray  #: (m, 6) from the wanted to the loaded pose without correction [m, rad]
+    #: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if unknown
     uncertainty: FloatArray
-    leverage: FloatArray
-    share: FloatArray
-    uncertain: BoolArray
-    capped: BoolArray
+    leverage: FloatArray  #: (m,) the greatest of a displacement in any direction [m]; zero if unknown
+    share: FloatArray  #: (m,) of the full correction that the command carries, 0 to 1
+    uncertain: BoolArray  #: (m,) left alone, as the uncertainty of the deflection exceeds it
+    capped: BoolArray  #: (m,) held back by the limits
 
 
 def compensate(

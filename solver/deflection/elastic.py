@@ -42,25 +42,16 @@ _LEAST_PRIOR: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ElasticPredictor:
-    """A robot whose links bend.
+    """A robot whose links bend."""
 
-    Attributes:
-        robot: n joints.
-        columns: of the richest model.
-        kept: (p,) columns that the model has.
-        entries: (p,) compliances.
-        root: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown.
-        seen: (n,) joints that the readings saw.
-        degrees_of_freedom: of sigma; None for one that was given.
-    """
-
-    robot: Robot
-    columns: ElasticColumns
-    kept: IndexArray
-    entries: FloatArray
+    robot: Robot  #: n joints
+    columns: ElasticColumns  #: of the richest model
+    kept: IndexArray  #: (p,) columns that the model has
+    entries: FloatArray  #: (p,) compliances
+    #: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown
     root: FloatArray | None
-    seen: BoolArray
-    degrees_of_freedom: float | None
+    seen: BoolArray  #: (n,) joints that the readings saw
+    degrees_of_freedom: float | None  #: of sigma; None for one that was given
 
     @classmethod
     def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:

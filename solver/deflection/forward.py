@@ -102,14 +102,10 @@ class ForwardModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class JointForward:
-    """Elastic joints: the exact balance of springs, load and own weight.
+    """Elastic joints: the exact balance of springs, load and own weight."""
 
-    Attributes:
-        model: elastic joints.
-        weight: of the links; None leaves it out, as the controller's zero has it in already.
-    """
-
-    model: JointModel
+    model: JointModel  #: elastic joints
+    #: of the links; None leaves it out, as the controller's zero has it in already
     weight: OwnWeight | None = None
 
     @property
@@ -167,15 +163,10 @@ class JointForward:
 
 @dataclass(frozen=True, eq=False)
 class BentJoints:
-    """B loaded places of a robot whose joints bend.
+    """B loaded places of a robot whose joints bend."""
 
-    Attributes:
-        place: (B, 3) in R0 [m].
-        rotation: (B, 3, 3) axes of the flange in R0.
-    """
-
-    place: FloatArray
-    rotation: FloatArray
+    place: FloatArray  #: (B, 3) in R0 [m]
+    rotation: FloatArray  #: (B, 3, 3) axes of the flange in R0
     _model: JointModel
     _jacobian: FloatArray
     _torque: FloatArray
@@ -208,13 +199,9 @@ class BentJoints:
 
 @dataclass(frozen=True, eq=False)
 class ElasticForward:
-    """Elastic joints and links, to first order in the load at the unloaded posture.
+    """Elastic joints and links, to first order in the load at the unloaded posture."""
 
-    Attributes:
-        model: what predicts.
-    """
-
-    model: ElasticPredictor
+    model: ElasticPredictor  #: what predicts
 
     @property
     def robot(self) -> Robot:
@@ -270,15 +257,10 @@ class ElasticForward:
 
 @dataclass(frozen=True, eq=False)
 class BentLinks:
-    """B loaded places of a robot whose links bend.
+    """B loaded places of a robot whose links bend."""
 
-    Attributes:
-        place: (B, 3) in R0 [m].
-        rotation: (B, 3, 3) axes of the flange in R0.
-    """
-
-    place: FloatArray
-    rotation: FloatArray
+    place: FloatArray  #: (B, 3) in R0 [m]
+    rotation: FloatArray  #: (B, 3, 3) axes of the flange in R0
     _model: ElasticPredictor
     _places: ElasticPlaces
 

@@ -29,21 +29,15 @@ _LEAST_SIGMA: Final = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class JointModel:
-    """A robot with elastic joints.
+    """A robot with elastic joints."""
 
-    Attributes:
-        robot: n joints.
-        compliance: (n,) [rad/(N·m)]; zero where nothing is known.
-        likelihood: of the compliances that were seen, before any constraint, in SI units; None where no
-            uncertainty is known.
-        constraints: on all n compliances.
-        degrees_of_freedom: of a sigma that comes from residuals; None for one that was given.
-    """
-
-    robot: Robot
-    compliance: FloatArray
+    robot: Robot  #: n joints
+    compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where nothing is known
+    #: of the compliances that were seen, before any constraint, in SI units; None where no uncertainty is
+    #: known
     likelihood: Likelihood | None
-    constraints: Constraints
+    constraints: Constraints  #: on all n compliances
+    #: of a sigma that comes from residuals; None for one that was given
     degrees_of_freedom: float | None = None
 
     @classmethod

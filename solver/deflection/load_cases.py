@@ -17,22 +17,15 @@ class LoadCases:
     The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
     the flange.
 
-    Attributes:
-        joints: (B, n) angles without the load, as the controller shows them [rad].
-        force: (B, 3) on the robot, axes of R0 [N].
-        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
-        load_point: (B, 3) where the force acts, flange frame [m].
-        place: (B, 3) whose deflection is asked for, flange frame [m].
-
     Raises:
         RequestError: shapes disagree, a number is not finite, or there is no case.
     """
 
-    joints: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    load_point: FloatArray
-    place: FloatArray
+    joints: FloatArray  #: (B, n) angles without the load, as the controller shows them [rad]
+    force: FloatArray  #: (B, 3) on the robot, axes of R0 [N]
+    moment: FloatArray  #: (B, 3) on the robot about the load point, axes of R0 [N·m]
+    load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
+    place: FloatArray  #: (B, 3) whose deflection is asked for, flange frame [m]
 
     def __post_init__(self) -> None:
         count = len(self.joints)

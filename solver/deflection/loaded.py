@@ -25,25 +25,16 @@ LARGEST_DEFLECTION = 1.0
 
 @dataclass(frozen=True, eq=False)
 class LoadedPosture:
-    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
+    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``."""
 
-    Attributes:
-        cases: whose balance it is.
-        deflection: (B, n) δθ of the joints [rad].
-        torque: (B, n) by which the load, with the change of the own weight's, twists the joints [N·m].
-        stiffness: (B, n, n) K_c + ∂g/∂q of load and own weight, in the loaded posture [N·m/rad].
-        softened: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ.
-        unloaded: kinematics without the load.
-        loaded: kinematics with it.
-    """
-
-    cases: LoadCases
-    deflection: FloatArray
+    cases: LoadCases  #: whose balance it is
+    deflection: FloatArray  #: (B, n) δθ of the joints [rad]
+    #: (B, n) by which the load, with the change of the own weight's, twists the joints [N·m]
     torque: FloatArray
-    stiffness: FloatArray
-    softened: FloatArray
-    unloaded: Configurations
-    loaded: Configurations
+    stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight, in the loaded posture [N·m/rad]
+    softened: FloatArray  #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ
+    unloaded: Configurations  #: kinematics without the load
+    loaded: Configurations  #: kinematics with it
 
     @classmethod
     def of(

@@ -16,19 +16,12 @@ _FULL_TURN: Final = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class ToolFan:
-    """Orientations of the flange among which each place chooses, with the process wrench in each.
+    """Orientations of the flange among which each place chooses, with the process wrench in each."""
 
-    Attributes:
-        rotation: (O, 3, 3) axes of the flange in R0.
-        force: (O, 3) on the robot, axes of R0 [N].
-        moment: (O, 3) about the load point, axes of R0 [N·m].
-        direction: (O, 3) unit vectors along which compliance is asked for, axes of R0.
-    """
-
-    rotation: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    direction: FloatArray
+    rotation: FloatArray  #: (O, 3, 3) axes of the flange in R0
+    force: FloatArray  #: (O, 3) on the robot, axes of R0 [N]
+    moment: FloatArray  #: (O, 3) about the load point, axes of R0 [N·m]
+    direction: FloatArray  #: (O, 3) unit vectors along which compliance is asked for, axes of R0
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -36,23 +29,15 @@ class ToolFan:
 
 @dataclass(frozen=True, eq=False)
 class MapTask:
-    """Everything that a map asks of each place.
+    """Everything that a map asks of each place."""
 
-    Attributes:
-        fan: orientations and wrenches.
-        place: (3,) of the tool, flange frame [m]: it is brought to the places.
-        load_point: (3,) where the force acts, flange frame [m].
-        limits: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none.
-        near: (n,) controller's angles [rad] that each place stays nearest to; None: it is the stiffest.
-        confidence: level of the intervals.
-    """
-
-    fan: ToolFan
-    place: FloatArray
-    load_point: FloatArray
-    limits: FloatArray
+    fan: ToolFan  #: orientations and wrenches
+    place: FloatArray  #: (3,) of the tool, flange frame [m]: it is brought to the places
+    load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
+    limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
+    #: (n,) controller's angles [rad] that each place stays nearest to; None: it is the stiffest
     near: FloatArray | None
-    confidence: float
+    confidence: float  #: level of the intervals
 
     def cases(self, orientation: IndexArray, joints: FloatArray) -> LoadCases:
         """Return the load cases of postures (R, n) in orientations (R,) of the fan."""

@@ -33,29 +33,20 @@ _LARGEST_TURN: Final = 0.25
 
 @dataclass(frozen=True, eq=False)
 class DeflectionMap:
-    """P places of a map. Numbers are NaN where a place is not `reached`.
+    """P places of a map. Numbers are NaN where a place is not `reached`."""
 
-    Attributes:
-        status: (P,) index into `STATUSES`.
-        orientation: (P,) index of the fan.
-        joints: (P, n) posture without the load, controller's angles [rad]; given where limits are kept.
-        displacement: (P, 3) of the place, loaded minus unloaded, axes of R0 [m].
-        along: (P,) compliance along the direction, uᵀ C_tt u [m/N].
-        across: (P,) greatest compliance across it [m/N].
-        readings: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown.
-        with_model_error: (P, 2) with the model error, too [m]; NaN where there is no bound.
-        extrapolation: (P,) load, or what the readings say of the place, beyond the campaign's: above 1 it
-            extrapolates; NaN without a model error.
-    """
-
-    status: IndexArray
-    orientation: IndexArray
+    status: IndexArray  #: (P,) index into `STATUSES`
+    orientation: IndexArray  #: (P,) index of the fan
+    #: (P, n) posture without the load, controller's angles [rad]; given where limits are kept
     joints: FloatArray
-    displacement: FloatArray
-    along: FloatArray
-    across: FloatArray
+    displacement: FloatArray  #: (P, 3) of the place, loaded minus unloaded, axes of R0 [m]
+    along: FloatArray  #: (P,) compliance along the direction, uᵀ C_tt u [m/N]
+    across: FloatArray  #: (P,) greatest compliance across it [m/N]
+    #: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown
     readings: FloatArray
-    with_model_error: FloatArray
+    with_model_error: FloatArray  #: (P, 2) with the model error, too [m]; NaN where there is no bound
+    #: (P,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
+    #: without a model error
     extrapolation: FloatArray
 
     @classmethod

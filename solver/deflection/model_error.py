@@ -41,19 +41,15 @@ _SLACK: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorBound:
-    """Radii of balls about B predicted displacements, to hold the truth with the model error.
+    """Radii of balls about B predicted displacements, to hold the truth with the model error."""
 
-    Attributes:
-        radius: (B,) [m]; inf where nothing can be said.
-        unmeasured: `force` or `moment` if no load of the campaign had one: under one, nothing can be said.
-        load_ratio: (B,) size of the load over the greatest that was measured; above 1 it is extrapolated.
-        leverage_ratio: (B,) how much less the readings say of the place under that load than of the worst
-            target that was read; above 1 it is extrapolated. Both widen the ball.
-    """
-
-    radius: FloatArray
+    radius: FloatArray  #: (B,) [m]; inf where nothing can be said
+    #: `force` or `moment` if no load of the campaign had one: under one, nothing can be said
     unmeasured: str | None
+    #: (B,) size of the load over the greatest that was measured; above 1 it is extrapolated
     load_ratio: FloatArray
+    #: (B,) how much less the readings say of the place under that load than of the worst target that was
+    #: read; above 1 it is extrapolated. Both widen the ball.
     leverage_ratio: FloatArray
 
     def interval(self, deflection: Deflection) -> FloatArray:
@@ -69,28 +65,18 @@ class ModelErrorBound:
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """Residuals of readings in postures that were left out of the fit.
+    """Residuals of readings in postures that were left out of the fit."""
 
-    Attributes:
-        postures: number P of postures that it rests on.
-        score: (S,) ascending: length of a residual over the root of the size of its load [m]; inf where the
-            others do not determine it.
-        share: (S,) of the postures' readings with that score at most, times P/(P + 1).
-        force: unit of the size of a load [N]; zero where none was measured.
-        moment: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
-        least_load: least size of a load.
-        leverage: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m].
-        left_out: the fits without each posture; None where they are not known.
-    """
-
-    postures: int
+    postures: int  #: number P of postures that it rests on
+    #: (S,) ascending: length of a residual over the root of the size of its load [m]; inf where the others
+    #: do not determine it
     score: FloatArray
-    share: FloatArray
-    force: float
-    moment: float
-    least_load: float
-    leverage: float
-    left_out: LeftOut | None = None
+    share: FloatArray  #: (S,) of the postures' readings with that score at most, times P/(P + 1)
+    force: float  #: unit of the size of a load [N]; zero where none was measured
+    moment: float  #: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
+    least_load: float  #: least size of a load
+    leverage: float  #: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m]
+    left_out: LeftOut | None = None  #: the fits without each posture; None where they are not known
 
     @staticmethod
     def needed(confidence: float) -> int:

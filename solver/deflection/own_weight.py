@@ -20,18 +20,13 @@ STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
 class OwnWeight:
     """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
 
-    Attributes:
-        mass: (n,) [kg]; zero for a link whose weight is left out.
-        centre: (n, 3) centres of mass in the frames that move with the joints [m].
-        gravity: (3,) in R0 [m/s²].
-
     Raises:
         RequestError: a mass is negative, or a number is not finite.
     """
 
-    mass: FloatArray
-    centre: FloatArray
-    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)
+    mass: FloatArray  #: (n,) [kg]; zero for a link whose weight is left out
+    centre: FloatArray  #: (n, 3) centres of mass in the frames that move with the joints [m]
+    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
 
     def __post_init__(self) -> None:
         finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))

@@ -24,19 +24,16 @@ _SLACK: Final = 1e-9
 class PathNodes:
     """Postures to choose from.
 
-    Attributes:
-        joints: (S, A, B, n) joint angles of B branches at A tool angles at S steps [rad]; NaN where there is
-            none. A joint that can reach an angle after a full turn, too, has a branch for each.
-        cost: (S, A, B) cost of each, such as a deflection [m]; inf where a posture is not to be used.
-        largest_turn: (n,) greatest change of each joint from step to step [rad].
-
     Raises:
         RequestError: shapes disagree, a cost is NaN, or a limit is not positive.
     """
 
+    #: (S, A, B, n) joint angles of B branches at A tool angles at S steps [rad]; NaN where there is none. A
+    #: joint that can reach an angle after a full turn, too, has a branch for each.
     joints: FloatArray
+    #: (S, A, B) cost of each, such as a deflection [m]; inf where a posture is not to be used
     cost: FloatArray
-    largest_turn: FloatArray
+    largest_turn: FloatArray  #: (n,) greatest change of each joint from step to step [rad]
 
     def __post_init__(self) -> None:
         fits = self.joints.ndim == 4 and self.cost.shape == self.joints.shape[:3] and self.joints.size > 0
@@ -62,18 +59,12 @@ class PathNodes:
 
 @dataclass(frozen=True, eq=False)
 class ToolAnglePath:
-    """A path through the nodes.
+    """A path through the nodes."""
 
-    Attributes:
-        angle: (S,) index of the tool angle at each step.
-        branch: (S,) index of the branch.
-        cost: (S,) of the nodes on the path.
-        lower_bound: mean of the steps' least costs: no path has a lower mean, whatever the joints may do.
-    """
-
-    angle: IndexArray
-    branch: IndexArray
-    cost: FloatArray
+    angle: IndexArray  #: (S,) index of the tool angle at each step
+    branch: IndexArray  #: (S,) index of the branch
+    cost: FloatArray  #: (S,) of the nodes on the path
+    #: mean of the steps' least costs: no path has a lower mean, whatever the joints may do
     lower_bound: float
 
     @property

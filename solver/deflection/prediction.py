@@ -16,27 +16,20 @@ from jointstiff.solver.deflection.own_weight import OwnWeight
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """Deflections of B load cases, axes of R0.
+    """Deflections of B load cases, axes of R0."""
 
-    Attributes:
-        displacement: (B, 3) of the places [m].
-        rotation: (B, 3) rotation vectors of the flange [rad].
-        interval: (B, 6, 2) of displacement, then rotation, from the readings alone, under the constraints;
-            None where no uncertainty is known.
-        covariance: (B, 6, 6) from the readings alone, without constraints; None where unknown.
-        unseen: (B, n) joints that the load twists and of which the readings say nothing: where there is one,
-            no number holds.
-        compliance: Cartesian compliance at the places, in the loaded postures.
-        posture: the loaded postures.
-    """
-
-    displacement: FloatArray
-    rotation: FloatArray
+    displacement: FloatArray  #: (B, 3) of the places [m]
+    rotation: FloatArray  #: (B, 3) rotation vectors of the flange [rad]
+    #: (B, 6, 2) of displacement, then rotation, from the readings alone, under the constraints; None where
+    #: no uncertainty is known
     interval: FloatArray | None
+    #: (B, 6, 6) from the readings alone, without constraints; None where unknown
     covariance: FloatArray | None
+    #: (B, n) joints that the load twists and of which the readings say nothing: where there is one, no
+    #: number holds
     unseen: BoolArray
-    compliance: CartesianCompliance
-    posture: LoadedPosture
+    compliance: CartesianCompliance  #: Cartesian compliance at the places, in the loaded postures
+    posture: LoadedPosture  #: the loaded postures
 
 
 def predict_deflections(

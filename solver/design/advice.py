@@ -60,17 +60,11 @@ _DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """M postures with all targets on the flange.
+    """M postures with all targets on the flange."""
 
-    Attributes:
-        joints: (M, n) angles as the controller shows them [rad].
-        observation: (M,) the observation that has this posture; -1 for a new one.
-        motion: their Jacobians.
-    """
-
-    joints: FloatArray
-    observation: IndexArray
-    motion: Motion
+    joints: FloatArray  #: (M, n) angles as the controller shows them [rad]
+    observation: IndexArray  #: (M,) the observation that has this posture; -1 for a new one
+    motion: Motion  #: their Jacobians
 
     def __len__(self) -> int:
         return len(self.joints)

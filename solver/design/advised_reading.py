@@ -12,33 +12,23 @@ from jointstiff.solver.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """One more reading that would tell more of a joint.
+    """One more reading that would tell more of a joint."""
 
-    Attributes:
-        joint: its index.
-        joints: (n,) angles of the posture as the controller shows them [rad].
-        observation: the observation that has this posture; None for a new one.
-        force: (3,) on the robot, axes of R0 [N].
-        own_direction: whether the force is the one that the whole set was loaded with.
-        torque: of that force about the joint [N·m].
-        deviation: standard uncertainty of the compliance after the reading, in units of sigma
-            [rad/(N·m)/m].
-        sigma: standard uncertainty of one coordinate of one reading [m]; None where it is unknown.
-        uncertainty_ratio: of the standard uncertainties after and before; None where the readings so far do
-            not determine the compliance.
-        same_method: whether the estimate itself has the uncertainties of the partial pose, so that the same
-            method will find what is promised; other weights, the decoupled method and priors have not.
-    """
-
-    joint: int
-    joints: FloatArray
-    observation: int | None
-    force: FloatArray
-    own_direction: bool
-    torque: float
+    joint: int  #: its index
+    joints: FloatArray  #: (n,) angles of the posture as the controller shows them [rad]
+    observation: int | None  #: the observation that has this posture; None for a new one
+    force: FloatArray  #: (3,) on the robot, axes of R0 [N]
+    own_direction: bool  #: whether the force is the one that the whole set was loaded with
+    torque: float  #: of that force about the joint [N·m]
+    #: standard uncertainty of the compliance after the reading, in units of sigma [rad/(N·m)/m]
     deviation: float
+    #: standard uncertainty of one coordinate of one reading [m]; None where it is unknown
     sigma: float | None
+    #: of the standard uncertainties after and before; None where the readings so far do not determine the
+    #: compliance
     uncertainty_ratio: float | None
+    #: whether the estimate itself has the uncertainties of the partial pose, so that the same method will
+    #: find what is promised; other weights, the decoupled method and priors have not
     same_method: bool
 
     @property

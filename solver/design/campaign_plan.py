@@ -51,42 +51,25 @@ _FEWEST_PLACES: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class CampaignPlan:
-    """An ordered list of readings.
+    """An ordered list of readings."""
 
-    Attributes:
-        joints: (n, q) controller's angles [rad], in the order in which to take them.
-        force: (n, 3) on the robot, axes of R0 [N].
-        anchor: (n,) of the cable; -1 without one.
-        validation: (n,) which readings are held out from the fit.
-        efficiency: least share of the greatest φ of all lists that obey the same rules.
-        weights_gap: 1 − efficiency of the optimal weights that lead to the list.
-        efficiencies: least efficiency of the list by each criterion that applies.
-        parameters: what is determined.
-        uncertainty: (s,) standard uncertainty of each joint's relative compliance after the list.
-        before: (s,) the same before it; inf where it is not determined.
-        deflection: standard uncertainty of the predicted deflection in the work area under the load [m]: root
-            mean square and greatest; None without a work area.
-        random: mean of random plans.
-        one_at_a_time: each reading the best next one.
-        feasible: how many candidates there are.
-        strikes: what was struck out, and why.
-    """
-
-    joints: FloatArray
-    force: FloatArray
-    anchor: IndexArray
-    validation: BoolArray
-    efficiency: float
-    weights_gap: float
-    efficiencies: Mapping[str, float]
-    parameters: Parameters
-    uncertainty: FloatArray
-    before: FloatArray
+    joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take them
+    force: FloatArray  #: (n, 3) on the robot, axes of R0 [N]
+    anchor: IndexArray  #: (n,) of the cable; -1 without one
+    validation: BoolArray  #: (n,) which readings are held out from the fit
+    efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
+    weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
+    efficiencies: Mapping[str, float]  #: least efficiency of the list by each criterion that applies
+    parameters: Parameters  #: what is determined
+    uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
+    before: FloatArray  #: (s,) the same before it; inf where it is not determined
+    #: standard uncertainty of the predicted deflection in the work area under the load [m]: root mean
+    #: square and greatest; None without a work area
     deflection: tuple[float, float] | None
-    random: OtherPlan
-    one_at_a_time: OtherPlan
-    feasible: int
-    strikes: Strikes
+    random: OtherPlan  #: mean of random plans
+    one_at_a_time: OtherPlan  #: each reading the best next one
+    feasible: int  #: how many candidates there are
+    strikes: Strikes  #: what was struck out, and why
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:

@@ -23,17 +23,11 @@ _BLOCK: Final = 1024
 
 @dataclass(frozen=True, eq=False)
 class Atoms:
-    """Some candidates, each under one load.
+    """Some candidates, each under one load."""
 
-    Attributes:
-        index: (k,) candidates.
-        force: (k, 3) unit direction of the force where it is free; zeros for a load of its own.
-        information: (k, p, p).
-    """
-
-    index: IndexArray
-    force: FloatArray
-    information: FloatArray
+    index: IndexArray  #: (k,) candidates
+    force: FloatArray  #: (k, 3) unit direction of the force where it is free; zeros for a load of its own
+    information: FloatArray  #: (k, p, p)
 
     def __len__(self) -> int:
         return len(self.index)

@@ -17,17 +17,11 @@ _MIXTURES: Final = (0.5, 0.75, 0.9, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Bound on the information of every design of a problem.
+    """Bound on the information of every design of a problem."""
 
-    Attributes:
-        efficiency: φ of the design at hand over the bound: its share of the greatest possible, at least.
-        support: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′.
-        prices: (N,) greatest ``⟨G, K_i⟩`` of each candidate.
-    """
-
-    efficiency: float
-    support: FloatArray
-    prices: FloatArray
+    efficiency: float  #: φ of the design at hand over the bound: its share of the greatest possible, at least
+    support: FloatArray  #: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′
+    prices: FloatArray  #: (N,) greatest ``⟨G, K_i⟩`` of each candidate
 
 
 def bound_of(problem: DesignProblem, M: FloatArray, dual: FloatArray | None = None) -> Bound:

@@ -25,17 +25,11 @@ from jointstiff.solver.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """Value and derivatives of −log φ along the weights of k atoms.
+    """Value and derivatives of −log φ along the weights of k atoms."""
 
-    Attributes:
-        value: −log φ; inf where M is singular.
-        gradient: (k,).
-        hessian: (k, k), positive semidefinite.
-    """
-
-    value: float
-    gradient: FloatArray
-    hessian: FloatArray
+    value: float  #: −log φ; inf where M is singular
+    gradient: FloatArray  #: (k,)
+    hessian: FloatArray  #: (k, k), positive semidefinite
 
 
 class Criterion(ABC):
@@ -69,13 +63,9 @@ class SmoothCriterion(Criterion):
 
 @dataclass(frozen=True)
 class DOptimality(SmoothCriterion):
-    """Volume of the uncertainty ellipsoid of the first parameters.
+    """Volume of the uncertainty ellipsoid of the first parameters."""
 
-    Attributes:
-        interest: s, how many; all if None.
-    """
-
-    interest: int | None = None
+    interest: int | None = None  #: s, how many; all if None
 
     def information(self, M: FloatArray) -> float:
         """Return det(C)^(1/s)."""
@@ -115,12 +105,9 @@ class AOptimality(SmoothCriterion):
 
     With W = diag(1/c²) it is that of the relative variances, with W the mean of AᵀA over places that of the
     variance of a predicted deflection (I-optimality).
-
-    Attributes:
-        W: (p, p) positive semidefinite.
     """
 
-    W: FloatArray
+    W: FloatArray  #: (p, p) positive semidefinite
 
     def information(self, M: FloatArray) -> float:
         """Return 1 / tr(W M⁻¹)."""
@@ -153,12 +140,9 @@ class AOptimality(SmoothCriterion):
 
 @dataclass(frozen=True, eq=False)
 class EOptimality(Criterion):
-    """Worst combination of the first parameters.
+    """Worst combination of the first parameters."""
 
-    Attributes:
-        metric: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units.
-    """
-
+    #: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units
     metric: FloatArray
 
     def information(self, M: FloatArray) -> float:
@@ -191,13 +175,9 @@ class EOptimality(Criterion):
 
 @dataclass(frozen=True, eq=False)
 class GOptimality(Criterion):
-    """Variance at the worst place.
+    """Variance at the worst place."""
 
-    Attributes:
-        places: (R, p, p) W_r of each place, positive semidefinite.
-    """
-
-    places: FloatArray
+    places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
 
     def information(self, M: FloatArray) -> float:
         """Return 1 / max_r tr(W_r M⁻¹)."""

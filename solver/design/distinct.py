@@ -19,15 +19,11 @@ _INSIDE: Final = 1.0 - 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Distinct:
-    """Rule that no two readings are taken in nearly the same posture.
+    """Rule that no two readings are taken in nearly the same posture."""
 
-    Attributes:
-        postures: (N, n) joint angles of the candidates [rad].
-        angle: two postures are distinct if the angle of a joint differs by at least this [rad]; zero lets a
-            candidate be read again.
-    """
-
-    postures: FloatArray
+    postures: FloatArray  #: (N, n) joint angles of the candidates [rad]
+    #: two postures are distinct if the angle of a joint differs by at least this [rad]; zero lets a
+    #: candidate be read again
     angle: float
 
     def near(self, posture: FloatArray, index: IndexArray | slice) -> BoolArray:

@@ -31,17 +31,12 @@ _IMPROVES: Final = 1.0 + 1e-10
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A list of readings.
+    """A list of readings."""
 
-    Attributes:
-        atoms: (n,) candidates with their loads, in the order in which they were found.
-        matrix: (p, p) information of earlier readings, priors and the list.
-        efficiency: share that it has, at least, of the greatest φ of all lists of n readings which obey the
-            same rules, proved by sweeps over all candidates.
-    """
-
-    atoms: Atoms
-    matrix: FloatArray
+    atoms: Atoms  #: (n,) candidates with their loads, in the order in which they were found
+    matrix: FloatArray  #: (p, p) information of earlier readings, priors and the list
+    #: share that it has, at least, of the greatest φ of all lists of n readings which obey the same rules,
+    #: proved by sweeps over all candidates
     efficiency: float
 
 

@@ -25,19 +25,12 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Forces that can be applied.
+    """Forces that can be applied."""
 
-    Attributes:
-        kind: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction.
-        force: its size [N]; in any direction, the greatest.
-        anchors: (A, 3) of the cable, in R0 [m].
-        torque_limit: (n,) greatest torque of the load about each joint [N·m]; inf for none.
-    """
-
-    kind: LoadKind
-    force: float
-    torque_limit: FloatArray
-    anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    kind: LoadKind  #: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction
+    force: float  #: its size [N]; in any direction, the greatest
+    torque_limit: FloatArray  #: (n,) greatest torque of the load about each joint [N·m]; inf for none
+    anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  #: (A, 3) of the cable, in R0 [m]
 
     @property
     def choices(self) -> int:
@@ -47,23 +40,15 @@ class Loads:
 
 @dataclass(frozen=True, eq=False)
 class Equipment:
-    """Instrument, targets and loads.
+    """Instrument, targets and loads."""
 
-    Attributes:
-        targets: (T, 3) flange frame [m].
-        load_point: (3,) where the force acts, flange frame [m]; or (N, 3), of as many postures.
-        loads: that can be applied.
-        sigma: standard uncertainty of one coordinate of one reading [m].
-        instrument: the tracker at its station; isotropic noise of sigma if None.
-        covariance: (3, 3) or (T, 3, 3) of the targets' deflections, in units of sigma², where there is no
-            instrument; isotropic if None.
-    """
-
-    targets: FloatArray
-    load_point: FloatArray
-    loads: Loads
-    sigma: float
-    instrument: Instrument | None = None
+    targets: FloatArray  #: (T, 3) flange frame [m]
+    load_point: FloatArray  #: (3,) where the force acts, flange frame [m]; or (N, 3), of as many postures
+    loads: Loads  #: that can be applied
+    sigma: float  #: standard uncertainty of one coordinate of one reading [m]
+    instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
+    #: (3, 3) or (T, 3, 3) of the targets' deflections, in units of sigma², where there is no instrument;
+    #: isotropic if None
     covariance: FloatArray | None = None
 
     def measurements(self, robot: Robot, joints: FloatArray, force: FloatArray) -> Measurements:
@@ -141,15 +126,10 @@ def whitened_rows(robot: Robot, measurements: Measurements, *, links: bool) -> F
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Jacobians of N postures, which turn a load into deflections.
+    """Jacobians of N postures, which turn a load into deflections."""
 
-    Attributes:
-        load_jacobian: (N, 3, n) J_v at the load point [m/rad].
-        target_jacobian: (N, 3 T, n) J_v at the targets, whitened in units of sigma.
-    """
-
-    load_jacobian: FloatArray
-    target_jacobian: FloatArray
+    load_jacobian: FloatArray  #: (N, 3, n) J_v at the load point [m/rad]
+    target_jacobian: FloatArray  #: (N, 3 T, n) J_v at the targets, whitened in units of sigma
 
     @classmethod
     def of(cls, robot: Robot, equipment: Equipment, joints: FloatArray) -> Motion:

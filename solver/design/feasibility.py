@@ -30,36 +30,24 @@ _SHORTEST_CABLE: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """Surroundings of the robot, in R0.
+    """Surroundings of the robot, in R0."""
 
-    Attributes:
-        floor: least height of links, load point and targets [m]; None for no floor.
-        inside: (2, 3) corners of the box in which they stay [m]; None for none.
-        obstacles: (B, 2, 3) corners of boxes that they stay out of [m].
-        link_radius: of the capsules [m]; 4 % of the stretched arm if None.
-        facing: (T, 3) direction in which each reflector looks, flange frame; None if they turn by themselves.
-        acceptance: greatest angle between that and the line of sight [rad].
-    """
-
-    floor: float | None = None
-    inside: FloatArray | None = None
+    floor: float | None = None  #: least height of links, load point and targets [m]; None for no floor
+    inside: FloatArray | None = None  #: (2, 3) corners of the box in which they stay [m]; None for none
+    #: (B, 2, 3) corners of boxes that they stay out of [m]
     obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2, 3)))
-    link_radius: float | None = None
+    link_radius: float | None = None  #: of the capsules [m]; 4 % of the stretched arm if None
+    #: (T, 3) direction in which each reflector looks, flange frame; None if they turn by themselves
     facing: FloatArray | None = None
-    acceptance: float = np.pi
+    acceptance: float = np.pi  #: greatest angle between that and the line of sight [rad]
 
 
 @dataclass(frozen=True)
 class Strikes:
-    """Readings that cannot be taken, and why.
+    """Readings that cannot be taken, and why."""
 
-    Attributes:
-        considered: how many.
-        reasons: number struck out for each reason; the first one counts.
-    """
-
-    considered: int
-    reasons: dict[str, int]
+    considered: int  #: how many
+    reasons: dict[str, int]  #: number struck out for each reason; the first one counts
 
 
 def feasible(

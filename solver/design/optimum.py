@@ -53,19 +53,12 @@ _PROMISING: Final = 0.999
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Weights of candidates, with a bound on what any others could reach.
+    """Weights of candidates, with a bound on what any others could reach."""
 
-    Attributes:
-        atoms: (k,) candidates with a weight, and their loads.
-        weights: (k,) shares of the readings; they sum to 1.
-        matrix: (p, p) information M of all readings.
-        bound: from one sweep over all candidates.
-    """
-
-    atoms: Atoms
-    weights: FloatArray
-    matrix: FloatArray
-    bound: Bound
+    atoms: Atoms  #: (k,) candidates with a weight, and their loads
+    weights: FloatArray  #: (k,) shares of the readings; they sum to 1
+    matrix: FloatArray  #: (p, p) information M of all readings
+    bound: Bound  #: from one sweep over all candidates
 
 
 def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:

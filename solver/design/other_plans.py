@@ -16,15 +16,10 @@ _RANDOM_PLANS: Final = 20
 
 @dataclass(frozen=True, eq=False)
 class OtherPlan:
-    """A plan of as many readings made in another way.
+    """A plan of as many readings made in another way."""
 
-    Attributes:
-        efficiency: φ relative to the plan's.
-        uncertainty: (s,) standard uncertainty of each joint's relative compliance.
-    """
-
-    efficiency: float
-    uncertainty: FloatArray
+    efficiency: float  #: φ relative to the plan's
+    uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance
 
 
 def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:

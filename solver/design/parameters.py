@@ -19,24 +19,15 @@ _NOT_EXCITED: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Linear map from the columns of rows to the p parameters of a plan.
+    """Linear map from the columns of rows to the p parameters of a plan."""
 
-    Attributes:
-        interest: s, the first parameters: relative compliances of the joints to be determined.
-        joints: (s,) these joints.
-        nominal: (n,) compliance that a relative one refers to [rad/(N·m)].
-        known: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the
-            targets alike.
-        basis: (P, p) columns of the parameters.
-        prior: (p, p) information known beforehand, in units of 1/variance of a parameter.
-    """
-
-    interest: int
-    joints: IndexArray
-    nominal: FloatArray
+    interest: int  #: s, the first parameters: relative compliances of the joints to be determined
+    joints: IndexArray  #: (s,) these joints
+    nominal: FloatArray  #: (n,) compliance that a relative one refers to [rad/(N·m)]
+    #: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the targets alike
     known: BoolArray
-    basis: FloatArray
-    prior: FloatArray
+    basis: FloatArray  #: (P, p) columns of the parameters
+    prior: FloatArray  #: (p, p) information known beforehand, in units of 1/variance of a parameter
 
     def rows(self, rows: FloatArray) -> FloatArray:
         """Return rows (..., P) of compliances as rows (..., p) of the parameters."""

@@ -19,21 +19,13 @@ _NO_INFORMATION: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """Choice of readings among candidates.
+    """Choice of readings among candidates."""
 
-    Attributes:
-        candidates: N of p parameters.
-        criterion: by which designs are compared.
-        readings: n, how many are to be taken.
-        base: M0 (p, p), information of earlier readings and of priors; zero for none.
-        once: whether a candidate may be read once only, so that no weight exceeds 1/n.
-    """
-
-    candidates: Candidates
-    criterion: Criterion
-    readings: int
-    base: FloatArray
-    once: bool = False
+    candidates: Candidates  #: N of p parameters
+    criterion: Criterion  #: by which designs are compared
+    readings: int  #: n, how many are to be taken
+    base: FloatArray  #: M0 (p, p), information of earlier readings and of priors; zero for none
+    once: bool = False  #: whether a candidate may be read once only, so that no weight exceeds 1/n
 
     @property
     def parameters(self) -> int:

@@ -28,15 +28,11 @@ CommonSource = Literal["force_scale", "force_direction", "load_point", "target_p
 
 @dataclass(frozen=True, eq=False)
 class CommonErrors:
-    """Effect of common errors on the estimate.
+    """Effect of common errors on the estimate."""
 
-    Attributes:
-        sources: (K,) source of each error.
-        responses: (n, K) change of the estimate by one standard uncertainty of each [rad/(N·m)]; their share
-            of the covariance is the product with the transpose.
-    """
-
-    sources: tuple[CommonSource, ...]
+    sources: tuple[CommonSource, ...]  #: (K,) source of each error
+    #: (n, K) change of the estimate by one standard uncertainty of each [rad/(N·m)]; their share of the
+    #: covariance is the product with the transpose
     responses: FloatArray
 
     def of(self, source: CommonSource) -> FloatArray:

@@ -13,31 +13,19 @@ from jointstiff.solver.observability.identifiability import Identifiability
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The outcome of a method before sigma is known.
+    """The outcome of a method before sigma is known."""
 
-    Attributes:
-        compliance: (n,) optimum [rad/(N·m)]; zero for null columns.
-        active: (n,) -1 or 1 at a lower or upper bound, else 0.
-        tied: (n,) joints whose compliance an order makes equal to another's.
-        covariance: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns.
-        likelihood: of the compliances that the readings see, before any constraint.
-        parameters: how many the readings were asked for: the rank, less what a prior answered instead.
-        undetermined: groups of joints that neither the readings nor a prior tell apart.
-        identifiability: of each stage, by the readings alone.
-        certificates: of each stage.
-        alone: where a prior takes part, the fit of the readings alone.
-    """
-
-    compliance: FloatArray
-    active: Support
-    tied: BoolArray
-    covariance: FloatArray
-    likelihood: Likelihood
-    parameters: float
+    compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for null columns
+    active: Support  #: (n,) -1 or 1 at a lower or upper bound, else 0
+    tied: BoolArray  #: (n,) joints whose compliance an order makes equal to another's
+    covariance: FloatArray  #: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns
+    likelihood: Likelihood  #: of the compliances that the readings see, before any constraint
+    parameters: float  #: how many the readings were asked for: the rank, less what a prior answered instead
+    #: groups of joints that neither the readings nor a prior tell apart
     undetermined: tuple[Combination, ...]
-    identifiability: tuple[Identifiability, ...]
-    certificates: tuple[Certificate, ...]
-    alone: Fit | None = None
+    identifiability: tuple[Identifiability, ...]  #: of each stage, by the readings alone
+    certificates: tuple[Certificate, ...]  #: of each stage
+    alone: Fit | None = None  #: where a prior takes part, the fit of the readings alone
 
     def inflated(self, factor: float) -> Fit:
         """The same estimate, its variance greater by a factor."""

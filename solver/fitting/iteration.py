@@ -41,25 +41,16 @@ class NewMethod(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One fit of a whole set.
+    """One fit of a whole set."""
 
-    Attributes:
-        observability: of the joints, in the unloaded configurations; the first pass settles it for all.
-        method: the rows that were fitted.
-        fit: the outcome.
-        largest_stiffness: K_c over the set.
-        robust: what the Huber loss made of the readings; None for the squared loss.
-        targets: the rows of that loss.
-        first_block: the first observations, with their regressors.
-    """
-
+    #: of the joints, in the unloaded configurations; the first pass settles it for all
     observability: Observability
-    method: MethodAccumulator
-    fit: Fit
-    largest_stiffness: LargestStiffness
-    robust: RobustFit | None
-    targets: TargetRows | None
-    first_block: RegressorBlock
+    method: MethodAccumulator  #: the rows that were fitted
+    fit: Fit  #: the outcome
+    largest_stiffness: LargestStiffness  #: K_c over the set
+    robust: RobustFit | None  #: what the Huber loss made of the readings; None for the squared loss
+    targets: TargetRows | None  #: the rows of that loss
+    first_block: RegressorBlock  #: the first observations, with their regressors
 
 
 def fit_once(

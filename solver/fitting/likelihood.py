@@ -16,18 +16,12 @@ class Likelihood:
 
     An unconstrained estimate ĉ = H d is Gaussian with covariance sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ on what
     is determined. For weighting by covariance in one stage R is the compressed regressor itself.
-
-    Attributes:
-        joints: (p,) which compliances, ascending.
-        centre: (p,) the unconstrained estimate ĉ [rad/(N·m)].
-        covariance: (p, p) C, in units of sigma².
-        given_rows: (k, p) R if it is known; must be given where ĉ is not unique.
     """
 
-    joints: IndexArray
-    centre: FloatArray
-    covariance: FloatArray
-    given_rows: FloatArray | None = None
+    joints: IndexArray  #: (p,) which compliances, ascending
+    centre: FloatArray  #: (p,) the unconstrained estimate ĉ [rad/(N·m)]
+    covariance: FloatArray  #: (p, p) C, in units of sigma²
+    given_rows: FloatArray | None = None  #: (k, p) R if it is known; must be given where ĉ is not unique
 
     @cached_property
     def rows(self) -> FloatArray:

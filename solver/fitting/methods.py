@@ -20,13 +20,10 @@ from jointstiff.solver.robot.model import Robot
 
 
 class MethodAccumulator(Protocol):
-    """Interface of a method: add readings in blocks, then fit.
+    """Interface of a method: add readings in blocks, then fit."""
 
-    Attributes:
-        judged: the rows of all targets, weighted by covariance. Whatever a method fits, it is judged on
-            these: residuals, sigma and degrees of freedom are those of the same readings.
-    """
-
+    #: the rows of all targets, weighted by covariance. Whatever a method fits, it is judged on these:
+    #: residuals, sigma and degrees of freedom are those of the same readings.
     judged: Stage
 
     def add(self, block: RegressorBlock) -> None:

@@ -14,16 +14,12 @@ from jointstiff.solver.errors import RequestError
 class Prior:
     """Independent Gaussian priors of the compliances (method.md §5).
 
-    Attributes:
-        mean: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known.
-        standard_uncertainty: (n,) s₀ [rad/(N·m)], positive; inf for the same joints.
-
     Raises:
         RequestError: if a known joint's uncertainty is not positive and finite.
     """
 
-    mean: FloatArray
-    standard_uncertainty: FloatArray
+    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known
+    standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for the same joints
 
     def __post_init__(self) -> None:
         known = self.known
@@ -55,15 +51,10 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class PriorRows:
-    """One row ``(sigma/s₀) c_j = (sigma/s₀) c₀`` for each joint of which something is known.
+    """One row ``(sigma/s₀) c_j = (sigma/s₀) c₀`` for each joint of which something is known."""
 
-    Attributes:
-        weight: (n,) sigma/s₀ [m / (rad/(N·m))]; zero where nothing is known.
-        mean: (n,) c₀ [rad/(N·m)].
-    """
-
-    weight: FloatArray
-    mean: FloatArray
+    weight: FloatArray  #: (n,) sigma/s₀ [m / (rad/(N·m))]; zero where nothing is known
+    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]
 
     def select(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The rows (k, p) that say something of p joints, and their right-hand side (k,)."""

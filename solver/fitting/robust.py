@@ -59,22 +59,15 @@ _NO_DESCENT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """Result of a fit of N observations of T targets with the Huber loss.
+    """Result of a fit of N observations of T targets with the Huber loss."""
 
-    Attributes:
-        threshold: norm beyond which a reading counts less, in units of sigma.
-        sigma: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale.
-        weight: (N, T) of the readings; 1 where a target was not read.
-        residual_norm: (N, T) of the whitened residuals in units of sigma; 0 where a target was not read.
-            They are those of the Huber estimate, whatever the method.
-        certificate: of the optimum of the Huber problem.
-    """
-
-    threshold: float
-    sigma: float
-    weight: FloatArray
+    threshold: float  #: norm beyond which a reading counts less, in units of sigma
+    sigma: float  #: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale
+    weight: FloatArray  #: (N, T) of the readings; 1 where a target was not read
+    #: (N, T) of the whitened residuals in units of sigma; 0 where a target was not read. They are those of
+    #: the Huber estimate, whatever the method.
     residual_norm: FloatArray
-    certificate: Certificate
+    certificate: Certificate  #: of the optimum of the Huber problem
 
     @property
     def suspicious(self) -> IndexArray:

@@ -21,20 +21,14 @@ _LEAST_FREEDOM = 0.5
 
 @dataclass(frozen=True)
 class Scale:
-    """Sigma and the residuals under it.
+    """Sigma and the residuals under it."""
 
-    Attributes:
-        sigma: standard uncertainty of one coordinate of one reading [m]; None where it was not given and
-            there are no degrees of freedom to estimate it from.
-        given: whether it was stated with the readings.
-        chi_square: of the targets' residuals, under sigma.
-        degrees_of_freedom: expectation of chi_square where model and sigma are right.
-    """
-
+    #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
+    #: no degrees of freedom to estimate it from
     sigma: float | None
-    given: bool
-    chi_square: float
-    degrees_of_freedom: float
+    given: bool  #: whether it was stated with the readings
+    chi_square: float  #: of the targets' residuals, under sigma
+    degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
 
     def quantile(self, probability: float) -> float:
         """Return the quantile in standard uncertainties: normal, or Student's where sigma is estimated."""
@@ -45,15 +39,10 @@ class Scale:
 
 @dataclass(frozen=True)
 class SigmaTest:
-    """Two-sided chi-square test of a stated sigma against the residuals.
+    """Two-sided chi-square test of a stated sigma against the residuals."""
 
-    Attributes:
-        p_value: probability of residuals as unlikely as these, were model and sigma right.
-        verdict: at `SIGMA_TEST_LEVEL`.
-    """
-
-    p_value: float
-    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"]
+    p_value: float  #: probability of residuals as unlikely as these, were model and sigma right
+    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"]  #: at `SIGMA_TEST_LEVEL`
 
 
 def scale_of(fit: Fit, readings: Compression, sigma: float | None) -> Scale:

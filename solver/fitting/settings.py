@@ -16,31 +16,20 @@ Loss = Literal["squared", "huber"]
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """Settings of an identification.
+    """Settings of an identification."""
 
-    Attributes:
-        method: see method.md §4.
-        weighting: see method.md §3; `characteristic_length` goes with the complete pose only.
-        characteristic_length: [m]; None for the length of least condition number.
-        bounds: on the compliances.
-        confidence: level of the intervals, between 0 and 1.
-        order: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j.
-        prior: what is known of the compliances beforehand; with weighting by covariance only.
-        loss: of the norm of each target's whitened residual.
-        huber_threshold: for the loss `huber`, in units of sigma.
-        complementary_stiffness: whether K_c is part of the model (method.md §2).
-    """
-
-    method: Method
-    weighting: Weighting
-    bounds: Bounds
-    characteristic_length: float | None = None
-    confidence: float = 0.95
+    method: Method  #: see method.md §4
+    weighting: Weighting  #: see method.md §3; `characteristic_length` goes with the complete pose only
+    bounds: Bounds  #: on the compliances
+    characteristic_length: float | None = None  #: [m]; None for the length of least condition number
+    confidence: float = 0.95  #: level of the intervals, between 0 and 1
+    #: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j
     order: tuple[tuple[int, int], ...] = ()
+    #: what is known of the compliances beforehand; with weighting by covariance only
     prior: Prior | None = None
-    loss: Loss = "squared"
-    huber_threshold: float = 2.8
-    complementary_stiffness: bool = False
+    loss: Loss = "squared"  #: of the norm of each target's whitened residual
+    huber_threshold: float = 2.8  #: for the loss `huber`, in units of sigma
+    complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
 
     @property
     def constraints(self) -> Constraints:

@@ -21,29 +21,17 @@ from jointstiff.solver.regression.stage_rows import Stage, encoder_readings
 
 @dataclass(frozen=True, eq=False)
 class StageFit:
-    """One stage solved.
+    """One stage solved."""
 
-    Attributes:
-        joints: (p,) of its columns.
-        spectrum: of its rows, with those of the prior.
-        analysis: of its rows, the readings' alone.
-        undetermined: what neither readings nor prior tell apart.
-        parameters: how many the readings were asked for.
-        prior: (k,) right-hand side of the prior's rows, which come last.
-        rhs: (m,) right-hand side of the readings' rows.
-        solution: under the constraints.
-        tied: (p,) whether an order holds it.
-    """
-
-    joints: IndexArray
-    spectrum: Spectrum
-    analysis: Identifiability
-    undetermined: tuple[Combination, ...]
-    parameters: float
-    prior: FloatArray
-    rhs: FloatArray
-    solution: Solution
-    tied: BoolArray
+    joints: IndexArray  #: (p,) of its columns
+    spectrum: Spectrum  #: of its rows, with those of the prior
+    analysis: Identifiability  #: of its rows, the readings' alone
+    undetermined: tuple[Combination, ...]  #: what neither readings nor prior tell apart
+    parameters: float  #: how many the readings were asked for
+    prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
+    rhs: FloatArray  #: (m,) right-hand side of the readings' rows
+    solution: Solution  #: under the constraints
+    tied: BoolArray  #: (p,) whether an order holds it
 
     @property
     def unconstrained(self) -> FloatArray:

@@ -34,23 +34,14 @@ _SEVERITIES: Final[dict[GeometryFindingCode, Severity]] = {
 
 @dataclass(frozen=True)
 class GeometryFinding:
-    """One suspicion.
+    """One suspicion."""
 
-    Attributes:
-        code: its kind.
-        where: path into the input, such as `sweeps[2].observations[7].targets.P10`.
-        figure: the number that raised it.
-        unit: of the figure; empty where it is a ratio.
-        message: what was seen, with figure and unit.
-        remedy: what to check.
-    """
-
-    code: GeometryFindingCode
-    where: str
-    figure: float
-    unit: str
-    message: str
-    remedy: str
+    code: GeometryFindingCode  #: its kind
+    where: str  #: path into the input, such as `sweeps[2].observations[7].targets.P10`
+    figure: float  #: the number that raised it
+    unit: str  #: of the figure; empty where it is a ratio
+    message: str  #: what was seen, with figure and unit
+    remedy: str  #: what to check
 
     @property
     def severity(self) -> Severity:

@@ -33,21 +33,15 @@ class LinearFit:
     """The linearised least squares problem ``min ‖r − J δ‖`` by its singular value decomposition.
 
     Columns are scaled to unit norm first, so that metres and radians do not decide the rank.
-
-    Attributes:
-        residual: (m,) r.
-        left: (m, k) orthonormal basis U of the range of J, k the rank.
-        inverse: (p, k) with δ = inverse Uᵀ r; of minimum norm in scaled unknowns where J is deficient.
-        unseen: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine.
-        scale: (p,) norms of the columns of J; 1 for a null column.
-        own: the unknowns of single groups of readings, if there are any; they are no part of the others.
     """
 
-    residual: FloatArray
-    left: FloatArray
+    residual: FloatArray  #: (m,) r
+    left: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
+    #: (p, k) with δ = inverse Uᵀ r; of minimum norm in scaled unknowns where J is deficient
     inverse: FloatArray
-    unseen: FloatArray
-    scale: FloatArray
+    unseen: FloatArray  #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
+    scale: FloatArray  #: (p,) norms of the columns of J; 1 for a null column
+    #: the unknowns of single groups of readings, if there are any; they are no part of the others
     own: OwnUnknowns | None = None
 
     @classmethod
@@ -116,19 +110,12 @@ class LinearFit:
 
 @dataclass(frozen=True, eq=False)
 class OwnUnknowns:
-    """Unknowns of which each moves the readings of one group only.
+    """Unknowns of which each moves the readings of one group only."""
 
-    Attributes:
-        directions: (G, m / G) unit vectors of the readings' derivatives; null where there is none.
-        norms: (G,) of these derivatives; 1 for a null one.
-        along: (G,) residual along the directions.
-        others: (G, p) the same part of the derivative by the other unknowns.
-    """
-
-    directions: FloatArray
-    norms: FloatArray
-    along: FloatArray
-    others: FloatArray
+    directions: FloatArray  #: (G, m / G) unit vectors of the readings' derivatives; null where there is none
+    norms: FloatArray  #: (G,) of these derivatives; 1 for a null one
+    along: FloatArray  #: (G,) residual along the directions
+    others: FloatArray  #: (G, p) the same part of the derivative by the other unknowns
 
     @classmethod
     def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:

@@ -23,36 +23,23 @@ from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
 @dataclass(frozen=True)
 class Conventions:
-    """Conventions for R0 and the flange frame, which no axis determines.
+    """Conventions for R0 and the flange frame, which no axis determines."""
 
-    Attributes:
-        base: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`.
-        height: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
-        flange: `nominal`, `axes` or `targets`, as in `FlangeConvention`.
-        flange_targets: for `targets`, indices of the three.
-    """
-
+    #: `nominal`, as in the nominal model; `axes`, as in `BaseConvention.of_axes`
     base: Literal["nominal", "axes"]
-    flange: Literal["nominal", "axes", "targets"]
-    height: float = 0.0
-    flange_targets: tuple[int, int, int] = (0, 1, 2)
+    flange: Literal["nominal", "axes", "targets"]  #: `nominal`, `axes` or `targets`, as in `FlangeConvention`
+    height: float = 0.0  #: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m]
+    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for `targets`, indices of the three
 
 
 @dataclass(frozen=True, eq=False)
 class BaseTargets:
-    """Targets on the robot's base, read twice.
+    """Targets on the robot's base, read twice."""
 
-    Attributes:
-        before: (B, 3) tracker's frame [m].
-        after: (B, 3) later.
-        covariance: (3, 3) or (B, 3, 3) of one reading in units of sigma².
-        names: (B,) of the targets.
-    """
-
-    before: FloatArray
-    after: FloatArray
-    covariance: FloatArray
-    names: tuple[str, ...]
+    before: FloatArray  #: (B, 3) tracker's frame [m]
+    after: FloatArray  #: (B, 3) later
+    covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
+    names: tuple[str, ...]  #: (B,) of the targets
 
     def drift(self, sigma: float, at: FloatArray) -> BaseDrift:
         """Return the motion between the two readings.
@@ -74,53 +61,34 @@ SweepFit = Literal["one_by_one", "together"]
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Statistics of the fit of the sweeps.
+    """Statistics of the fit of the sweeps."""
 
-    Attributes:
-        one_by_one: the axes of each sweep by itself, with the fits.
-        fit: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for.
-        controller_probability: that noise alone makes the controller's angles fit as badly as they do.
-        agreement_probability: that noise alone makes one robot fit all sweeps as badly as it does; None if
-            they were fitted one by one.
-    """
-
-    one_by_one: SweptAxes
+    one_by_one: SweptAxes  #: the axes of each sweep by itself, with the fits
+    #: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for
     fit: SweepFit
-    controller_probability: float
+    controller_probability: float  #: that noise alone makes the controller's angles fit as badly as they do
+    #: that noise alone makes one robot fit all sweeps as badly as it does; None if they were fitted one by
+    #: one
     agreement_probability: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedGeometry:
-    """A robot as it was found.
+    """A robot as it was found."""
 
-    Attributes:
-        identified: axes and targets.
-        sigma_stated: whether its sigma was stated; it comes from the residuals if not.
-        conventions: by which the frames are placed.
-        evidence: of sweeps; None for poses.
-        base: where R0 is.
-        model: the robot.
-        targets_determined: (T,) whether the readings determine the place of each target on the flange.
-        links: beside those of the nominal model; empty without one.
-        wrist: its centre, or why there is none.
-        tables: the model as a standard and as a modified DH table.
-        drift: of the base; None if its targets were not read twice.
-        findings: what a user should know.
-    """
-
-    identified: IdentifiedAxes
-    sigma_stated: bool
-    conventions: Conventions
-    evidence: Evidence | None
-    base: BaseFrame
-    model: IdentifiedModel
+    identified: IdentifiedAxes  #: axes and targets
+    sigma_stated: bool  #: whether its sigma was stated; it comes from the residuals if not
+    conventions: Conventions  #: by which the frames are placed
+    evidence: Evidence | None  #: of sweeps; None for poses
+    base: BaseFrame  #: where R0 is
+    model: IdentifiedModel  #: the robot
+    #: (T,) whether the readings determine the place of each target on the flange
     targets_determined: BoolArray
-    links: tuple[LinkParameter, ...]
-    wrist: WristCentre | str
-    tables: tuple[DhTable, ...]
-    drift: BaseDrift | None
-    findings: tuple[GeometryFinding, ...]
+    links: tuple[LinkParameter, ...]  #: beside those of the nominal model; empty without one
+    wrist: WristCentre | str  #: its centre, or why there is none
+    tables: tuple[DhTable, ...]  #: the model as a standard and as a modified DH table
+    drift: BaseDrift | None  #: of the base; None if its targets were not read twice
+    findings: tuple[GeometryFinding, ...]  #: what a user should know
 
     @cached_property
     def axes(self) -> tuple[PlacedAxis, ...]:

@@ -15,33 +15,21 @@ from jointstiff.solver.geometry.sweeps.identified_axes import Geometry, Identifi
 
 @dataclass(frozen=True, eq=False)
 class AxisPlace:
-    """An axis in one frame, at model angle zero.
+    """An axis in one frame, at model angle zero."""
 
-    Attributes:
-        point: (3,) a point on it [m].
-        direction: (3,) unit vector, positive rotation by the right hand.
-        point_covariance: (3, 3) of where the axis passes at `point` [m²]; NaN where not determined.
-        direction_covariance: (3, 3) of the unit vector [rad²]; NaN where not determined.
-    """
-
-    point: FloatArray
-    direction: FloatArray
-    point_covariance: FloatArray
-    direction_covariance: FloatArray
+    point: FloatArray  #: (3,) a point on it [m]
+    direction: FloatArray  #: (3,) unit vector, positive rotation by the right hand
+    point_covariance: FloatArray  #: (3, 3) of where the axis passes at `point` [m²]; NaN where not determined
+    direction_covariance: FloatArray  #: (3, 3) of the unit vector [rad²]; NaN where not determined
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedAxis:
-    """One axis of the model, by the name of its joint.
-
-    Attributes:
-        tracker: in the tracker's frame.
-        base: in R0, the uncertainty of R0 included.
-    """
+    """One axis of the model, by the name of its joint."""
 
     name: str
-    tracker: AxisPlace
-    base: AxisPlace
+    tracker: AxisPlace  #: in the tracker's frame
+    base: AxisPlace  #: in R0, the uncertainty of R0 included
 
     @property
     def position_uncertainty(self) -> float:

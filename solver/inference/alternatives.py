@@ -57,38 +57,24 @@ _RIDGE: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """One mistake that may have been made.
+    """One mistake that may have been made."""
 
-    Attributes:
-        kind: which mistake.
-        joints: indices of the controller's joints concerned.
-        matrix: (n, n) E, the controller's angles meant from those given, dimensionless.
-        offset: (n,) e [rad].
-        target: index of the target whose place and the load point are exchanged; None for other kinds.
-    """
-
-    kind: AlternativeKind
-    joints: tuple[int, ...]
-    matrix: FloatArray
-    offset: FloatArray
+    kind: AlternativeKind  #: which mistake
+    joints: tuple[int, ...]  #: indices of the controller's joints concerned
+    matrix: FloatArray  #: (n, n) E, the controller's angles meant from those given, dimensionless
+    offset: FloatArray  #: (n,) e [rad]
+    #: index of the target whose place and the load point are exchanged; None for other kinds
     target: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class BetterAlternative:
-    """An alternative that explains the readings far better than the set as given.
+    """An alternative that explains the readings far better than the set as given."""
 
-    Attributes:
-        alternative: the mistake that was undone.
-        ratio: residual sum of squares with it over that without.
-        compensation: share of the mean deflection explained with it.
-        compensation_as_given: the same without it.
-    """
-
-    alternative: Alternative
-    ratio: float
-    compensation: float
-    compensation_as_given: float
+    alternative: Alternative  #: the mistake that was undone
+    ratio: float  #: residual sum of squares with it over that without
+    compensation: float  #: share of the mean deflection explained with it
+    compensation_as_given: float  #: the same without it
 
 
 def better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:

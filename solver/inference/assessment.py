@@ -28,16 +28,11 @@ _ORDER: Final[dict[Usability, int]] = {"use": 0, "use_with_care": 1, "do_not_use
 
 @dataclass(frozen=True)
 class Assessment:
-    """The verdict on a whole result and on each joint.
+    """The verdict on a whole result and on each joint."""
 
-    Attributes:
-        verdict: the least of what the reasons allow.
-        reasons: most severe first; none where the verdict is "use".
-        joints: verdict on each joint, never better than what the reasons about the set or this joint allow.
-    """
-
-    verdict: Usability
-    reasons: tuple[Reason, ...]
+    verdict: Usability  #: the least of what the reasons allow
+    reasons: tuple[Reason, ...]  #: most severe first; none where the verdict is "use"
+    #: verdict on each joint, never better than what the reasons about the set or this joint allow
     joints: tuple[Usability, ...]
 
     def supported(self, prediction: Prediction) -> Prediction:

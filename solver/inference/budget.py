@@ -24,13 +24,9 @@ _LEAST_POSTURES: Final = 2
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all compliances by one source, or by several.
+    """Uncertainty of all compliances by one source, or by several."""
 
-    Attributes:
-        covariance: (n, n) [(rad/(N·m))²].
-    """
-
-    covariance: FloatArray
+    covariance: FloatArray  #: (n, n) [(rad/(N·m))²]
 
     @property
     def uncertainty(self) -> FloatArray:
@@ -48,51 +44,33 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class BudgetComponent:
-    """One source of uncertainty.
+    """One source of uncertainty."""
 
-    Attributes:
-        source: of the uncertainty.
-        evaluation: "A" from these readings by statistics, "B" by other means, as stated with them.
-        included: whether it is part of the standard uncertainty of the joints.
-        spread: uncertainty of the compliances by this source alone.
-        degrees_of_freedom: of an evaluation of type A; None for infinitely many.
-    """
-
-    source: BudgetSource
+    source: BudgetSource  #: of the uncertainty
+    #: "A" from these readings by statistics, "B" by other means, as stated with them
     evaluation: Literal["A", "B"]
-    included: bool
-    spread: Spread
-    degrees_of_freedom: float | None = None
+    included: bool  #: whether it is part of the standard uncertainty of the joints
+    spread: Spread  #: uncertainty of the compliances by this source alone
+    degrees_of_freedom: float | None = None  #: of an evaluation of type A; None for infinitely many
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Estimates without single postures.
+    """Estimates without single postures."""
 
-    Attributes:
-        compliance: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined.
-        postures: number of postures that were measured, at least P.
-    """
-
-    compliance: FloatArray
-    postures: int
+    compliance: FloatArray  #: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined
+    postures: int  #: number of postures that were measured, at least P
 
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyBudget:
-    """Components of the uncertainty of a run's compliances.
+    """Components of the uncertainty of a run's compliances."""
 
-    Attributes:
-        joints: (p,) joints that have an estimate.
-        components: the squares of the included ones add up to that of the standard uncertainty.
-        probability: coverage probability of the expanded uncertainties.
-        coverage_factor: normal, or Student's where sigma comes from the residuals.
-    """
-
-    joints: IndexArray
+    joints: IndexArray  #: (p,) joints that have an estimate
+    #: the squares of the included ones add up to that of the standard uncertainty
     components: tuple[BudgetComponent, ...]
-    probability: float
-    coverage_factor: float
+    probability: float  #: coverage probability of the expanded uncertainties
+    coverage_factor: float  #: normal, or Student's where sigma comes from the residuals
 
     @classmethod
     def of(

@@ -32,45 +32,32 @@ _LEAST_SIGMA: Final = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Joint compliances with their evidence.
+    """Joint compliances with their evidence."""
 
-    Attributes:
-        joints: one verdict a joint.
-        compliance: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not
-            observable are no estimates; `joints` withholds them.
-        covariance: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown.
-        likelihood: of the compliances that the readings see, before any constraint, in units of sigma.
-        common: effect of errors that all observations share, part of `covariance`; None without them.
-        sigma: standard uncertainty of one coordinate of one reading [m]; None where it was not given
-            and there are no degrees of freedom to estimate it from.
-        sigma_given: whether sigma was stated with the readings.
-        chi_square: of the targets' residuals, under sigma.
-        degrees_of_freedom: expectation of chi_square where model and sigma are right.
-        characteristic_length: [m], where the weighting used one.
-        identifiability: of each stage of the method.
-        certificates: of each stage of the method.
-        regressor: (m, n) of all readings, compressed and weighted by their covariance in units of sigma,
-            whatever the method made of them.
-        observability: of the joints in the same readings.
-        complementary_stiffness: how much it matters.
-        robust: what the Huber loss made of the readings; None for the squared loss.
-    """
-
-    joints: tuple[JointCompliance, ...]
+    joints: tuple[JointCompliance, ...]  #: one verdict a joint
+    #: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not observable are no
+    #: estimates; `joints` withholds them.
     compliance: FloatArray
+    #: (n, n) of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
     covariance: FloatArray | None
+    #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
+    #: no degrees of freedom to estimate it from
     sigma: float | None
-    sigma_given: bool
-    chi_square: float
-    degrees_of_freedom: float
-    characteristic_length: float | None
-    identifiability: tuple[Identifiability, ...]
-    certificates: tuple[Certificate, ...]
+    sigma_given: bool  #: whether sigma was stated with the readings
+    chi_square: float  #: of the targets' residuals, under sigma
+    degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
+    characteristic_length: float | None  #: [m], where the weighting used one
+    identifiability: tuple[Identifiability, ...]  #: of each stage of the method
+    certificates: tuple[Certificate, ...]  #: of each stage of the method
+    #: (m, n) of all readings, compressed and weighted by their covariance in units of sigma, whatever the
+    #: method made of them
     regressor: FloatArray
-    observability: Observability
-    complementary_stiffness: ComplementaryStiffness | None = None
-    robust: RobustFit | None = None
+    observability: Observability  #: of the joints in the same readings
+    complementary_stiffness: ComplementaryStiffness | None = None  #: how much it matters
+    robust: RobustFit | None = None  #: what the Huber loss made of the readings; None for the squared loss
+    #: of the compliances that the readings see, before any constraint, in units of sigma
     likelihood: Likelihood | None = None
+    #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
 
     @property

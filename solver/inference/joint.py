@@ -46,28 +46,21 @@ class OneSidedBounds(NamedTuple):
 
 @dataclass(frozen=True)
 class JointCompliance:
-    """Result for one joint; numbers are None if the joint is not observable.
-
-    Attributes:
-        status: "uncertain" where the standard uncertainty reaches the compliance and the interval contains
-            zero, so that there is no greatest stiffness.
-        compliance: [rad/(N·m)].
-        standard_uncertainty: of the compliance, without constraints [rad/(N·m)].
-        compliance_interval: profile-likelihood interval under the constraints [rad/(N·m)].
-        one_sided: bounds from below and above [rad/(N·m)].
-        prior_to_data: information of its prior over that of the readings; inf where the prior alone tells it
-            from other joints, None without a prior.
-        reason: why there is no number, or what holds it.
-    """
+    """Result for one joint; numbers are None if the joint is not observable."""
 
     name: str
+    #: "uncertain" where the standard uncertainty reaches the compliance and the interval contains zero, so
+    #: that there is no greatest stiffness
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
-    compliance: float | None = None
-    standard_uncertainty: float | None = None
+    compliance: float | None = None  #: [rad/(N·m)]
+    standard_uncertainty: float | None = None  #: of the compliance, without constraints [rad/(N·m)]
+    #: profile-likelihood interval under the constraints [rad/(N·m)]
     compliance_interval: tuple[float, float] | None = None
-    one_sided: OneSidedBounds | None = None
+    one_sided: OneSidedBounds | None = None  #: bounds from below and above [rad/(N·m)]
+    #: information of its prior over that of the readings; inf where the prior alone tells it from other
+    #: joints, None without a prior
     prior_to_data: float | None = None
-    reason: str | None = None
+    reason: str | None = None  #: why there is no number, or what holds it
 
     @property
     def stiffness(self) -> float | None:

@@ -18,15 +18,11 @@ class Contributions:
 
     Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of all
     joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
-
-    Attributes:
-        by_observation: (n, N) mean over the targets of each observation [m].
-        mean: (n,) mean over all readings [m].
-        share: (n,) of the mean length of the predicted deflections, dimensionless; zero if nothing moves.
     """
 
-    by_observation: FloatArray
-    mean: FloatArray
+    by_observation: FloatArray  #: (n, N) mean over the targets of each observation [m]
+    mean: FloatArray  #: (n,) mean over all readings [m]
+    #: (n,) of the mean length of the predicted deflections, dimensionless; zero if nothing moves
     share: FloatArray
 
     @classmethod
@@ -43,21 +39,13 @@ class Contributions:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Deflections of N observations of T targets, axes of R0 [m].
+    """Deflections of N observations of T targets, axes of R0 [m]."""
 
-    Attributes:
-        predicted: (N, T, 3) by the joint compliances.
-        residual: (N, T, 3) measured minus predicted; zero where a target was not read.
-        compensation: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved.
-        rms_residual: root mean square of ‖residual‖ [m].
-        contributions: of the joints; None where more than joints bends.
-    """
-
-    predicted: FloatArray
-    residual: FloatArray
-    compensation: float | None
-    rms_residual: float
-    contributions: Contributions | None = None
+    predicted: FloatArray  #: (N, T, 3) by the joint compliances
+    residual: FloatArray  #: (N, T, 3) measured minus predicted; zero where a target was not read
+    compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
+    rms_residual: float  #: root mean square of ‖residual‖ [m]
+    contributions: Contributions | None = None  #: of the joints; None where more than joints bends
 
     @classmethod
     def of(

@@ -39,54 +39,34 @@ ActionKind = Literal[
 
 @dataclass(frozen=True)
 class Place:
-    """Subject of a reason: one observation or one joint.
+    """Subject of a reason: one observation or one joint."""
 
-    Attributes:
-        observation: its index; None for a joint.
-        joint: its name; None for an observation.
-    """
-
-    observation: int | None = None
-    joint: str | None = None
+    observation: int | None = None  #: its index; None for a joint
+    joint: str | None = None  #: its name; None for an observation
 
 
 @dataclass(frozen=True)
 class Action:
-    """Action that a program can offer as a button.
+    """Action that a program can offer as a button."""
 
-    Attributes:
-        kind: which action.
-        observations: indices of the observations to leave out, or to show.
-        joints: names of the joints whose columns are exchanged.
-        joint_map: rows of the corrected joint map's matrix M; empty for other kinds.
-        offset: of the corrected joint map [rad]; empty for other kinds.
-        target: index of the target to be exchanged with the load point; None for other kinds.
-    """
-
-    kind: ActionKind
-    observations: tuple[int, ...] = ()
-    joints: tuple[str, ...] = ()
+    kind: ActionKind  #: which action
+    observations: tuple[int, ...] = ()  #: indices of the observations to leave out, or to show
+    joints: tuple[str, ...] = ()  #: names of the joints whose columns are exchanged
+    #: rows of the corrected joint map's matrix M; empty for other kinds
     joint_map: tuple[tuple[float, ...], ...] = ()
-    offset: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()  #: of the corrected joint map [rad]; empty for other kinds
+    #: index of the target to be exchanged with the load point; None for other kinds
     target: int | None = None
 
 
 @dataclass(frozen=True)
 class Reason:
-    """One reason not to use the numbers without further ado.
+    """One reason not to use the numbers without further ado."""
 
-    Attributes:
-        code: its kind.
-        weight: the best verdict that a result with this reason can have.
-        where: the observation or joint; None for the whole set.
-        message: what is wrong, with figure and unit.
-        remedy: what to do about it.
-        action: what a program can do about it; None where only people can.
-    """
-
-    code: ReasonCode
+    code: ReasonCode  #: its kind
+    #: the best verdict that a result with this reason can have
     weight: Literal["use_with_care", "do_not_use"]
-    where: Place | None
-    message: str
-    remedy: str
-    action: Action | None = None
+    where: Place | None  #: the observation or joint; None for the whole set
+    message: str  #: what is wrong, with figure and unit
+    remedy: str  #: what to do about it
+    action: Action | None = None  #: what a program can do about it; None where only people can

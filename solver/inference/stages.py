@@ -10,19 +10,12 @@ from jointstiff.solver.convex.certificate import Certificate
 
 @dataclass(frozen=True)
 class StagesCertificate:
-    """The greatest violations of the optimality conditions over the stages of a method, dimensionless.
+    """The greatest violations of the optimality conditions over the stages of a method, dimensionless."""
 
-    Attributes:
-        primal: of a bound.
-        dual: gradient of the wrong sign.
-        complementarity: min(multiplier, slack).
-        solved_by: what found the support of each stage.
-    """
-
-    primal: float
-    dual: float
-    complementarity: float
-    solved_by: tuple[str, ...]
+    primal: float  #: of a bound
+    dual: float  #: gradient of the wrong sign
+    complementarity: float  #: min(multiplier, slack)
+    solved_by: tuple[str, ...]  #: what found the support of each stage
 
     @classmethod
     def of(cls, stages: Sequence[Certificate]) -> StagesCertificate:

@@ -23,25 +23,15 @@ _NO_UNCERTAINTY = (
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Data on which the verdicts are based.
+    """Data on which the verdicts are based."""
 
-    Attributes:
-        names: of the n joints.
-        fit: outcome of the method.
-        observability: of the same observations.
-        scale: sigma.
-        constraints: on the compliances.
-        confidence: level of the intervals.
-        prior_to_data: (n,) NaN where there is no prior, inf where only the prior speaks.
-    """
-
-    names: tuple[str, ...]
-    fit: Fit
-    observability: Observability
-    scale: Scale
-    constraints: Constraints
-    confidence: float
-    prior_to_data: FloatArray
+    names: tuple[str, ...]  #: of the n joints
+    fit: Fit  #: outcome of the method
+    observability: Observability  #: of the same observations
+    scale: Scale  #: sigma
+    constraints: Constraints  #: on the compliances
+    confidence: float  #: level of the intervals
+    prior_to_data: FloatArray  #: (n,) NaN where there is no prior, inf where only the prior speaks
 
     def uncertainty(self, j: int) -> float | None:
         """Standard uncertainty of the unconstrained compliance [rad/(N·m)]; None where sigma is unknown."""

@@ -17,23 +17,14 @@ Rows = IndexArray
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Angles and positions of some rows, corrected for one assumed mistake.
+    """Angles and positions of some rows, corrected for one assumed mistake."""
 
-    Attributes:
-        code: the finding if it is true.
-        joints: (M, n) controller angles [rad].
-        length: factor on the positions.
-        figure: what was done, for the message: "with ... ".
-        remedy: the proposed correction.
-        rows: (M,) rows that it can explain, as places among those asked for.
-    """
-
-    code: FindingCode
-    joints: FloatArray
-    length: float
-    figure: str
-    remedy: str
-    rows: Rows
+    code: FindingCode  #: the finding if it is true
+    joints: FloatArray  #: (M, n) controller angles [rad]
+    length: float  #: factor on the positions
+    figure: str  #: what was done, for the message: "with ... ".
+    remedy: str  #: the proposed correction
+    rows: Rows  #: (M,) rows that it can explain, as places among those asked for
 
 
 MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"

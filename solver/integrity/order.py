@@ -22,15 +22,10 @@ exchanged."""
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """Rows whose deflections belong to a neighbour.
+    """Rows whose deflections belong to a neighbour."""
 
-    Attributes:
-        rows: (K,) which.
-        by: -1 if they belong to the row before, 1 for the row after.
-    """
-
-    rows: Rows
-    by: int
+    rows: Rows  #: (K,) which
+    by: int  #: -1 if they belong to the row before, 1 for the row after
 
 
 def find_shift(deflection: FloatArray, springs: Springs) -> Shift | None:

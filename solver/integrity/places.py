@@ -38,17 +38,11 @@ _SEARCHED: Final = 300
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Findings from the positions of the targets on the flange.
+    """Findings from the positions of the targets on the flange."""
 
-    Attributes:
-        findings: what is suspicious.
-        good: (N,) rows whose targets sit where they should, or that measured no place.
-        sound: whether the set as a whole may be looked at further.
-    """
-
-    findings: tuple[Finding, ...]
-    good: BoolArray
-    sound: bool
+    findings: tuple[Finding, ...]  #: what is suspicious
+    good: BoolArray  #: (N,) rows whose targets sit where they should, or that measured no place
+    sound: bool  #: whether the set as a whole may be looked at further
 
 
 @dataclass(frozen=True, eq=False)

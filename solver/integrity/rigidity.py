@@ -29,21 +29,14 @@ _CLEARER: Final = 4.0
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Distances of P pairs of targets in both states of N observations.
+    """Distances of P pairs of targets in both states of N observations."""
 
-    Attributes:
-        first: (P,) one target of each pair.
-        second: (P,) the other.
-        both: (N, P) whether both were measured.
-        change: (2, N, P) distance less its median [m], unloaded and loaded; zero where not measured.
-        sigma: (N, P) standard uncertainty of a distance as stated [m]; zero where nothing is.
-    """
-
-    first: Rows
-    second: Rows
-    both: BoolArray
+    first: Rows  #: (P,) one target of each pair
+    second: Rows  #: (P,) the other
+    both: BoolArray  #: (N, P) whether both were measured
+    #: (2, N, P) distance less its median [m], unloaded and loaded; zero where not measured
     change: FloatArray
-    sigma: FloatArray
+    sigma: FloatArray  #: (N, P) standard uncertainty of a distance as stated [m]; zero where nothing is
 
     def limits(self) -> FloatArray:
         """(N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter."""

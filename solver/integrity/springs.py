@@ -26,36 +26,22 @@ _ALL: Final = slice(None)
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """A fit of N observations of T targets.
+    """A fit of N observations of T targets."""
 
-    Attributes:
-        predicted: (N, T, 3) deflections [m]; zero where not read.
-        residual: (N, T, 3) measured less predicted [m].
-        work: of the load, as predicted, summed over the observations [J]; springs make it positive.
-        parameters: joints that were fitted.
-        unexplained: median residual of an observation over its median deflection.
-    """
-
-    predicted: FloatArray
-    residual: FloatArray
-    work: float
-    parameters: int
-    unexplained: float
+    predicted: FloatArray  #: (N, T, 3) deflections [m]; zero where not read
+    residual: FloatArray  #: (N, T, 3) measured less predicted [m]
+    work: float  #: of the load, as predicted, summed over the observations [J]; springs make it positive
+    parameters: int  #: joints that were fitted
+    unexplained: float  #: median residual of an observation over its median deflection
 
 
 @dataclass(frozen=True, eq=False)
 class SpringModel:
-    """The deflections that compliances make of N observations, linear in them (method.md §2).
+    """The deflections that compliances make of N observations, linear in them (method.md §2)."""
 
-    Attributes:
-        A: (N, T, 3, n) [m / (rad/(N·m))]; zero where not read.
-        torque: (N, n) of the loads [N·m].
-        deflection: (N, T, 3) as measured [m].
-    """
-
-    A: FloatArray
-    torque: FloatArray
-    deflection: FloatArray
+    A: FloatArray  #: (N, T, 3, n) [m / (rad/(N·m))]; zero where not read
+    torque: FloatArray  #: (N, n) of the loads [N·m]
+    deflection: FloatArray  #: (N, T, 3) as measured [m]
 
     @classmethod
     def of(cls, configurations: Configurations, measurements: Measurements) -> SpringModel:

@@ -21,19 +21,12 @@ _RANK: Final = 1e-6
 
 @dataclass(frozen=True)
 class Step:
-    """A lasting displacement of one target.
+    """A lasting displacement of one target."""
 
-    Attributes:
-        target: its index.
-        row: the first observation in which it sits elsewhere.
-        size: of the displacement [m].
-        ratio: of the displacement to what chance allows.
-    """
-
-    target: int
-    row: int
-    size: float
-    ratio: float
+    target: int  #: its index
+    row: int  #: the first observation in which it sits elsewhere
+    size: float  #: of the displacement [m]
+    ratio: float  #: of the displacement to what chance allows
 
 
 def find_step(places: FloatArray, allowance: float = 1.0) -> Step | None:

@@ -19,21 +19,13 @@ IN_ORDER: Final = 0.8
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """N observations of T targets of a robot with n joints.
+    """N observations of T targets of a robot with n joints."""
 
-    Attributes:
-        robot: as its model says.
-        measurements: as they came.
-        targets: (T,) names.
-        degrees: whether the angles were posted in degrees.
-        configurations: by the model, without load.
-    """
-
-    robot: Robot
-    measurements: Measurements
-    targets: tuple[str, ...]
-    degrees: bool
-    configurations: Configurations
+    robot: Robot  #: as its model says
+    measurements: Measurements  #: as they came
+    targets: tuple[str, ...]  #: (T,) names
+    degrees: bool  #: whether the angles were posted in degrees
+    configurations: Configurations  #: by the model, without load
 
     @classmethod
     def of(cls, robot: Robot, measurements: Measurements, targets: tuple[str, ...], *, degrees: bool) -> View:

@@ -38,19 +38,13 @@ of predicted readings."""
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of the cross-validation.
+    """Settings of the cross-validation."""
 
-    Attributes:
-        folds: how many, at least 2; fewer where there are fewer configurations.
-        seed: of the draw that shares out the configurations.
-        weights: λ to choose from, ascending.
-        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is
-            within one standard error of that.
-    """
-
-    folds: int = 5
-    seed: int = 0
-    weights: tuple[float, ...] = WEIGHTS
+    folds: int = 5  #: how many, at least 2; fewer where there are fewer configurations
+    seed: int = 0  #: of the draw that shares out the configurations
+    weights: tuple[float, ...] = WEIGHTS  #: λ to choose from, ascending
+    #: `best` takes the weight of least error, `one_standard_error` the largest whose error is within one
+    #: standard error of that
     rule: Rule = "best"
 
     def assigned(self, joints: FloatArray) -> tuple[IndexArray, ...]:
@@ -80,15 +74,11 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class FoldFit:
-    """A model fitted to all but one fold, for each of W weights.
+    """A model fitted to all but one fold, for each of W weights."""
 
-    Attributes:
-        compliances: (W, P); NaN where no answer was certified.
-        error: (W,) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
-            coordinates in a set of more than `MOST_TARGETS` targets.
-    """
-
-    compliances: FloatArray
+    compliances: FloatArray  #: (W, P); NaN where no answer was certified
+    #: (W,) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
+    #: coordinates in a set of more than `MOST_TARGETS` targets
     error: FloatArray
 
 

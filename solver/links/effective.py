@@ -46,15 +46,10 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class EffectiveIntervals:
-    """Intervals of the n effective compliances.
+    """Intervals of the n effective compliances."""
 
-    Attributes:
-        ends: (n, 2) of the intervals [rad/(N·m)]; NaN where an end was not found.
-        uncertainty: (n,) half of an interval over the quantile [rad/(N·m)].
-    """
-
-    ends: FloatArray
-    uncertainty: FloatArray
+    ends: FloatArray  #: (n, 2) of the intervals [rad/(N·m)]; NaN where an end was not found
+    uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
 
     @classmethod
     def of(

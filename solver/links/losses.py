@@ -52,15 +52,10 @@ def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tup
 
 @dataclass(frozen=True, eq=False)
 class LossFit:
-    """The optimum for a loss and a weight.
+    """The optimum for a loss and a weight."""
 
-    Attributes:
-        solution: parameters (p,) of the formulation with their evidence.
-        threshold: h [m] of Huber's loss; 0 of absolute residuals, inf of squares.
-    """
-
-    solution: ConeSolution
-    threshold: float
+    solution: ConeSolution  #: parameters (p,) of the formulation with their evidence
+    threshold: float  #: h [m] of Huber's loss; 0 of absolute residuals, inf of squares
 
 
 class LossProblem:

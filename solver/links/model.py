@@ -43,21 +43,16 @@ _NO_COLUMN: Final = 1e-9
 
 @dataclass(frozen=True)
 class ElasticModel:
-    """Set of the elements that deflect.
+    """Set of the elements that deflect."""
 
-    Attributes:
-        name: which elements take part besides the joints, each of which is zero or positive:
-            `coupled_joints` a full positive semidefinite joint compliance, `diagonal_links` six compliances
-            a link, `joints_and_links` a full positive semidefinite 6 × 6 compliance a link.
-        columns: of the richest model; its links are those that bend here.
-        loss: of the norm of each target's whitened residual: its square, Huber's, or the norm itself.
-        threshold: of Huber's loss, in units of sigma.
-    """
-
+    #: which elements take part besides the joints, each of which is zero or positive: `coupled_joints` a
+    #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
+    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link
     name: ModelName
-    columns: ElasticColumns
+    columns: ElasticColumns  #: of the richest model; its links are those that bend here
+    #: of the norm of each target's whitened residual: its square, Huber's, or the norm itself
     loss: Loss = "squared"
-    threshold: float = DEFAULT_THRESHOLD
+    threshold: float = DEFAULT_THRESHOLD  #: of Huber's loss, in units of sigma
 
     @property
     def key(self) -> tuple[ModelName, Loss]:
@@ -79,25 +74,15 @@ class ElasticModel:
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """A model on some observations, ready to be solved for any weight of the penalty.
+    """A model on some observations, ready to be solved for any weight of the penalty."""
 
-    Attributes:
-        fit: quadratic part, in the program's parameters.
-        cone: of the parameters.
-        penalised: (nonnegative,) which scalars are.
-        columns: (p,) column of each parameter.
-        unit: (p,) of each parameter: compliances are ``unit · x``.
-        width: P, number of columns.
-        size: ‖z‖, by which the readings are divided, in units of the whitened readings [m].
-    """
-
-    fit: LeastSquares
-    cone: Cone
-    penalised: BoolArray
-    columns: IndexArray
-    unit: FloatArray
-    width: int
-    size: float
+    fit: LeastSquares  #: quadratic part, in the program's parameters
+    cone: Cone  #: of the parameters
+    penalised: BoolArray  #: (nonnegative,) which scalars are
+    columns: IndexArray  #: (p,) column of each parameter
+    unit: FloatArray  #: (p,) of each parameter: compliances are ``unit · x``
+    width: int  #: P, number of columns
+    size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
 
     def program(self, weight: float) -> SemidefiniteProgram:
         """The program for a weight λ of the penalty."""

@@ -18,21 +18,13 @@ from jointstiff.solver.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class ElasticPlaces:
-    """B places under B loads.
+    """B places under B loads."""
 
-    Attributes:
-        columns: of the compliances.
-        jacobian: (B, 6, n) of the places [m/rad, then rad/rad], axes of R0.
-        moves: (B, n, 6, 6) of the places with each joint's frame: translation, then rotation.
-        torque: (B, n) of the joints [N·m].
-        wrench: (B, n, 6) of the load in each joint's frame [N, then N·m].
-    """
-
-    columns: ElasticColumns
-    jacobian: FloatArray
-    moves: FloatArray
-    torque: FloatArray
-    wrench: FloatArray
+    columns: ElasticColumns  #: of the compliances
+    jacobian: FloatArray  #: (B, 6, n) of the places [m/rad, then rad/rad], axes of R0
+    moves: FloatArray  #: (B, n, 6, 6) of the places with each joint's frame: translation, then rotation
+    torque: FloatArray  #: (B, n) of the joints [N·m]
+    wrench: FloatArray  #: (B, n, 6) of the load in each joint's frame [N, then N·m]
 
     @classmethod
     def of(

@@ -34,14 +34,10 @@ class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
     Entries of matrices are vectors as in `jointstiff.solver.convex.semidefinite.symmetric`.
-
-    Attributes:
-        n: joints.
-        links: which joints' frames carry a link that bends.
     """
 
-    n: int
-    links: tuple[int, ...]
+    n: int  #: joints
+    links: tuple[int, ...]  #: which joints' frames carry a link that bends
 
     def __post_init__(self) -> None:
         if self.n > MOST_JOINTS:
@@ -74,42 +70,26 @@ class ElasticColumns:
 
 @dataclass(frozen=True, eq=False)
 class ElasticBlock:
-    """Regressors of B observations of T targets.
+    """Regressors of B observations of T targets."""
 
-    Attributes:
-        rows: (B, T, 3, P) of the deflections; zero where not present.
-        lever: (B, n) distance of the load point from each joint frame's origin [m].
-        base: the joints' regressor and the observations.
-    """
-
-    rows: FloatArray
-    lever: FloatArray
-    base: RegressorBlock
+    rows: FloatArray  #: (B, T, 3, P) of the deflections; zero where not present
+    lever: FloatArray  #: (B, n) distance of the load point from each joint frame's origin [m]
+    base: RegressorBlock  #: the joints' regressor and the observations
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticRows:
-    """Contribution of observations to a fit: compressed rows, and sums that give the penalty its scale.
+    """Contribution of observations to a fit: compressed rows, and sums that give the penalty its scale."""
 
-    Attributes:
-        triangle: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma.
-        configurations: how many.
-        readings: coordinates that were read.
-        targets: targets that were read.
-        force: sum of ‖F‖² [N²].
-        moment: sum of ‖M‖² [N²·m²].
-        lever: (n,) sum of the squared distances of the load point from the frames' origins [m²].
-        deflection: sum of ‖δp‖² [m²].
-    """
-
+    #: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma
     triangle: FloatArray
-    configurations: int
-    readings: int
-    targets: int
-    force: float
-    moment: float
-    lever: FloatArray
-    deflection: float
+    configurations: int  #: how many
+    readings: int  #: coordinates that were read
+    targets: int  #: targets that were read
+    force: float  #: sum of ‖F‖² [N²]
+    moment: float  #: sum of ‖M‖² [N²·m²]
+    lever: FloatArray  #: (n,) sum of the squared distances of the load point from the frames' origins [m²]
+    deflection: float  #: sum of ‖δp‖² [m²]
 
     @classmethod
     def merged(cls, parts: list[ElasticRows]) -> ElasticRows:
@@ -127,15 +107,10 @@ class ElasticRows:
 
 @dataclass(frozen=True, eq=False)
 class ElasticTargets:
-    """Rows of targets one by one, which a robust loss needs: nothing of them is compressed.
+    """Rows of targets one by one, which a robust loss needs: nothing of them is compressed."""
 
-    Attributes:
-        A: (K, 3, P) of K targets that were read, whitened in units of sigma.
-        d: (K, 3) their deflections, whitened likewise [m].
-    """
-
-    A: FloatArray
-    d: FloatArray
+    A: FloatArray  #: (K, 3, P) of K targets that were read, whitened in units of sigma
+    d: FloatArray  #: (K, 3) their deflections, whitened likewise [m]
 
     @classmethod
     def merged(cls, parts: Sequence[ElasticTargets]) -> ElasticTargets:

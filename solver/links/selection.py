@@ -17,40 +17,24 @@ from jointstiff.solver.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Prediction of readings that were not used in the fit.
+    """Prediction of readings that were not used in the fit."""
 
-    Attributes:
-        model: which.
-        loss: which.
-        error: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m].
-        penalty: weight λ that was chosen; None of joints alone.
-        compensation: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``.
-        standard_error: of that mean, from the spread of the folds.
-        by_fold: (K,) compensation of each fold.
-    """
-
-    model: ModelName
-    loss: Loss
-    error: float
-    penalty: float | None
-    compensation: float
-    standard_error: float
-    by_fold: FloatArray
+    model: ModelName  #: which
+    loss: Loss  #: which
+    error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
+    penalty: float | None  #: weight λ that was chosen; None of joints alone
+    compensation: float  #: mean over the folds of ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
+    standard_error: float  #: of that mean, from the spread of the folds
+    by_fold: FloatArray  #: (K,) compensation of each fold
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Models and losses side by side, from simple to rich.
+    """Models and losses side by side, from simple to rich."""
 
-    Attributes:
-        models: that were compared, each with all losses.
-        best: of the greatest mean compensation, each model with its loss of least held-out error.
-        simplest: the simplest whose mean is within one standard error of the best one's.
-    """
-
-    models: tuple[HeldOut, ...]
-    best: ModelName
-    simplest: ModelName
+    models: tuple[HeldOut, ...]  #: that were compared, each with all losses
+    best: ModelName  #: of the greatest mean compensation, each model with its loss of least held-out error
+    simplest: ModelName  #: the simplest whose mean is within one standard error of the best one's
 
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
         """Return a model with the loss of least held-out error."""

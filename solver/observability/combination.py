@@ -22,15 +22,11 @@ _UNSPOKEN = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """Joints whose compliances appear in the readings only together.
+    """Joints whose compliances appear in the readings only together."""
 
-    Attributes:
-        joints: m of them.
-        seen: (m − k, m) what the readings do show of them, k being the number of directions that they
-            do not: sums of the compliances, one a row, in reduced echelon form. Dimensionless.
-    """
-
-    joints: tuple[int, ...]
+    joints: tuple[int, ...]  #: m of them
+    #: (m − k, m) what the readings do show of them, k being the number of directions that they do not: sums
+    #: of the compliances, one a row, in reduced echelon form. Dimensionless.
     seen: FloatArray
 
     def in_words(self, names: tuple[str, ...]) -> str:
@@ -56,17 +52,13 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class WeakDirection:
-    """The change of the compliances that shows least.
+    """The change of the compliances that shows least."""
 
-    Attributes:
-        joints: m that matter in it.
-        change: (m,) of their compliances, the largest of size 1, the first positive. Dimensionless.
-        attenuation: how many times less it shows than what shows best, each joint's column brought to
-            unit norm: the condition number.
-    """
-
-    joints: tuple[int, ...]
+    joints: tuple[int, ...]  #: m that matter in it
+    #: (m,) of their compliances, the largest of size 1, the first positive. Dimensionless.
     change: FloatArray
+    #: how many times less it shows than what shows best, each joint's column brought to unit norm: the
+    #: condition number
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:

@@ -30,23 +30,17 @@ Nahvi & Hollerbach 1996)."""
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """Which joints leave a trace in the readings at all.
+    """Which joints leave a trace in the readings at all."""
 
-    Attributes:
-        null: (n,) joints whose columns hold no information: exact zeros up to rounding.
-        reference_compliance: (n,) compliance with which the joint alone, at its full lever, would
-            explain all deflection [rad/(N·m)].
-        reasons: (n,) for null joints why, with a remedy; None for the others.
-        excitation: (n,) norm of the joint's column over what it would be had the force pulled across the
-            joint's lever and the moment turned about its axis in every observation; 0 to 1.
-        greatest_torque: (n,) of the load about the joint, over the set [N·m].
-    """
-
-    null: BoolArray
+    null: BoolArray  #: (n,) joints whose columns hold no information: exact zeros up to rounding
+    #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
+    #: [rad/(N·m)]
     reference_compliance: FloatArray
-    reasons: tuple[str | None, ...]
+    reasons: tuple[str | None, ...]  #: (n,) for null joints why, with a remedy; None for the others
+    #: (n,) norm of the joint's column over what it would be had the force pulled across the joint's lever
+    #: and the moment turned about its axis in every observation; 0 to 1
     excitation: FloatArray
-    greatest_torque: FloatArray
+    greatest_torque: FloatArray  #: (n,) of the load about the joint, over the set [N·m]
 
 
 class Excitation:
@@ -123,22 +117,14 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Observability analysis of the equilibrated, weighted regressor over the observable joints.
+    """Observability analysis of the equilibrated, weighted regressor over the observable joints."""
 
-    Attributes:
-        parameters: number of joints.
-        rank: number of directions determined.
-        condition_number: ratio of the extreme singular values; inf if rank deficient.
-        singular_values: largest first, dimensionless.
-        combinations: groups that appear only together.
-        weakest: what shows least; None where the rank is not full, or every direction shows well.
-    """
-
-    parameters: int
-    rank: int
-    condition_number: float
-    singular_values: FloatArray
-    combinations: tuple[Combination, ...]
+    parameters: int  #: number of joints
+    rank: int  #: number of directions determined
+    condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
+    singular_values: FloatArray  #: largest first, dimensionless
+    combinations: tuple[Combination, ...]  #: groups that appear only together
+    #: what shows least; None where the rank is not full, or every direction shows well
     weakest: WeakDirection | None
 
     @property

@@ -17,20 +17,13 @@ class ObservabilityIndices:
     Of the singular values ``s_1 ≥ … ≥ s_p`` of the regressor, each of its p columns divided by the norm
     that it would have had if, in every observation, the force had pulled across the joint's lever
     and the moment had turned about its axis. As ``Σ s² ≤ p``, no index exceeds 1.
-
-    Attributes:
-        o1: ``(s_1 ⋯ s_p)^(1/p)``, Borm & Menq 1991.
-        o2: ``s_p / s_1``, Driels & Pathre 1990.
-        o3: ``s_p``, Nahvi, Hollerbach & Hayward 1994.
-        o4: ``s_p² / s_1``, Nahvi & Hollerbach 1996.
-        o5: ``1 / (1/s_1 + … + 1/s_p)``, Sun & Hollerbach 2008.
     """
 
-    o1: float
-    o2: float
-    o3: float
-    o4: float
-    o5: float
+    o1: float  #: ``(s_1 ⋯ s_p)^(1/p)``, Borm & Menq 1991
+    o2: float  #: ``s_p / s_1``, Driels & Pathre 1990
+    o3: float  #: ``s_p``, Nahvi, Hollerbach & Hayward 1994
+    o4: float  #: ``s_p² / s_1``, Nahvi & Hollerbach 1996
+    o5: float  #: ``1 / (1/s_1 + … + 1/s_p)``, Sun & Hollerbach 2008
 
     @classmethod
     def of(cls, singular_values: FloatArray) -> ObservabilityIndices:

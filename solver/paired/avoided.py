@@ -20,58 +20,36 @@ _NO_EFFECT = 1e-9
 
 @dataclass(frozen=True)
 class Share:
-    """``1 − d_second / d_first`` of mean deflections d.
+    """``1 − d_second / d_first`` of mean deflections d."""
 
-    Attributes:
-        value: dimensionless; None where the first did not move.
-        standard_uncertainty: from that of the readings; None where it is unknown.
-    """
-
-    value: float | None
-    standard_uncertainty: float | None = None
+    value: float | None  #: dimensionless; None where the first did not move
+    standard_uncertainty: float | None = None  #: from that of the readings; None where it is unknown
 
 
 @dataclass(frozen=True)
 class MeasuredShare:
-    """Share of the deflection avoided, measured in matching observations.
+    """Share of the deflection avoided, measured in matching observations."""
 
-    Attributes:
-        each: one share a matching observation, of the mean deflection of its shared targets.
-        overall: of the mean deflection of all of them.
-    """
-
-    each: tuple[Share, ...]
-    overall: Share
+    each: tuple[Share, ...]  #: one share a matching observation, of the mean deflection of its shared targets
+    overall: Share  #: of the mean deflection of all of them
 
 
 @dataclass(frozen=True)
 class ConfigurationShare:
-    """Share of the deflection avoided in one observation, over its targets.
+    """Share of the deflection avoided in one observation, over its targets."""
 
-    Attributes:
-        observation: its label.
-        side: campaigns that have it.
-        measured: from the readings; None unless both have it.
-        predicted: from both campaigns' compliances, dimensionless; None where they do not tell.
-    """
-
-    observation: str
-    side: Literal["first", "second", "both"]
-    measured: Share | None
-    predicted: float | None
+    observation: str  #: its label
+    side: Literal["first", "second", "both"]  #: campaigns that have it
+    measured: Share | None  #: from the readings; None unless both have it
+    predicted: float | None  #: from both campaigns' compliances, dimensionless; None where they do not tell
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedDeflection:
-    """Mean predicted deflection of the targets in each of N observations.
+    """Mean predicted deflection of the targets in each of N observations."""
 
-    Attributes:
-        first: (N,) with the compliances of the first campaign [m]; NaN where they do not tell.
-        second: (N,) with those of the second [m]; NaN for the same observations.
-    """
-
-    first: FloatArray
-    second: FloatArray
+    first: FloatArray  #: (N,) with the compliances of the first campaign [m]; NaN where they do not tell
+    second: FloatArray  #: (N,) with those of the second [m]; NaN for the same observations
 
     def share(self, rows: IndexArray | None = None) -> Share:
         """Return the share of some or all observations together, as far as it is known."""

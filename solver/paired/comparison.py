@@ -54,64 +54,43 @@ _CONTRADICTION = "the readings give a negative compliance in one of the sets"
 
 @dataclass(frozen=True)
 class JointRatio:
-    """One joint in both campaigns.
-
-    Attributes:
-        ratio: k_second / k_first of the unconstrained estimates; None where one of them is not positive.
-        interval: Fieller's, of that ratio; None where nothing can be said, and why.
-        p_value: probability of estimates as far apart if the compliance is the same; None likewise.
-        reason: why there are no numbers.
-    """
+    """One joint in both campaigns."""
 
     name: str
+    #: k_second / k_first of the unconstrained estimates; None where one of them is not positive
     ratio: float | None = None
+    #: Fieller's, of that ratio; None where nothing can be said, and why
     interval: RatioInterval | None = None
+    #: probability of estimates as far apart if the compliance is the same; None likewise
     p_value: float | None = None
-    reason: str | None = None
+    reason: str | None = None  #: why there are no numbers
 
 
 @dataclass(frozen=True, eq=False)
 class AvoidedDeflection:
-    """Share of the deflection that the second campaign avoids.
+    """Share of the deflection that the second campaign avoids."""
 
-    Attributes:
-        matches: the observations that both campaigns have.
-        measured: from their readings; None if there are none.
-        of_first: predicted for the first campaign's observations.
-        of_second: predicted for the second's.
-        predicted: of the mean deflection of all observations, matching ones counted once.
-        configurations: observation by observation, the first campaign's before those that only the second
-            has.
-    """
-
-    matches: Matches
-    measured: MeasuredShare | None
-    of_first: PredictedDeflection
-    of_second: PredictedDeflection
-    predicted: Share
+    matches: Matches  #: the observations that both campaigns have
+    measured: MeasuredShare | None  #: from their readings; None if there are none
+    of_first: PredictedDeflection  #: predicted for the first campaign's observations
+    of_second: PredictedDeflection  #: predicted for the second's
+    predicted: Share  #: of the mean deflection of all observations, matching ones counted once
+    #: observation by observation, the first campaign's before those that only the second has
     configurations: tuple[ConfigurationShare, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two campaigns beside each other.
+    """Two campaigns beside each other."""
 
-    Attributes:
-        first: estimate of the first by its settings.
-        second: estimate of the second by its settings.
-        joints: the n ratios.
-        ordered: both in one problem; None if that was not asked for.
-        ordered_intervals: (2, n, 2) of the compliances in that problem [rad/(N·m)], NaN where a campaign
-            says nothing; None likewise.
-        avoided: share of the deflection that the second avoids.
-    """
-
-    first: Estimate
-    second: Estimate
-    joints: tuple[JointRatio, ...]
-    ordered: OrderedFit | None
+    first: Estimate  #: estimate of the first by its settings
+    second: Estimate  #: estimate of the second by its settings
+    joints: tuple[JointRatio, ...]  #: the n ratios
+    ordered: OrderedFit | None  #: both in one problem; None if that was not asked for
+    #: (2, n, 2) of the compliances in that problem [rad/(N·m)], NaN where a campaign says nothing; None
+    #: likewise
     ordered_intervals: FloatArray | None
-    avoided: AvoidedDeflection
+    avoided: AvoidedDeflection  #: share of the deflection that the second avoids
 
     @property
     def ordered_joints(self) -> tuple[OrderedJoint, ...]:

@@ -29,37 +29,25 @@ from jointstiff.solver.robot.wrist import WRIST_JOINTS
 
 @dataclass(frozen=True, eq=False)
 class WhitenedCampaign:
-    """One of the campaigns, ready to be fitted.
+    """One of the campaigns, ready to be fitted."""
 
-    Attributes:
-        blocks: its rows in units of sigma, stage by stage.
-        sigma: standard uncertainty of one coordinate of one reading [m].
-        settings: method, bounds and orders of its joints.
-    """
-
-    blocks: GramBlocks
-    sigma: float
-    settings: Settings
+    blocks: GramBlocks  #: its rows in units of sigma, stage by stage
+    sigma: float  #: standard uncertainty of one coordinate of one reading [m]
+    settings: Settings  #: method, bounds and orders of its joints
 
 
 @dataclass(frozen=True, eq=False)
 class OrderedFit:
-    """The optimum of both campaigns together.
+    """The optimum of both campaigns together."""
 
-    Attributes:
-        first: (n,) compliances of the first campaign [rad/(N·m)]; NaN for joints that it does not see.
-        second: (n,) of the second, nowhere greater.
-        equal: (n,) joints that the order holds together.
-        chi_square_increase: of both campaigns' residuals over their least without the order; large where
-            the readings contradict it.
-        certificates: of each stage of the method.
-    """
-
+    #: (n,) compliances of the first campaign [rad/(N·m)]; NaN for joints that it does not see
     first: FloatArray
-    second: FloatArray
-    equal: BoolArray
+    second: FloatArray  #: (n,) of the second, nowhere greater
+    equal: BoolArray  #: (n,) joints that the order holds together
+    #: of both campaigns' residuals over their least without the order; large where the readings contradict
+    #: it
     chi_square_increase: float
-    certificates: tuple[Certificate, ...]
+    certificates: tuple[Certificate, ...]  #: of each stage of the method
 
     @property
     def certificate(self) -> StagesCertificate:
@@ -69,22 +57,15 @@ class OrderedFit:
 
 @dataclass(frozen=True)
 class OrderedJoint:
-    """One joint in the problem of both campaigns; None where a campaign does not determine it.
-
-    Attributes:
-        compliance_first: of the first campaign [rad/(N·m)].
-        compliance_second: of the second, never above.
-        compliance_interval_first: profile-likelihood interval under all constraints [rad/(N·m)].
-        compliance_interval_second: likewise.
-        equal: whether the order holds both together.
-    """
+    """One joint in the problem of both campaigns; None where a campaign does not determine it."""
 
     name: str
-    compliance_first: float | None
-    compliance_second: float | None
+    compliance_first: float | None  #: of the first campaign [rad/(N·m)]
+    compliance_second: float | None  #: of the second, never above
+    #: profile-likelihood interval under all constraints [rad/(N·m)]
     compliance_interval_first: tuple[float, float] | None
-    compliance_interval_second: tuple[float, float] | None
-    equal: bool
+    compliance_interval_second: tuple[float, float] | None  #: likewise
+    equal: bool  #: whether the order holds both together
 
     @property
     def stiffness_first(self) -> float | None:

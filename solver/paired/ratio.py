@@ -23,19 +23,14 @@ _QUARTER = pi / 2
 class GaussianEstimate:
     """An unconstrained estimate of a compliance.
 
-    Attributes:
-        value: [rad/(N·m)].
-        standard_uncertainty: positive, in the same unit.
-        degrees_of_freedom: of that uncertainty; inf where sigma was given.
-
     Raises:
         RequestError: if the uncertainty is not positive and finite, or the degrees of freedom are not
             positive.
     """
 
-    value: float
-    standard_uncertainty: float
-    degrees_of_freedom: float = inf
+    value: float  #: [rad/(N·m)]
+    standard_uncertainty: float  #: positive, in the same unit
+    degrees_of_freedom: float = inf  #: of that uncertainty; inf where sigma was given
 
     def __post_init__(self) -> None:
         known = 0.0 < self.standard_uncertainty < inf and isfinite(self.value)
@@ -49,16 +44,11 @@ class GaussianEstimate:
 
 @dataclass(frozen=True)
 class RatioInterval:
-    """All ratios that the estimates do not exclude, or the least interval that holds them.
+    """All ratios that the estimates do not exclude, or the least interval that holds them."""
 
-    Attributes:
-        lower: None where there is no lower limit.
-        upper: None where there is no upper limit.
-        excluded: where the ratios are those outside an interval, that interval; else None.
-    """
-
-    lower: float | None
-    upper: float | None
+    lower: float | None  #: None where there is no lower limit
+    upper: float | None  #: None where there is no upper limit
+    #: where the ratios are those outside an interval, that interval; else None
     excluded: tuple[float, float] | None = None
 
 

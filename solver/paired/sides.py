@@ -25,42 +25,25 @@ _MODEL_TOLERANCE: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PairSide:
-    """One of the two campaigns.
+    """One of the two campaigns."""
 
-    Attributes:
-        robot: n joints.
-        measurements: N observations of T targets.
-        labels: (N,) of the observations.
-        targets: (T,) names of the targets.
-        settings: how to identify.
-    """
-
-    robot: Robot
-    measurements: Measurements
-    labels: tuple[str, ...]
-    targets: tuple[str, ...]
-    settings: Settings
+    robot: Robot  #: n joints
+    measurements: Measurements  #: N observations of T targets
+    labels: tuple[str, ...]  #: (N,) of the observations
+    targets: tuple[str, ...]  #: (T,) names of the targets
+    settings: Settings  #: how to identify
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Observations of the same posture under the same load, in both campaigns.
+    """Observations of the same posture under the same load, in both campaigns."""
 
-    Attributes:
-        first: (K,) their indices in the first campaign.
-        second: (K,) in the second.
-        present: (K, T) targets read in both; targets are those of both campaigns.
-        targets_first: (T,) index of each shared target in the first campaign.
-        targets_second: (T,) in the second.
-        unlike: labels that both have, with another posture or load, or no shared target.
-    """
-
-    first: IndexArray
-    second: IndexArray
-    present: BoolArray
-    targets_first: IndexArray
-    targets_second: IndexArray
-    unlike: tuple[str, ...]
+    first: IndexArray  #: (K,) their indices in the first campaign
+    second: IndexArray  #: (K,) in the second
+    present: BoolArray  #: (K, T) targets read in both; targets are those of both campaigns
+    targets_first: IndexArray  #: (T,) index of each shared target in the first campaign
+    targets_second: IndexArray  #: (T,) in the second
+    unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
 
 
 def refuse_other_joints(first: Robot, second: Robot) -> None:

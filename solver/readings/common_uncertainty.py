@@ -16,23 +16,18 @@ class CommonUncertainty:
     The true wrench is ``(1 + ε) (I + φ×) W``: ε scales force and moment of all observations alike, φ turns
     both about the axes of R0. Load and targets are off their stated places in the flange frame.
 
-    Attributes:
-        scale: of ε, dimensionless.
-        direction: of each component of φ [rad].
-        load_point: of each coordinate of the place where the load acts [m].
-        target_places: of each coordinate of each target's place, independent of the other targets [m].
-        axis_position: of each joint axis's place in the robot's model, in each direction across it [m].
-        axis_direction: of each joint axis's direction in the model, about each direction across it [rad].
-
     Raises:
         MeasurementError: one is negative or not finite.
     """
 
-    scale: float = 0.0
-    direction: float = 0.0
-    load_point: float = 0.0
+    scale: float = 0.0  #: of ε, dimensionless
+    direction: float = 0.0  #: of each component of φ [rad]
+    load_point: float = 0.0  #: of each coordinate of the place where the load acts [m]
+    #: of each coordinate of each target's place, independent of the other targets [m]
     target_places: float = 0.0
+    #: of each joint axis's place in the robot's model, in each direction across it [m]
     axis_position: float = 0.0
+    #: of each joint axis's direction in the model, about each direction across it [rad]
     axis_direction: float = 0.0
 
     def __post_init__(self) -> None:

@@ -17,18 +17,13 @@ class EncoderReadings:
     While the motors' encoders close the position loop, the angle behind the gearbox changes under load by
     the deflection of the joint itself: ``δθ_j = c_j τ_j``, free of what else bends.
 
-    Attributes:
-        deflection: (N, n) loaded minus unloaded, angles of the model's joints [rad].
-        present: (N, n) which joints were read; the others hold zeros.
-        sigma: standard uncertainty of one encoder reading [rad].
-
     Raises:
         MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
     """
 
-    deflection: FloatArray
-    present: BoolArray
-    sigma: float
+    deflection: FloatArray  #: (N, n) loaded minus unloaded, angles of the model's joints [rad]
+    present: BoolArray  #: (N, n) which joints were read; the others hold zeros
+    sigma: float  #: standard uncertainty of one encoder reading [rad]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma) and self.sigma > 0):

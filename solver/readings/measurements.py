@@ -21,42 +21,32 @@ ISOTROPIC_DIFFERENCE.setflags(write=False)
 class Measurements:
     """N observations of up to T targets. Arrays are checked and made read-only.
 
-    Attributes:
-        joints: (N, n) angles as the controller shows them [rad].
-        force: (N, 3) force on the robot, axes of R0 [N].
-        moment: (N, 3) moment on the robot about the load point, axes of R0 [N·m].
-        load_point: (N, 3) where the force acts, flange frame [m].
-        position: (N, T, 3) unloaded place of each target [m]: in R0 if measured, in the flange frame
-            where `in_flange` says so.
-        in_flange: (N, T) frame of `position`.
-        deflection: (N, T, 3) loaded minus unloaded, axes of R0 [m].
-        present: (N, T) which targets were read; the others hold zeros.
-        sigma: standard uncertainty of one coordinate of one reading [m]; None if unknown.
-        covariance: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma².
-        weight: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by
-            it already, and rows that are not weighted by covariance are weighted by it. None for ones.
-        encoders: what secondary encoders read of the joints; None if there are none. It takes a sigma
-            to weigh them against the targets.
-        common_uncertainty: of loads and places, common to all observations; None for exact ones.
-
     Raises:
         MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
             not positive, encoders were read and sigma is unknown, or a covariance is not symmetric
             positive definite.
     """
 
-    joints: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    load_point: FloatArray
+    joints: FloatArray  #: (N, n) angles as the controller shows them [rad]
+    force: FloatArray  #: (N, 3) force on the robot, axes of R0 [N]
+    moment: FloatArray  #: (N, 3) moment on the robot about the load point, axes of R0 [N·m]
+    load_point: FloatArray  #: (N, 3) where the force acts, flange frame [m]
+    #: (N, T, 3) unloaded place of each target [m]: in R0 if measured, in the flange frame where `in_flange`
+    #: says so
     position: FloatArray
-    in_flange: BoolArray
-    deflection: FloatArray
-    present: BoolArray
-    sigma: float | None = None
+    in_flange: BoolArray  #: (N, T) frame of `position`
+    deflection: FloatArray  #: (N, T, 3) loaded minus unloaded, axes of R0 [m]
+    present: BoolArray  #: (N, T) which targets were read; the others hold zeros
+    sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
+    #: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
+    #: what secondary encoders read of the joints; None if there are none. It takes a sigma to weigh them
+    #: against the targets.
     encoders: EncoderReadings | None = None
+    #: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by it
+    #: already, and rows that are not weighted by covariance are weighted by it. None for ones.
     weight: FloatArray | None = None
+    #: of loads and places, common to all observations; None for exact ones
     common_uncertainty: CommonUncertainty | None = None
 
     def __post_init__(self) -> None:

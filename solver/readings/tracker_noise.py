@@ -29,21 +29,13 @@ instrument's."""
 
 @dataclass(frozen=True)
 class Instrument:
-    """A laser tracker at its station.
+    """A laser tracker at its station."""
 
-    Attributes:
-        station: where it stands, in R0 [m].
-        range_constant: a [m].
-        range_per_distance: b [m/m].
-        transverse_constant: c [m].
-        transverse_per_distance: e [m/m].
-    """
-
-    station: tuple[float, float, float]
-    range_constant: float
-    range_per_distance: float
-    transverse_constant: float
-    transverse_per_distance: float
+    station: tuple[float, float, float]  #: where it stands, in R0 [m]
+    range_constant: float  #: a [m]
+    range_per_distance: float  #: b [m/m]
+    transverse_constant: float  #: c [m]
+    transverse_per_distance: float  #: e [m/m]
 
     def covariance(self, places: FloatArray) -> FloatArray:
         """Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
@@ -81,16 +73,12 @@ class Instrument:
 
 @dataclass(frozen=True, eq=False)
 class DifferenceNoise:
-    """Stated noise of N observations of T targets as `Measurements` takes it.
+    """Stated noise of N observations of T targets as `Measurements` takes it."""
 
-    Attributes:
-        sigma: root mean square, over the coordinates of all readings, of the standard uncertainty of a
-            position [m]. It only is the unit of `covariance`: no estimate depends on it.
-        covariance: (N, T, 3, 3) of the deflections, in units of sigma².
-    """
-
+    #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
+    #: [m]. It only is the unit of `covariance`: no estimate depends on it.
     sigma: float
-    covariance: FloatArray
+    covariance: FloatArray  #: (N, T, 3, 3) of the deflections, in units of sigma²
 
     @classmethod
     def of(cls, unloaded: FloatArray, loaded: FloatArray, present: BoolArray) -> DifferenceNoise:

@@ -21,21 +21,15 @@ from jointstiff.solver.robot.configuration import Configurations
 
 @dataclass(frozen=True)
 class ComplementaryStiffness:
-    """Effect of K_c on a fit. Dimensionless.
+    """Effect of K_c on a fit. Dimensionless."""
 
-    Attributes:
-        included: whether it is part of the model.
-        iterations: fits until the deflected configurations stood still; 0 if neglected.
-        largest_ratio: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate.
-        largest_shift: greatest change of a compliance between neglecting and including it, in units of its
-            standard uncertainty; None where that is unknown.
-        shift: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known.
-    """
-
-    included: bool
-    iterations: int
-    largest_ratio: float
+    included: bool  #: whether it is part of the model
+    iterations: int  #: fits until the deflected configurations stood still; 0 if neglected
+    largest_ratio: float  #: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate
+    #: greatest change of a compliance between neglecting and including it, in units of its standard
+    #: uncertainty; None where that is unknown
     largest_shift: float | None
+    #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
     shift: FloatArray | None = None
 
 

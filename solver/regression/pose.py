@@ -18,20 +18,13 @@ _COLLINEAR = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class RigidDisplacement:
-    """Displacement ``x = (δp_b, δφ)`` of each of B configurations about its reference point b.
+    """Displacement ``x = (δp_b, δφ)`` of each of B configurations about its reference point b."""
 
-    Attributes:
-        reference: (B, 3) reference point b in R0 [m].
-        x: (B, 6) translation of b [m], then rotation [rad], axes of R0.
-        factor: (B, 6, 6) upper triangular factor R of the whitened G, ``cov(x) = (Rᵀ R)⁻¹``
-            in units of sigma².
-        basis: (B, 3 T, 6) orthonormal columns Q of the whitened G.
-    """
-
-    reference: FloatArray
-    x: FloatArray
+    reference: FloatArray  #: (B, 3) reference point b in R0 [m]
+    x: FloatArray  #: (B, 6) translation of b [m], then rotation [rad], axes of R0
+    #: (B, 6, 6) upper triangular factor R of the whitened G, ``cov(x) = (Rᵀ R)⁻¹`` in units of sigma²
     factor: FloatArray
-    basis: FloatArray
+    basis: FloatArray  #: (B, 3 T, 6) orthonormal columns Q of the whitened G
 
 
 def refuse_unless_posed(measurements: Measurements) -> None:

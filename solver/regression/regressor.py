@@ -34,24 +34,15 @@ class RegressorBlock:
 
     Without a compliance the configurations are the unloaded ones. With one, they are those half-way to the
     balance of springs and load, and the torques are those in that balance.
-
-    Attributes:
-        configurations: the kinematics.
-        torque: (B, n) torque of the load about each joint [N·m].
-        load_jacobian: (B, 3, n) J_v at the load point [m/rad].
-        points: (B, T, 3) the targets in R0, in these configurations [m].
-        jacobian: (B, T, 3, n) J_v at the targets [m/rad].
-        A: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present.
-        measurements: the observations themselves.
     """
 
-    configurations: Configurations
-    torque: FloatArray
-    load_jacobian: FloatArray
-    points: FloatArray
-    jacobian: FloatArray
-    A: FloatArray
-    measurements: Measurements
+    configurations: Configurations  #: the kinematics
+    torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
+    load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
+    points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
+    jacobian: FloatArray  #: (B, T, 3, n) J_v at the targets [m/rad]
+    A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
+    measurements: Measurements  #: the observations themselves
 
 
 def joint_torque(

@@ -14,21 +14,14 @@ from jointstiff.solver.regression.regressor import RegressorBlock, whitener
 
 @dataclass(frozen=True, eq=False)
 class DerivedReadings:
-    """K groups of m rows ``y = A c + noise`` derived linearly from the readings.
+    """K groups of m rows ``y = A c + noise`` derived linearly from the readings."""
 
-    Attributes:
-        A: (K, m, n) regressor.
-        y: (K, m) derived reading.
-        whitener: (m, m) or (K, m, m) matrix W with ``cov(y) = (Wᵀ W)⁻¹`` in units of sigma².
-        count: how many of the K m rows are readings, the others being padding of zeros.
-        weight: (K, 1, 1) of each group where it is not weighted by covariance, from a robust loss; None for
-            ones. The covariance holds it already.
-    """
-
-    A: FloatArray
-    y: FloatArray
-    whitener: FloatArray
-    count: int
+    A: FloatArray  #: (K, m, n) regressor
+    y: FloatArray  #: (K, m) derived reading
+    whitener: FloatArray  #: (m, m) or (K, m, m) matrix W with ``cov(y) = (Wᵀ W)⁻¹`` in units of sigma²
+    count: int  #: how many of the K m rows are readings, the others being padding of zeros
+    #: (K, 1, 1) of each group where it is not weighted by covariance, from a robust loss; None for ones.
+    #: The covariance holds it already.
     weight: FloatArray | None = None
 
     def select(self, columns: IndexArray) -> DerivedReadings:

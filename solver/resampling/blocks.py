@@ -45,22 +45,15 @@ class StageBlocks:
 
     Columns are divided by their norms over the full set, so that no square under- or overflows, and a
     diagonal entry of a sum of `gram` is the share of the full set's information on that column.
-
-    Attributes:
-        joints: (p,) the joints that it estimates.
-        known: (q,) joints that an earlier stage has estimated; their deflection is subtracted.
-        rows: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read.
-        gram: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows.
-        unit: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)].
-        size: norm of the weighted readings d, by which they are divided.
     """
 
-    joints: JointIndices
-    known: JointIndices
+    joints: JointIndices  #: (p,) the joints that it estimates
+    known: JointIndices  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+    #: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read
     rows: FloatArray
-    gram: FloatArray
-    unit: FloatArray
-    size: float = 1.0
+    gram: FloatArray  #: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows
+    unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
+    size: float = 1.0  #: norm of the weighted readings d, by which they are divided
 
     def total(self, weights: FloatArray) -> FloatArray:
         """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
@@ -76,24 +69,16 @@ class StageBlocks:
 
 @dataclass(frozen=True, eq=False)
 class GramBlocks:
-    """A method on a measurement set, ready to be fitted to any of its N configurations.
+    """A method on a measurement set, ready to be fitted to any of its N configurations."""
 
-    Attributes:
-        parameters: n, number of joints.
-        stages: of the method, in the order in which they are solved.
-        visible: (v,) the joints that leave a trace in the full set.
-        regressor: (v, 3, M) of the M readings of all targets in all configurations, axes of R0
-            [m/(rad/(N·m))]; compensation is judged on these whatever a method fits.
-        deflection: (3, M) of the same readings, axes of R0 [m].
-        characteristic_length: [m], that of the full set, if the weighting uses one.
-    """
-
-    parameters: int
-    stages: tuple[StageBlocks, ...]
-    visible: JointIndices
+    parameters: int  #: n, number of joints
+    stages: tuple[StageBlocks, ...]  #: of the method, in the order in which they are solved
+    visible: JointIndices  #: (v,) the joints that leave a trace in the full set
+    #: (v, 3, M) of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
+    #: compensation is judged on these whatever a method fits
     regressor: FloatArray
-    deflection: FloatArray
-    characteristic_length: float | None
+    deflection: FloatArray  #: (3, M) of the same readings, axes of R0 [m]
+    characteristic_length: float | None  #: [m], that of the full set, if the weighting uses one
 
     def __len__(self) -> int:
         return len(self.stages[0].rows)

@@ -41,20 +41,14 @@ class ResamplingPlan:
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
     configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
 
-    Attributes:
-        size: m, configurations in a draw.
-        repetitions: R, how many draws.
-        seed: of the draws.
-        replacement: whether a configuration may come more than once in a draw (bootstrap).
-
     Raises:
         RequestError: a number out of range, naming it.
     """
 
-    size: int
-    repetitions: int
-    seed: int
-    replacement: bool = False
+    size: int  #: m, configurations in a draw
+    repetitions: int  #: R, how many draws
+    seed: int  #: of the draws
+    replacement: bool = False  #: whether a configuration may come more than once in a draw (bootstrap)
 
     def __post_init__(self) -> None:
         _refuse_outside("size", self.size, 1, None)
@@ -102,16 +96,12 @@ class Resamples:
 
     A joint has no number, but NaN, where it leaves no trace in what was drawn, where it shows there only
     in combination with others, or where the deflection of such joints cannot be told from its own.
-
-    Attributes:
-        compliance: (K, n) optimum [rad/(N·m)]; NaN where undetermined.
-        active: (K, n) -1 or 1 at a lower or upper bound, else 0.
-        compensation: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN
-            where a joint that they show is undetermined.
     """
 
-    compliance: FloatArray
-    active: Support
+    compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
+    active: Support  #: (K, n) -1 or 1 at a lower or upper bound, else 0
+    #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
+    #: that they show is undetermined
     compensation: FloatArray
 
     @property

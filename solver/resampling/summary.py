@@ -17,39 +17,26 @@ class ResamplingSummary:
 
     All but `share_undetermined` and `share_any_negative` are over the repetitions that determine the
     joint; NaN where there are too few: none for a mean, share or interval, one for a deviation.
-
-    Attributes:
-        compliance_mean: (n,) [rad/(N·m)].
-        compliance_deviation: (n,) standard deviation of one repetition [rad/(N·m)].
-        compliance_interval: (n, 2) percentile interval [rad/(N·m)].
-        stiffness_mean: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`.
-        stiffness_deviation: (n,) of the same, of one repetition [N·m/rad].
-        stiffness_interval: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad];
-            open upwards (inf) where that reaches zero.
-        share_negative: (n,) negative compliance, hence negative stiffness.
-        share_infinite: (n,) compliance of exactly zero: these configurations cannot tell it from rigid.
-        share_at_bound: (n,) held by a bound, zero or another.
-        share_undetermined: (n,) of all K.
-        share_any_negative: of all K, those with at least one negative stiffness.
-        compensation_mean: over all configurations, of the repetitions that determine every visible joint.
-        compensation_deviation: standard deviation of one repetition.
-        compensation_interval: percentile interval.
     """
 
-    compliance_mean: FloatArray
-    compliance_deviation: FloatArray
-    compliance_interval: FloatArray
-    stiffness_mean: FloatArray
-    stiffness_deviation: FloatArray
+    compliance_mean: FloatArray  #: (n,) [rad/(N·m)]
+    compliance_deviation: FloatArray  #: (n,) standard deviation of one repetition [rad/(N·m)]
+    compliance_interval: FloatArray  #: (n, 2) percentile interval [rad/(N·m)]
+    stiffness_mean: FloatArray  #: (n,) of the finite stiffnesses [N·m/rad]; beside `share_infinite`
+    stiffness_deviation: FloatArray  #: (n,) of the same, of one repetition [N·m/rad]
+    #: (n, 2) what the interval of the compliance means for the stiffness [N·m/rad]; open upwards (inf)
+    #: where that reaches zero
     stiffness_interval: FloatArray
-    share_negative: FloatArray
+    share_negative: FloatArray  #: (n,) negative compliance, hence negative stiffness
+    #: (n,) compliance of exactly zero: these configurations cannot tell it from rigid
     share_infinite: FloatArray
-    share_at_bound: FloatArray
-    share_undetermined: FloatArray
-    share_any_negative: float
+    share_at_bound: FloatArray  #: (n,) held by a bound, zero or another
+    share_undetermined: FloatArray  #: (n,) of all K
+    share_any_negative: float  #: of all K, those with at least one negative stiffness
+    #: over all configurations, of the repetitions that determine every visible joint
     compensation_mean: float
-    compensation_deviation: float
-    compensation_interval: tuple[float, float]
+    compensation_deviation: float  #: standard deviation of one repetition
+    compensation_interval: tuple[float, float]  #: percentile interval
 
     def without(self, hidden: BoolArray) -> ResamplingSummary:
         """Withhold the numbers of joints (n,) that the whole set does not show."""

@@ -43,26 +43,17 @@ class ChainJoint:
     The joint's frame is the child link's frame at joint angle zero. A point x of the child link at
     joint angle q lies at `rotation @ exp(q [axis]×) @ x + translation` in the parent link's frame.
 
-    Attributes:
-        name: name of the joint.
-        kind: `revolute` moves, `fixed` does not.
-        rotation: (3, 3), from the joint's frame to the parent link's frame.
-        translation: (3,) origin of the joint's frame in the parent link's frame [m].
-        axis: (3,) unit vector in the joint's frame; of no meaning for a fixed joint.
-        limits: least and greatest joint angle [rad], None without limits.
-        child: name of the link that the joint carries.
-
     Raises:
         RobotError: a name, number, axis, rotation or limit that cannot be one.
     """
 
-    name: str
-    kind: Literal["revolute", "fixed"]
-    rotation: FloatArray
-    translation: FloatArray
-    axis: FloatArray
-    limits: tuple[float, float] | None
-    child: str
+    name: str  #: name of the joint
+    kind: Literal["revolute", "fixed"]  #: `revolute` moves, `fixed` does not
+    rotation: FloatArray  #: (3, 3), from the joint's frame to the parent link's frame
+    translation: FloatArray  #: (3,) origin of the joint's frame in the parent link's frame [m]
+    axis: FloatArray  #: (3,) unit vector in the joint's frame; of no meaning for a fixed joint
+    limits: tuple[float, float] | None  #: least and greatest joint angle [rad], None without limits
+    child: str  #: name of the link that the joint carries
 
     def __post_init__(self) -> None:
         check_name(self.name, "a joint")
@@ -97,21 +88,15 @@ class ChainJoint:
 class KinematicChain:
     """The joints from the base link to the flange link, in order, each carrying the next link.
 
-    Attributes:
-        name: name of the robot.
-        base: name of the base link; its frame is R0.
-        flange: name of the flange link, which the last joint carries.
-        joints: all joints, fixed ones included.
-
     Raises:
         RobotError: an empty chain, one without moving joints, too many joints, duplicate or empty
             names.
     """
 
-    name: str
-    base: str
-    flange: str
-    joints: tuple[ChainJoint, ...]
+    name: str  #: name of the robot
+    base: str  #: name of the base link; its frame is R0
+    flange: str  #: name of the flange link, which the last joint carries
+    joints: tuple[ChainJoint, ...]  #: all joints, fixed ones included
 
     def __post_init__(self) -> None:
         check_name(self.name, "the robot")

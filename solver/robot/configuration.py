@@ -19,21 +19,16 @@ _BLOCK: Final = 1024
 class Configurations:
     """Kinematics of N configurations of one robot, computed by the constructor.
 
-    Attributes:
-        q: (N, n) angles of the model [rad].
-        jacobian: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the
-            point of the flange that passes through the origin of R0 [m/rad], the last three the
-            flange's angular velocity [rad/rad].
-        flange_rotation: (N, 3, 3) axes of the flange in R0.
-        flange_translation: (N, 3) origin of the flange frame in R0 [m].
-
     All arrays are read-only.
     """
 
-    q: FloatArray
+    q: FloatArray  #: (N, n) angles of the model [rad]
+    #: (N, 6, n) spatial Jacobian, axes of R0: the first three rows are the velocity of the point of the
+    #: flange that passes through the origin of R0 [m/rad], the last three the flange's angular velocity
+    #: [rad/rad]
     jacobian: FloatArray
-    flange_rotation: FloatArray
-    flange_translation: FloatArray
+    flange_rotation: FloatArray  #: (N, 3, 3) axes of the flange in R0
+    flange_translation: FloatArray  #: (N, 3) origin of the flange frame in R0 [m]
 
     def __init__(self, robot: Robot, q: FloatArray) -> None:
         """Compute Jacobians and flange poses.

@@ -35,15 +35,10 @@ class Unreached(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class ChosenPostures:
-    """Postures along a path of m poses.
+    """Postures along a path of m poses."""
 
-    Attributes:
-        joints: (m, n) angles as the controller shows them [rad].
-        unreached: (m,) values of `Unreached`.
-    """
-
-    joints: FloatArray
-    unreached: IndexArray
+    joints: FloatArray  #: (m, n) angles as the controller shows them [rad]
+    unreached: IndexArray  #: (m,) values of `Unreached`
 
 
 def choose_postures(

@@ -36,23 +36,14 @@ LARGEST_TWIST = 2 * math.pi
 
 @dataclass(frozen=True)
 class DhRow:
-    """One row of a table.
+    """One row of a table."""
 
-    Attributes:
-        a: link length [m].
-        alpha: link twist [rad].
-        d: link offset [m].
-        theta: constant added to the joint angle [rad].
-        lower: least joint angle, `theta` not included [rad]; None without a limit.
-        upper: greatest joint angle, `theta` not included [rad]; None without a limit.
-    """
-
-    a: float
-    alpha: float
-    d: float
-    theta: float
-    lower: float | None = None
-    upper: float | None = None
+    a: float  #: link length [m]
+    alpha: float  #: link twist [rad]
+    d: float  #: link offset [m]
+    theta: float  #: constant added to the joint angle [rad]
+    lower: float | None = None  #: least joint angle, `theta` not included [rad]; None without a limit
+    upper: float | None = None  #: greatest joint angle, `theta` not included [rad]; None without a limit
 
 
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:

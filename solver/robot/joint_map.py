@@ -24,17 +24,13 @@ class JointMap:
 
     Arrays are copied and read-only.
 
-    Attributes:
-        matrix: M (n, n), dimensionless.
-        offset: o (n,) [rad].
-
     Raises:
         RobotError: a matrix that is not square, not of the offset's size, not finite, absurdly
             large, or singular.
     """
 
-    matrix: FloatArray
-    offset: FloatArray
+    matrix: FloatArray  #: M (n, n), dimensionless
+    offset: FloatArray  #: o (n,) [rad]
 
     def __post_init__(self) -> None:
         matrix = _frozen(self.matrix, 2, "joint_map.matrix")

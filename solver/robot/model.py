@@ -16,24 +16,16 @@ class Robot:
 
     Joint i of the chain is joint i + 1 of the model, with one coordinate; link inertias are zero.
     The model's world frame is R0, the frame of the chain's base link.
-
-    Attributes:
-        chain: the kinematics.
-        joint_map: from controller to model angles.
-        model: `pinocchio.Model` with nq = nv = n, and a frame of the flange's name.
-        flange_joint_id: index in the model of the last moving joint.
-        flange_placement: `pinocchio.SE3` of the flange frame in the frame of that joint [m].
-        axes: (n, 3) unit vectors, each in the frame that moves with its joint.
-        joint_terms: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is
-            ``terms[0] + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m.
     """
 
-    chain: KinematicChain
-    joint_map: JointMap
-    model: pin.Model
-    flange_joint_id: int
-    flange_placement: pin.SE3
-    axes: FloatArray
+    chain: KinematicChain  #: the kinematics
+    joint_map: JointMap  #: from controller to model angles
+    model: pin.Model  #: `pinocchio.Model` with nq = nv = n, and a frame of the flange's name
+    flange_joint_id: int  #: index in the model of the last moving joint
+    flange_placement: pin.SE3  #: `pinocchio.SE3` of the flange frame in the frame of that joint [m]
+    axes: FloatArray  #: (n, 3) unit vectors, each in the frame that moves with its joint
+    #: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is ``terms[0]
+    #: + sin(q) terms[1] + cos(q) terms[2]`` (Rodrigues), lengths in m
     joint_terms: FloatArray
 
     def __init__(self, chain: KinematicChain, joint_map: JointMap | None = None) -> None:

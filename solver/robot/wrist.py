@@ -17,19 +17,14 @@ WRIST_JOINTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Wrist:
-    """The point nearest to the last three axes.
+    """The point nearest to the last three axes."""
 
-    Attributes:
-        centre: (3,) that point in the flange frame [m].
-        miss_distance: greatest distance of one of the axes from it [m].
-        TOLERANCE: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves
-            the centre by 5 µm.
-    """
-
+    #: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves the centre by 5
+    #: µm
     TOLERANCE: ClassVar[float] = 0.5e-3
 
-    centre: FloatArray
-    miss_distance: float
+    centre: FloatArray  #: (3,) that point in the flange frame [m]
+    miss_distance: float  #: greatest distance of one of the axes from it [m]
 
     @property
     def spherical(self) -> bool:

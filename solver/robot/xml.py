@@ -36,19 +36,12 @@ _SPACE = re.compile(r"[ \t\r\n]+")
 
 @dataclass(frozen=True)
 class XmlElement:
-    """An element without its text.
+    """An element without its text."""
 
-    Attributes:
-        tag: name, with its prefix if it has one.
-        attributes: values by name.
-        line: line of the document on which it opens, from 1.
-        children: elements directly within, in order.
-    """
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[XmlElement] = field(default_factory=list)
+    tag: str  #: name, with its prefix if it has one
+    attributes: dict[str, str]  #: values by name
+    line: int  #: line of the document on which it opens, from 1
+    children: list[XmlElement] = field(default_factory=list)  #: elements directly within, in order
 
     def named(self, tag: str) -> list[XmlElement]:
         """Return the children with this tag, in order."""

@@ -13,23 +13,14 @@ from jointstiff.solver.trend.series import Change
 
 @dataclass(frozen=True)
 class Alarm:
-    """Campaigns in a row beyond the limit, on one side.
+    """Campaigns in a row beyond the limit, on one side."""
 
-    Attributes:
-        first: index of the first one in the series.
-        last: index of the last one.
-        is_open: whether the latest campaign is one of them.
-        change: of the EWMA against the baseline at the last one; it lags behind that of the joint.
-        latest: of the last one itself.
-        limit: of that change of ln k.
-    """
-
-    first: int
-    last: int
-    is_open: bool
-    change: Change
-    latest: Change
-    limit: float
+    first: int  #: index of the first one in the series
+    last: int  #: index of the last one
+    is_open: bool  #: whether the latest campaign is one of them
+    change: Change  #: of the EWMA against the baseline at the last one; it lags behind that of the joint
+    latest: Change  #: of the last one itself
+    limit: float  #: of that change of ln k
 
     def in_words(self, joint: str, since: str) -> str:
         """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning.

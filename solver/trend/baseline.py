@@ -29,27 +29,18 @@ _REACH: Final = 5.0
 
 @dataclass(frozen=True)
 class Baseline:
-    """Mean of a baseline's campaigns. Shapes (...,) are those of the leading axes.
-
-    Attributes:
-        mean: weighted mean of ln k (...,).
-        reading: standard uncertainty of one campaign from its readings, root of the harmonic mean (...,).
-        scatter: Q = Σ (y_i - ȳ)² / u_i² (...,), χ² with m - 1 degrees of freedom if τ = 0.
-        freedom: m - 1.
-        between: τ by DerSimonian and Laird (...,), zero where the campaigns agree.
-        variance_of_readings: var(mean) if τ = 0 (...,).
-        variance_of_between: what τ² adds to var(mean), over τ² (...,).
-    """
+    """Mean of a baseline's campaigns. Shapes (...,) are those of the leading axes."""
 
     values: FloatArray
     uncertainties: FloatArray
-    mean: FloatArray
+    mean: FloatArray  #: weighted mean of ln k (...,)
+    #: standard uncertainty of one campaign from its readings, root of the harmonic mean (...,)
     reading: FloatArray
-    scatter: FloatArray
-    freedom: int
-    between: FloatArray
-    variance_of_readings: FloatArray
-    variance_of_between: FloatArray
+    scatter: FloatArray  #: Q = Σ (y_i - ȳ)² / u_i² (...,), χ² with m - 1 degrees of freedom if τ = 0
+    freedom: int  #: m - 1
+    between: FloatArray  #: τ by DerSimonian and Laird (...,), zero where the campaigns agree
+    variance_of_readings: FloatArray  #: var(mean) if τ = 0 (...,)
+    variance_of_between: FloatArray  #: what τ² adds to var(mean), over τ² (...,)
 
     @classmethod
     def of(cls, values: FloatArray, uncertainties: FloatArray) -> Baseline:

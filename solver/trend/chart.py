@@ -16,25 +16,16 @@ from jointstiff.solver.trend.series import Change, Series
 
 @dataclass(frozen=True)
 class Chart:
-    """Chart of one joint.
+    """Chart of one joint."""
 
-    Attributes:
-        series: all its campaigns: those of the baseline, then those after it.
-        baseline: of the first campaigns.
-        size: how many they are.
-        baseline_uncertainty: standard uncertainty of the baseline's mean, scatter between campaigns included.
-        between: root mean square of the plausible τ, in ln k.
-        monitored: campaigns after the baseline.
-        limits: of their deviation (N,).
-    """
-
-    series: Series
-    baseline: Baseline
-    size: int
+    series: Series  #: all its campaigns: those of the baseline, then those after it
+    baseline: Baseline  #: of the first campaigns
+    size: int  #: how many they are
+    #: standard uncertainty of the baseline's mean, scatter between campaigns included
     baseline_uncertainty: float
-    between: float
-    monitored: Monitored
-    limits: FloatArray
+    between: float  #: root mean square of the plausible τ, in ln k
+    monitored: Monitored  #: campaigns after the baseline
+    limits: FloatArray  #: of their deviation (N,)
 
     def change(self, campaign: int) -> Change:
         """Return the change of one campaign (index into the series) against the baseline's mean."""

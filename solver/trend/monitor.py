@@ -36,23 +36,14 @@ def alarm_level(joints: int) -> float:
 
 @dataclass(frozen=True)
 class Monitored:
-    """EWMA of the campaigns after the baseline, with leading axes (...,).
+    """EWMA of the campaigns after the baseline, with leading axes (...,)."""
 
-    Attributes:
-        deviation: EWMA minus the baseline's mean (..., N).
-        readings: its variance if τ = 0 (..., N).
-        between: what τ² adds to it, over τ² (..., N).
-        tau: plausible τ (..., G).
-        probability: theirs (..., G).
-        exceeded: whether the deviation is beyond its limit (..., N).
-    """
-
-    deviation: FloatArray
-    readings: FloatArray
-    between: FloatArray
-    tau: FloatArray
-    probability: FloatArray
-    exceeded: BoolArray
+    deviation: FloatArray  #: EWMA minus the baseline's mean (..., N)
+    readings: FloatArray  #: its variance if τ = 0 (..., N)
+    between: FloatArray  #: what τ² adds to it, over τ² (..., N)
+    tau: FloatArray  #: plausible τ (..., G)
+    probability: FloatArray  #: theirs (..., G)
+    exceeded: BoolArray  #: whether the deviation is beyond its limit (..., N)
 
     @property
     def standard_uncertainty(self) -> FloatArray:

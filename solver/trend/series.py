@@ -20,16 +20,12 @@ MOST_RELATIVE: Final = 0.25
 class Series:
     """One joint over its campaigns, oldest first.
 
-    Attributes:
-        values: ln k (m,), k in N·m/rad.
-        uncertainties: standard uncertainties of ln k (m,), positive.
-
     Raises:
         RequestError: if a value or an uncertainty is not finite, or an uncertainty not positive.
     """
 
-    values: FloatArray
-    uncertainties: FloatArray
+    values: FloatArray  #: ln k (m,), k in N·m/rad
+    uncertainties: FloatArray  #: standard uncertainties of ln k (m,), positive
 
     def __post_init__(self) -> None:
         values, uncertainties = self.values, self.uncertainties
@@ -63,15 +59,10 @@ def log_stiffness(compliance: float | None, standard_uncertainty: float | None) 
 
 @dataclass(frozen=True)
 class Change:
-    """Change of ln k, with its standard uncertainty.
+    """Change of ln k, with its standard uncertainty."""
 
-    Attributes:
-        difference: of ln k.
-        standard_uncertainty: of the difference.
-    """
-
-    difference: float
-    standard_uncertainty: float
+    difference: float  #: of ln k
+    standard_uncertainty: float  #: of the difference
 
     @property
     def relative(self) -> float:

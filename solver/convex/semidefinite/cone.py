@@ -21,15 +21,10 @@ _NEAR_LEAST_SQUARES: Final = 1e-6
 
 @dataclass(frozen=True)
 class Cone:
-    """Which parameters are what.
+    """Which parameters are what."""
 
-    Attributes:
-        nonnegative: how many of the first are zero or positive.
-        sizes: of the blocks that follow, each a symmetric matrix as in `symmetric`.
-    """
-
-    nonnegative: int
-    sizes: tuple[int, ...] = ()
+    nonnegative: int  #: how many of the first are zero or positive
+    sizes: tuple[int, ...] = ()  #: of the blocks that follow, each a symmetric matrix as in `symmetric`
 
     @property
     def dimension(self) -> int:
@@ -78,15 +73,10 @@ def raised(vector: FloatArray, size: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """The quadratic part, shared by programs with other penalties.
+    """The quadratic part, shared by programs with other penalties."""
 
-    Attributes:
-        R: (m, p) regressor; columns of parameters without a penalty have unit norm.
-        z: (m,) readings of unit norm.
-    """
-
-    R: FloatArray
-    z: FloatArray
+    R: FloatArray  #: (m, p) regressor; columns of parameters without a penalty have unit norm
+    z: FloatArray  #: (m,) readings of unit norm
 
     @cached_property
     def near(self) -> FloatArray:
@@ -108,19 +98,12 @@ class LeastSquares:
 
 @dataclass(frozen=True, eq=False)
 class SemidefiniteProgram:
-    """The program as data.
+    """The program as data."""
 
-    Attributes:
-        fit: quadratic part.
-        cone: of the parameters.
-        weight: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`.
-        penalised: (nonnegative,) which of the scalars, the others' columns being independent.
-    """
-
-    fit: LeastSquares
-    cone: Cone
-    weight: float
-    penalised: BoolArray
+    fit: LeastSquares  #: quadratic part
+    cone: Cone  #: of the parameters
+    weight: float  #: λ > 0; it penalises the traces of all blocks, and the scalars in `penalised`
+    penalised: BoolArray  #: (nonnegative,) which of the scalars, the others' columns being independent
 
     @cached_property
     def penalty(self) -> FloatArray:

@@ -77,19 +77,12 @@ class _BlockFace:
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """Around a point x of a program.
+    """Around a point x of a program."""
 
-    Attributes:
-        program: the program.
-        x: (p,) the point.
-        free: scalars that are not zero.
-        blocks: the faces of the blocks.
-    """
-
-    program: SemidefiniteProgram
-    x: FloatArray
-    free: IndexArray
-    blocks: tuple[_BlockFace, ...]
+    program: SemidefiniteProgram  #: the program
+    x: FloatArray  #: (p,) the point
+    free: IndexArray  #: scalars that are not zero
+    blocks: tuple[_BlockFace, ...]  #: the faces of the blocks
 
     @cached_property
     def basis(self) -> FloatArray:

@@ -29,19 +29,12 @@ _SLACK_ROUNDING: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class NormSum:
-    """The loss of some targets, shared by programs with other penalties.
+    """The loss of some targets, shared by programs with other penalties."""
 
-    Attributes:
-        A: (K, 3, p).
-        d: (K, 3) with ``Σ ‖d_i‖ = 1``.
-        cone: of the parameters.
-        penalised: (nonnegative,) which of the scalars have a penalty.
-    """
-
-    A: FloatArray
-    d: FloatArray
-    cone: Cone
-    penalised: BoolArray
+    A: FloatArray  #: (K, 3, p)
+    d: FloatArray  #: (K, 3) with ``Σ ‖d_i‖ = 1``
+    cone: Cone  #: of the parameters
+    penalised: BoolArray  #: (nonnegative,) which of the scalars have a penalty
 
     @cached_property
     def program(self) -> programs.Program:
@@ -56,17 +49,11 @@ class NormSum:
 
 @dataclass(frozen=True, eq=False)
 class RobustProgram:
-    """The program as data.
+    """The program as data."""
 
-    Attributes:
-        loss: of the targets.
-        weight: λ > 0 of the penalty on traces and penalised scalars.
-        threshold: h ≥ 0, in the unit of d.
-    """
-
-    loss: NormSum
-    weight: float
-    threshold: float
+    loss: NormSum  #: of the targets
+    weight: float  #: λ > 0 of the penalty on traces and penalised scalars
+    threshold: float  #: h ≥ 0, in the unit of d
 
     @cached_property
     def penalty(self) -> FloatArray:

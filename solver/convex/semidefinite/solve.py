@@ -36,35 +36,24 @@ _SLACK_ROUNDING: Final = 1e-13
 
 @dataclass(frozen=True)
 class ConeCertificate:
-    """Evidence of optimality, computed from the data at the answer itself; lengths with ‖z‖ = 1.
+    """Evidence of optimality, computed from the data at the answer itself; lengths with ‖z‖ = 1."""
 
-    Attributes:
-        primal: least scalar or eigenvalue; zero or positive.
-        dual: how far the slack is outside of its cone, over λ; the dual point is moved by as much.
-        gap: root of the difference between the objective at the answer and its value at a point that is
-            feasible in the dual. The fitted readings differ from those of the optimum by no more.
-            For a robust loss the difference itself.
-        tolerance: of Clarabel, that sufficed.
-    """
-
-    primal: float
-    dual: float
+    primal: float  #: least scalar or eigenvalue; zero or positive
+    dual: float  #: how far the slack is outside of its cone, over λ; the dual point is moved by as much
+    #: root of the difference between the objective at the answer and its value at a point that is feasible
+    #: in the dual. The fitted readings differ from those of the optimum by no more. For a robust loss the
+    #: difference itself.
     gap: float
-    tolerance: float
+    tolerance: float  #: of Clarabel, that sufficed
 
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """The optimum (p,) with its evidence.
+    """The optimum (p,) with its evidence."""
 
-    Attributes:
-        x: the optimum.
-        certificate: at x.
-        dual: (K, 3) near a feasible point of the dual, for a robust loss; None for squares, where x gives it.
-    """
-
-    x: FloatArray
-    certificate: ConeCertificate
+    x: FloatArray  #: the optimum
+    certificate: ConeCertificate  #: at x
+    #: (K, 3) near a feasible point of the dual, for a robust loss; None for squares, where x gives it
     dual: FloatArray | None = None
 
 

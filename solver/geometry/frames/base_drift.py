@@ -24,27 +24,16 @@ _COLLINEAR = 1e-3  # least ratio of the width of the targets' spread to its leng
 
 @dataclass(frozen=True, eq=False)
 class BaseDrift:
-    """Motion of the base between two readings of its targets, as the tracker sees it.
+    """Motion of the base between two readings of its targets, as the tracker sees it."""
 
-    Attributes:
-        transform_after_to_before: brings later readings back; apply it to remove the drift.
-        displacement: (3,) of the point asked for, later less earlier, tracker's frame [m].
-        displacement_covariance: (3, 3) [m²].
-        rotation: (3,) rotation vector, tracker's frame [rad].
-        probability: that tracker noise alone does this.
-        deformation_probability: that noise alone leaves these residuals to a rigid motion.
-        residuals: (B, 3) later reading less the moved earlier one [m].
-        moved_targets: targets that moved on the base, each tested alone: their names.
-    """
-
-    transform_after_to_before: RigidTransform
-    displacement: FloatArray
-    displacement_covariance: FloatArray
-    rotation: FloatArray
-    probability: float
-    deformation_probability: float
-    residuals: FloatArray
-    moved_targets: tuple[str, ...]
+    transform_after_to_before: RigidTransform  #: brings later readings back; apply it to remove the drift
+    displacement: FloatArray  #: (3,) of the point asked for, later less earlier, tracker's frame [m]
+    displacement_covariance: FloatArray  #: (3, 3) [m²]
+    rotation: FloatArray  #: (3,) rotation vector, tracker's frame [rad]
+    probability: float  #: that tracker noise alone does this
+    deformation_probability: float  #: that noise alone leaves these residuals to a rigid motion
+    residuals: FloatArray  #: (B, 3) later reading less the moved earlier one [m]
+    moved_targets: tuple[str, ...]  #: targets that moved on the base, each tested alone: their names
     names: tuple[str, ...]
 
     @property

@@ -32,12 +32,9 @@ _MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below w
 
 @dataclass(frozen=True, eq=False)
 class BaseConvention:
-    """Convention that places R0 relative to axes 1 and 2.
+    """Convention that places R0 relative to axes 1 and 2."""
 
-    Attributes:
-        base_from_perpendicular: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0.
-    """
-
+    #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0
     base_from_perpendicular: RigidTransform
 
     @classmethod
@@ -71,17 +68,12 @@ class BaseConvention:
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
-    """R0 and the tracker's frame.
+    """R0 and the tracker's frame."""
 
-    Attributes:
-        transform_tracker_to_base: with its covariance.
-        jacobian: (6, 4 n + 3 T) derivative of its (δ, φ) by the identified axes, for what depends on both.
-        convention: how R0 was put on the axes.
-    """
-
-    transform_tracker_to_base: RigidTransform
+    transform_tracker_to_base: RigidTransform  #: with its covariance
+    #: (6, 4 n + 3 T) derivative of its (δ, φ) by the identified axes, for what depends on both
     jacobian: FloatArray
-    convention: BaseConvention
+    convention: BaseConvention  #: how R0 was put on the axes
 
     def place(self, axes: Sequence[Axis]) -> RigidTransform:
         """The transform from tracker to base by other axes at angle zero, by the same convention."""

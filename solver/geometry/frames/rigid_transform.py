@@ -20,15 +20,11 @@ class RigidTransform:
     """``y = R x + t``: coordinates x in one frame become y in the other. Arrays are read-only.
 
     It is uncertain by a small motion in the frame of y: ``y = (I + [φ]×)(R x + t) + δ``.
-
-    Attributes:
-        rotation: (3, 3) R.
-        translation: (3,) t [m].
-        covariance: (6, 6) of (δ, φ) [m, rad]; zero for a transform that is exact by definition.
     """
 
-    rotation: FloatArray
-    translation: FloatArray
+    rotation: FloatArray  #: (3, 3) R
+    translation: FloatArray  #: (3,) t [m]
+    #: (6, 6) of (δ, φ) [m, rad]; zero for a transform that is exact by definition
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
 
     def __post_init__(self) -> None:

@@ -16,17 +16,11 @@ from jointstiff.solver.regression.regressor import whitener
 
 @dataclass(frozen=True, eq=False)
 class SpherePosition:
-    """Three targets at one position.
+    """Three targets at one position."""
 
-    Attributes:
-        points: (3, 3) readings [m].
-        factors: (3, 3, 3) Cholesky factors of their covariances in units of sigma².
-        columns: (9,) of the whitened readings in the order of all.
-    """
-
-    points: FloatArray
-    factors: FloatArray
-    columns: IndexArray
+    points: FloatArray  #: (3, 3) readings [m]
+    factors: FloatArray  #: (3, 3, 3) Cholesky factors of their covariances in units of sigma²
+    columns: IndexArray  #: (9,) of the whitened readings in the order of all
 
     @property
     def covariances(self) -> FloatArray:
@@ -36,29 +30,17 @@ class SpherePosition:
 
 @dataclass(frozen=True, eq=False)
 class SphereFit:
-    """Common centre of one sphere for each target.
+    """Common centre of one sphere for each target."""
 
-    Attributes:
-        centre: (3,) tracker's frame [m].
-        radii: (T,) [m]; NaN for a target without reading.
-        influence: (3 + T, m) derivative of both by all whitened readings, in units of sigma.
-        rss: sum of squares of the residuals, whitened in units of sigma² [m²].
-        dof: degrees of freedom.
-        points: (P, T, 3) the readings used [m].
-        factors: (P, T, 3, 3) Cholesky factors of their covariances in units of sigma².
-        present: (P, T) which were read.
-        columns: (P, T, 3) index of each among all whitened readings.
-    """
-
-    centre: FloatArray
-    radii: FloatArray
-    influence: FloatArray
-    rss: float
-    dof: int
-    points: FloatArray
-    factors: FloatArray
-    present: BoolArray
-    columns: IndexArray
+    centre: FloatArray  #: (3,) tracker's frame [m]
+    radii: FloatArray  #: (T,) [m]; NaN for a target without reading
+    influence: FloatArray  #: (3 + T, m) derivative of both by all whitened readings, in units of sigma
+    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
+    dof: int  #: degrees of freedom
+    points: FloatArray  #: (P, T, 3) the readings used [m]
+    factors: FloatArray  #: (P, T, 3, 3) Cholesky factors of their covariances in units of sigma²
+    present: BoolArray  #: (P, T) which were read
+    columns: IndexArray  #: (P, T, 3) index of each among all whitened readings
 
     @property
     def seen(self) -> BoolArray:

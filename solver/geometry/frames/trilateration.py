@@ -16,19 +16,12 @@ _COLLINEAR = 1e-3  # least height of the triangle over its base
 
 @dataclass(frozen=True, eq=False)
 class Trilateration:
-    """The two points at given distances from three targets.
+    """The two points at given distances from three targets."""
 
-    Attributes:
-        centre: (3,) the one nearer the nominal centre [m].
-        other: (3,) its mirror image in the plane of the targets [m].
-        by_distance: (3, 3) derivative of the centre by the distances.
-        by_target: (3, 3, 3) derivative of the centre by each target: component, target, coordinate.
-    """
-
-    centre: FloatArray
-    other: FloatArray
-    by_distance: FloatArray
-    by_target: FloatArray
+    centre: FloatArray  #: (3,) the one nearer the nominal centre [m]
+    other: FloatArray  #: (3,) its mirror image in the plane of the targets [m]
+    by_distance: FloatArray  #: (3, 3) derivative of the centre by the distances
+    by_target: FloatArray  #: (3, 3, 3) derivative of the centre by each target: component, target, coordinate
 
     def covariance(self, targets: FloatArray, distances: FloatArray) -> FloatArray:
         """Covariance (3, 3) of the centre [m²].
@@ -92,15 +85,10 @@ def _with_derivatives(P: FloatArray, r: FloatArray, centre: FloatArray, other: F
 
 @dataclass(frozen=True, eq=False)
 class CentreSpread:
-    """Distances of several centres of one wrist from their barycentre (paper, Table I).
+    """Distances of several centres of one wrist from their barycentre (paper, Table I)."""
 
-    Attributes:
-        barycentre: (3,) [m].
-        offsets: distance of each from it [m].
-    """
-
-    barycentre: FloatArray
-    offsets: tuple[float, ...]
+    barycentre: FloatArray  #: (3,) [m]
+    offsets: tuple[float, ...]  #: distance of each from it [m]
 
 
 def spread_of(centres: Sequence[npt.ArrayLike]) -> CentreSpread:

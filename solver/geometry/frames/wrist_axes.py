@@ -17,18 +17,12 @@ from jointstiff.solver.robot.wrist import WRIST_JOINTS, Wrist
 
 @dataclass(frozen=True)
 class WristMiss:
-    """By how much the last three axes miss a common point.
+    """By how much the last three axes miss a common point."""
 
-    Attributes:
-        distance: greatest distance of one of the axes from the point nearest to them [m].
-        standard_uncertainty: of that [m]; where the distance is not beyond it, it says how large the
-            miss may be.
-        probability: that axes which do meet are found so far apart.
-    """
-
-    distance: float
+    distance: float  #: greatest distance of one of the axes from the point nearest to them [m]
+    #: of that [m]; where the distance is not beyond it, it says how large the miss may be
     standard_uncertainty: float
-    probability: float
+    probability: float  #: that axes which do meet are found so far apart
 
     @property
     def spherical(self) -> bool:

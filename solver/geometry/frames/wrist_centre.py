@@ -43,21 +43,13 @@ DISAGREEMENT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class CentreEstimate:
-    """The wrist centre by one way.
+    """The wrist centre by one way."""
 
-    Attributes:
-        way: which.
-        centre: (3,) tracker's frame, arm as in the wrist's sweeps [m].
-        covariance: (3, 3) [m²].
-        influence: (3, m) derivative by the whitened readings, in units of sigma.
-        weight: (3, 3) its weight in the combination; the weights add up to the unit matrix.
-    """
-
-    way: CentreWay
-    centre: FloatArray
-    covariance: FloatArray
-    influence: FloatArray
-    weight: FloatArray
+    way: CentreWay  #: which
+    centre: FloatArray  #: (3,) tracker's frame, arm as in the wrist's sweeps [m]
+    covariance: FloatArray  #: (3, 3) [m²]
+    influence: FloatArray  #: (3, m) derivative by the whitened readings, in units of sigma
+    weight: FloatArray  #: (3, 3) its weight in the combination; the weights add up to the unit matrix
 
     @property
     def share(self) -> float:
@@ -67,38 +59,23 @@ class CentreEstimate:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Two ways beside each other.
+    """Two ways beside each other."""
 
-    Attributes:
-        first: one way.
-        second: the other.
-        distance: between their centres [m].
-        probability: that noise alone does this.
-    """
-
-    first: CentreWay
-    second: CentreWay
-    distance: float
-    probability: float
+    first: CentreWay  #: one way
+    second: CentreWay  #: the other
+    distance: float  #: between their centres [m]
+    probability: float  #: that noise alone does this
 
 
 @dataclass(frozen=True, eq=False)
 class WristCentre:
-    """The wrist centre of the sweeps.
+    """The wrist centre of the sweeps."""
 
-    Attributes:
-        estimates: by each way that was possible.
-        combined: their weighted mean.
-        disagreements: of each two of them.
-        miss: of the axes.
-        posture: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad].
-    """
-
-    estimates: tuple[CentreEstimate, ...]
-    combined: CentreEstimate
-    disagreements: tuple[Disagreement, ...]
-    miss: WristMiss
-    posture: FloatArray
+    estimates: tuple[CentreEstimate, ...]  #: by each way that was possible
+    combined: CentreEstimate  #: their weighted mean
+    disagreements: tuple[Disagreement, ...]  #: of each two of them
+    miss: WristMiss  #: of the axes
+    posture: FloatArray  #: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad]
 
     def in_base(
         self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes

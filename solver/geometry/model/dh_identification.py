@@ -33,17 +33,11 @@ _POSTURES = 200
 
 @dataclass(frozen=True)
 class ParallelPair:
-    """Neighbouring axes that are nearly parallel.
+    """Neighbouring axes that are nearly parallel."""
 
-    Attributes:
-        joint: index of the first.
-        angle: between them [rad].
-        made_parallel: whether the table takes them as parallel; if not, its a, d and theta there are
-            ill-conditioned.
-    """
-
-    joint: int
-    angle: float
+    joint: int  #: index of the first
+    angle: float  #: between them [rad]
+    #: whether the table takes them as parallel; if not, its a, d and theta there are ill-conditioned
     made_parallel: bool
 
 
@@ -52,22 +46,15 @@ class DhTable:
     """A table and what it leaves over.
 
     flange to R0 = base · T_1(q_1) … T_n(q_n) · tool, T_i as in `jointstiff.solver.robot.dh.dh_chain`.
-
-    Attributes:
-        convention: of the rows.
-        rows: n.
-        base: from frame 0 to R0; the identity if z of R0 is axis 1.
-        tool: from the flange frame to frame n; the identity if z of the flange is axis n.
-        parallel: neighbours that are nearly parallel.
-        deviation: greatest distance of the table's flange origin from the chain's, over random
-            postures [m]; rounding only, unless axes were made parallel.
     """
 
-    convention: Convention
-    rows: tuple[DhRow, ...]
-    base: RigidTransform
-    tool: RigidTransform
-    parallel: tuple[ParallelPair, ...]
+    convention: Convention  #: of the rows
+    rows: tuple[DhRow, ...]  #: n
+    base: RigidTransform  #: from frame 0 to R0; the identity if z of R0 is axis 1
+    tool: RigidTransform  #: from the flange frame to frame n; the identity if z of the flange is axis n
+    parallel: tuple[ParallelPair, ...]  #: neighbours that are nearly parallel
+    #: greatest distance of the table's flange origin from the chain's, over random postures [m]; rounding
+    #: only, unless axes were made parallel
     deviation: float
 
     def findings(self) -> tuple[GeometryFinding, ...]:

@@ -29,19 +29,14 @@ _VAGUE = {"m": 10e-3, "rad": 10e-3}
 
 @dataclass(frozen=True, eq=False)
 class FlangeConvention:
-    """Convention that places the flange frame on the last link, which no axis determines.
+    """Convention that places the flange frame on the last link, which no axis determines."""
 
-    Attributes:
-        by: `axes`: it stands in the perpendicular frame of the last axis and the one before
-            (`axis_frame`), at model angle zero; `targets`: in the frame of three targets, origin at the
-            first, x towards the second, y towards the third.
-        frame_from_flange: how it stands there.
-        targets: indices of the three targets.
-    """
-
+    #: `axes`: it stands in the perpendicular frame of the last axis and the one before (`axis_frame`), at
+    #: model angle zero; `targets`: in the frame of three targets, origin at the first, x towards the
+    #: second, y towards the third
     by: Literal["axes", "targets"]
-    frame_from_flange: RigidTransform
-    targets: tuple[int, int, int] = (0, 1, 2)
+    frame_from_flange: RigidTransform  #: how it stands there
+    targets: tuple[int, int, int] = (0, 1, 2)  #: indices of the three targets
 
     @classmethod
     def of_chain(cls, chain: KinematicChain) -> FlangeConvention:
@@ -78,23 +73,14 @@ class FlangeConvention:
 
 @dataclass(frozen=True)
 class LinkParameter:
-    """A length or an angle of the robot, nominal and identified.
+    """A length or an angle of the robot, nominal and identified."""
 
-    Attributes:
-        quantity: see `link_parameters`.
-        joint: index of the axis, or of the first of the two neighbours.
-        nominal: [m] or [rad].
-        identified: the same.
-        standard_uncertainty: of the identified one; infinite if the readings do not determine it.
-        unit: of all three.
-    """
-
-    quantity: LinkQuantity
-    joint: int
-    nominal: float
-    identified: float
-    standard_uncertainty: float
-    unit: Literal["m", "rad"]
+    quantity: LinkQuantity  #: see `link_parameters`
+    joint: int  #: index of the axis, or of the first of the two neighbours
+    nominal: float  #: [m] or [rad]
+    identified: float  #: the same
+    standard_uncertainty: float  #: of the identified one; infinite if the readings do not determine it
+    unit: Literal["m", "rad"]  #: of all three
 
     @property
     def difference(self) -> float:
@@ -135,22 +121,15 @@ def link_findings(links: Sequence[LinkParameter]) -> tuple[GeometryFinding, ...]
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """An identified robot.
+    """An identified robot."""
 
-    Attributes:
-        chain: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero
-            all link frames are parallel to R0, with their origins on the axes.
-        base: where R0 is.
-        targets_in_flange: (T, 3) [m].
-        targets_covariance: (3 T, 3 T) [m²].
-        target_names: of these.
-    """
-
+    #: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero all link frames are
+    #: parallel to R0, with their origins on the axes
     chain: KinematicChain
-    base: BaseFrame
-    targets_in_flange: FloatArray
-    targets_covariance: FloatArray
-    target_names: tuple[str, ...]
+    base: BaseFrame  #: where R0 is
+    targets_in_flange: FloatArray  #: (T, 3) [m]
+    targets_covariance: FloatArray  #: (3 T, 3 T) [m²]
+    target_names: tuple[str, ...]  #: of these
 
 
 def identify_model(

@@ -35,21 +35,15 @@ _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
 @dataclass(frozen=True, eq=False)
 class CalibratedAxes(IdentifiedAxes):
-    """Axes from a calibration.
+    """Axes from a calibration."""
 
-    Attributes:
-        residuals: (N, T, 3) reading less prediction [m]; zero where absent.
-        rank: number of combinations of unknowns that were determined, of 4 n + 3 T.
-        only_together: for each combination that was not, the names of the unknowns in it.
-        stated_sigma: standard uncertainty of a coordinate that was stated [m]; None if there was none.
-        exceeds_stated: whether the residuals exceed it beyond chance; `sigma` is then from them.
-    """
-
-    residuals: FloatArray
-    rank: int
+    residuals: FloatArray  #: (N, T, 3) reading less prediction [m]; zero where absent
+    rank: int  #: number of combinations of unknowns that were determined, of 4 n + 3 T
+    #: for each combination that was not, the names of the unknowns in it
     only_together: tuple[tuple[str, ...], ...]
+    #: standard uncertainty of a coordinate that was stated [m]; None if there was none
     stated_sigma: float | None
-    exceeds_stated: bool
+    exceeds_stated: bool  #: whether the residuals exceed it beyond chance; `sigma` is then from them
 
     @property
     def positions(self) -> int:

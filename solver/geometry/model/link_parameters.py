@@ -26,25 +26,15 @@ _NO_DIRECTION = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """A serial chain of n axes in numbers.
+    """A serial chain of n axes in numbers."""
 
-    Attributes:
-        a: (n - 1,) distances of neighbours along x [m], signed.
-        alpha: (n - 1,) twists about x [rad].
-        beta: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others.
-        d: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m].
-        theta: (n,) angles about the axes at model angle zero, likewise [rad].
-        base: from frame 0, whose z is axis 1, to the frame in which the axes are given.
-        tool: from the flange frame to frame n, whose z is axis n.
-    """
-
-    a: FloatArray
-    alpha: FloatArray
-    beta: FloatArray
-    d: FloatArray
-    theta: FloatArray
-    base: RigidTransform
-    tool: RigidTransform
+    a: FloatArray  #: (n - 1,) distances of neighbours along x [m], signed
+    alpha: FloatArray  #: (n - 1,) twists about x [rad]
+    beta: FloatArray  #: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others
+    d: FloatArray  #: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m]
+    theta: FloatArray  #: (n,) angles about the axes at model angle zero, likewise [rad]
+    base: RigidTransform  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
+    tool: RigidTransform  #: from the flange frame to frame n, whose z is axis n
 
 
 def near_parallel(axes: Sequence[Axis]) -> tuple[bool, ...]:

@@ -16,26 +16,18 @@ from jointstiff.solver.robot.joint_map import JointMap
 class Poses:
     """Unloaded readings in N configurations, T targets. Arrays are checked and made read-only.
 
-    Attributes:
-        angles: (N, n) as the controller shows them [rad].
-        points: (N, T, 3) tracker's frame [m]; anything where absent.
-        present: (N, T) which targets were read.
-        targets: names of the T targets.
-        joint_map: from controller to model angles.
-        sigma: standard uncertainty of one coordinate [m]; None if unknown.
-        covariance: (3, 3) or (N, T, 3, 3) of the readings in units of sigma².
-
     Raises:
         MeasurementError: shapes disagree, a number is not finite, sigma is not positive, or the unit of
             length is wrong.
     """
 
-    angles: FloatArray
-    points: FloatArray
-    present: BoolArray
-    targets: tuple[str, ...]
-    joint_map: JointMap
-    sigma: float | None = None
+    angles: FloatArray  #: (N, n) as the controller shows them [rad]
+    points: FloatArray  #: (N, T, 3) tracker's frame [m]; anything where absent
+    present: BoolArray  #: (N, T) which targets were read
+    targets: tuple[str, ...]  #: names of the T targets
+    joint_map: JointMap  #: from controller to model angles
+    sigma: float | None = None  #: standard uncertainty of one coordinate [m]; None if unknown
+    #: (3, 3) or (N, T, 3, 3) of the readings in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:

@@ -43,22 +43,16 @@ _EDGE = 2  # a bump has at least two positions on either side; else it is one po
 
 @dataclass(frozen=True, eq=False)
 class Anomaly:
-    """A suspicion about one sweep.
+    """A suspicion about one sweep."""
 
-    Attributes:
-        kind: `bump` displaces all readings from `position` on, `position` those there, `reading` one.
-        position: index of the (first) position.
-        target: index of the target of a reading; None for the others.
-        displacement: (3,) estimated displacement of these readings, tracker's frame [m], without components
-            that the fit could as well take for another axis or angle.
-        probability: that chance alone does this to any of the hypotheses tested.
-    """
-
+    #: `bump` displaces all readings from `position` on, `position` those there, `reading` one
     kind: AnomalyKind
-    position: int
-    target: int | None
+    position: int  #: index of the (first) position
+    target: int | None  #: index of the target of a reading; None for the others
+    #: (3,) estimated displacement of these readings, tracker's frame [m], without components that the fit
+    #: could as well take for another axis or angle
     displacement: FloatArray
-    probability: float
+    probability: float  #: that chance alone does this to any of the hypotheses tested
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,14 +27,10 @@ class Axis:
 
     The chart of an axis has the coordinates (x, y, α, β): displacement of the point along u and v [m],
     then rotation about u and v [rad].
-
-    Attributes:
-        point: (3,) a point on it [m].
-        frame: (3, 3) rotation with columns u, v and the direction a.
     """
 
-    point: FloatArray
-    frame: FloatArray
+    point: FloatArray  #: (3,) a point on it [m]
+    frame: FloatArray  #: (3, 3) rotation with columns u, v and the direction a
 
     def __post_init__(self) -> None:
         self.point.setflags(write=False)

@@ -27,52 +27,31 @@ AngleUse = Literal["free", "controller"]
 
 @dataclass(frozen=True)
 class TargetFit:
-    """One target of a sweep.
+    """One target of a sweep."""
 
-    Attributes:
-        radius: distance from the axis [m].
-        offset: along the axis, from the axis's stated point [m].
-        radial_rms: root mean square residual towards the axis [m]; NaN without a reading.
-        axial_rms: the same along the axis [m].
-        readings: how many.
-    """
-
-    radius: float
-    offset: float
-    radial_rms: float
-    axial_rms: float
-    readings: int
+    radius: float  #: distance from the axis [m]
+    offset: float  #: along the axis, from the axis's stated point [m]
+    radial_rms: float  #: root mean square residual towards the axis [m]; NaN without a reading
+    axial_rms: float  #: the same along the axis [m]
+    readings: int  #: how many
 
 
 @dataclass(frozen=True, eq=False)
 class AxisFit:
-    """The axis of one sweep and the evidence for it.
+    """The axis of one sweep and the evidence for it."""
 
-    Attributes:
-        sweep: what was fitted.
-        state: axis, targets in its frame, angles. The axis's point is the foot of the readings' mean.
-        covariance: (4 + 3 T, 4 + 3 T) of the axis's chart and the targets in its frame, by `sigma`.
-        controller: (K,) angle of the turning model joint as the controller shows it [rad].
-        residuals: (K, T, 3) reading minus prediction, in the axis's frame [m]; zero where absent.
-        sigma: standard uncertainty of a coordinate [m]: the stated one, else from the residuals.
-        sigma_stated: whether it was stated.
-        rss: sum of squares of the residuals, whitened in units of sigma² [m²].
-        dof: degrees of freedom, the number of readings' coordinates less that of the unknowns.
-        targets: evidence by target.
-        linear: the linearised fit at the minimum, rows in the order of the readings (K, T, 3).
-    """
-
-    sweep: Sweep
+    sweep: Sweep  #: what was fitted
+    #: axis, targets in its frame, angles. The axis's point is the foot of the readings' mean.
     state: SweepState
-    covariance: FloatArray
-    controller: FloatArray
-    residuals: FloatArray
-    sigma: float
-    sigma_stated: bool
-    rss: float
-    dof: int
-    targets: tuple[TargetFit, ...]
-    linear: LinearFit
+    covariance: FloatArray  #: (4 + 3 T, 4 + 3 T) of the axis's chart and the targets in its frame, by `sigma`
+    controller: FloatArray  #: (K,) angle of the turning model joint as the controller shows it [rad]
+    residuals: FloatArray  #: (K, T, 3) reading minus prediction, in the axis's frame [m]; zero where absent
+    sigma: float  #: standard uncertainty of a coordinate [m]: the stated one, else from the residuals
+    sigma_stated: bool  #: whether it was stated
+    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
+    dof: int  #: degrees of freedom, the number of readings' coordinates less that of the unknowns
+    targets: tuple[TargetFit, ...]  #: evidence by target
+    linear: LinearFit  #: the linearised fit at the minimum, rows in the order of the readings (K, T, 3)
 
     @property
     def influence(self) -> FloatArray:

@@ -25,17 +25,11 @@ from jointstiff.solver.regression.regressor import whitener
 
 @dataclass(frozen=True, eq=False)
 class SweepState:
-    """Unknowns of the fit of one sweep.
+    """Unknowns of the fit of one sweep."""
 
-    Attributes:
-        axis: the common axis in the tracker's frame.
-        targets: (T, 3) in the axis's frame, at joint angle zero [m].
-        angles: (K,) of the joint [rad].
-    """
-
-    axis: Axis
-    targets: FloatArray
-    angles: FloatArray
+    axis: Axis  #: the common axis in the tracker's frame
+    targets: FloatArray  #: (T, 3) in the axis's frame, at joint angle zero [m]
+    angles: FloatArray  #: (K,) of the joint [rad]
 
     @property
     def arms(self) -> FloatArray:
@@ -56,19 +50,12 @@ class SweepState:
 
 @dataclass(frozen=True, eq=False)
 class WhitenedSweep:
-    """The readings of a sweep, whitened, and the residuals and Jacobian of the model there.
+    """The readings of a sweep, whitened, and the residuals and Jacobian of the model there."""
 
-    Attributes:
-        points: (K, T, 3) readings [m].
-        weight: (K, T, 3, 3) whiteners in units of 1/sigma; zero where there is no reading.
-        controller: (K,) angle of the turning model joint as the controller has it [rad].
-        basis: (K, F) the corrections of the angles that are free, F = K - 1 or 0.
-    """
-
-    points: FloatArray
-    weight: FloatArray
-    controller: FloatArray
-    basis: FloatArray
+    points: FloatArray  #: (K, T, 3) readings [m]
+    weight: FloatArray  #: (K, T, 3, 3) whiteners in units of 1/sigma; zero where there is no reading
+    controller: FloatArray  #: (K,) angle of the turning model joint as the controller has it [rad]
+    basis: FloatArray  #: (K, F) the corrections of the angles that are free, F = K - 1 or 0
 
     @classmethod
     def of(cls, sweep: Sweep, controller: FloatArray, *, free_angles: bool) -> WhitenedSweep:

@@ -30,44 +30,27 @@ from jointstiff.solver.regression.regressor import whitener
 
 @dataclass(frozen=True, eq=False)
 class CoupledFit:
-    """The inner axis of a sweep that turns two, given the outer one.
+    """The inner axis of a sweep that turns two, given the outer one."""
 
-    Attributes:
-        sweep: what was fitted.
-        outer: the fit of the outer axis, from its own sweep.
-        axis: the inner axis in the tracker's frame, as in this sweep.
-        targets: (T, 3) at the outer angle zero and the inner angle of the outer axis's sweep, tracker's
-            frame [m].
-        corrections: (K,) angle of the controller's joint from the readings less its own, of mean zero
-            [rad].
-        influence: (4 + 3 T, 3 K T) derivative of chart and targets by the whitened readings, in units of
-            sigma.
-        dependence: (4, 4) derivative of the inner axis's chart by the outer one's.
-        axis_covariance: (4, 4) of the inner axis's chart, by `sigma`, the outer axis's part included.
-        residuals: (K, T, 3) reading minus prediction, tracker's frame [m]; zero where absent.
-        sigma: standard uncertainty of a coordinate [m]: the stated one, else from the residuals.
-        sigma_stated: whether it was stated.
-        rss: sum of squares of the residuals, whitened in units of sigma² [m²].
-        dof: degrees of freedom.
-        arc: angle of the controller's joint that the readings cover [rad].
-        linear: the linearised fit at the minimum, rows in the order of the readings (K, T, 3).
-    """
-
-    sweep: Sweep
-    outer: AxisFit
-    axis: Axis
+    sweep: Sweep  #: what was fitted
+    outer: AxisFit  #: the fit of the outer axis, from its own sweep
+    axis: Axis  #: the inner axis in the tracker's frame, as in this sweep
+    #: (T, 3) at the outer angle zero and the inner angle of the outer axis's sweep, tracker's frame [m]
     targets: FloatArray
+    #: (K,) angle of the controller's joint from the readings less its own, of mean zero [rad]
     corrections: FloatArray
+    #: (4 + 3 T, 3 K T) derivative of chart and targets by the whitened readings, in units of sigma
     influence: FloatArray
-    dependence: FloatArray
+    dependence: FloatArray  #: (4, 4) derivative of the inner axis's chart by the outer one's
+    #: (4, 4) of the inner axis's chart, by `sigma`, the outer axis's part included
     axis_covariance: FloatArray
-    residuals: FloatArray
-    sigma: float
-    sigma_stated: bool
-    rss: float
-    dof: int
-    arc: float
-    linear: LinearFit
+    residuals: FloatArray  #: (K, T, 3) reading minus prediction, tracker's frame [m]; zero where absent
+    sigma: float  #: standard uncertainty of a coordinate [m]: the stated one, else from the residuals
+    sigma_stated: bool  #: whether it was stated
+    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
+    dof: int  #: degrees of freedom
+    arc: float  #: angle of the controller's joint that the readings cover [rad]
+    linear: LinearFit  #: the linearised fit at the minimum, rows in the order of the readings (K, T, 3)
 
     @property
     def variance_factor(self) -> float:

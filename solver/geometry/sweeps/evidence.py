@@ -15,45 +15,28 @@ from jointstiff.solver.geometry.sweeps.swept_axes import SweptAxes
 
 @dataclass(frozen=True)
 class SweptTarget:
-    """One target of a sweep; NaN for what it does not show.
-
-    Attributes:
-        readings: how many.
-        radius: distance from the axis [m]; NaN in a sweep that turns two axes.
-        radial_rms: root mean square of the residuals towards the axis, across it where two turn [m].
-        axial_rms: the same along the axis [m].
-    """
+    """One target of a sweep; NaN for what it does not show."""
 
     name: str
-    readings: int
-    radius: float
-    radial_rms: float
-    axial_rms: float
+    readings: int  #: how many
+    radius: float  #: distance from the axis [m]; NaN in a sweep that turns two axes
+    radial_rms: float  #: root mean square of the residuals towards the axis, across it where two turn [m]
+    axial_rms: float  #: the same along the axis [m]
 
 
 @dataclass(frozen=True)
 class SweepEvidence:
-    """One sweep, fitted by itself.
+    """One sweep, fitted by itself."""
 
-    Attributes:
-        joint: of the controller, by name.
-        turned: names of the model's joints that turn.
-        positions: how many.
-        arc: angle that the readings cover [rad].
-        targets: evidence by target.
-        angle_scale: angle by the readings over that of the controller, dimensionless.
-        angle_deviation: root mean square of their difference [rad]; None if the controller's are taken.
-        variance_factor: χ²/dof, 1 on average if sigma is right.
-    """
-
-    joint: str
-    turned: tuple[str, ...]
-    positions: int
-    arc: float
-    targets: tuple[SweptTarget, ...]
-    angle_scale: float
+    joint: str  #: of the controller, by name
+    turned: tuple[str, ...]  #: names of the model's joints that turn
+    positions: int  #: how many
+    arc: float  #: angle that the readings cover [rad]
+    targets: tuple[SweptTarget, ...]  #: evidence by target
+    angle_scale: float  #: angle by the readings over that of the controller, dimensionless
+    #: root mean square of their difference [rad]; None if the controller's are taken
     angle_deviation: float | None
-    variance_factor: float
+    variance_factor: float  #: χ²/dof, 1 on average if sigma is right
 
 
 def sweep_evidence(swept: SweptAxes, joints: Sequence[str]) -> tuple[SweepEvidence, ...]:

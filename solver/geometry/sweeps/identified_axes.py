@@ -24,29 +24,18 @@ _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and roundi
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedAxes:
-    """Axes and targets at model angle zero, in the tracker's frame.
+    """Axes and targets at model angle zero, in the tracker's frame."""
 
-    Attributes:
-        axes: n, base first.
-        targets: (T, 3) [m], carried by the last axis.
-        names: of the targets.
-        covariance: (4 n + 3 T, 4 n + 3 T) of the axes' charts, then the targets.
-        influence: (4 n + 3 T, m) derivative by all whitened readings in units of sigma.
-        sigma: standard uncertainty of a coordinate [m], stated or pooled from the residuals.
-        rss: sum of squares of the residuals, whitened in units of sigma² [m²].
-        dof: degrees of freedom behind it.
-        unseen: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine; they
-            are as at the start of the fit, and the covariance is silent about them.
-    """
-
-    axes: tuple[Axis, ...]
-    targets: FloatArray
-    names: tuple[str, ...]
-    covariance: FloatArray
-    influence: FloatArray
-    sigma: float
-    rss: float
-    dof: int
+    axes: tuple[Axis, ...]  #: n, base first
+    targets: FloatArray  #: (T, 3) [m], carried by the last axis
+    names: tuple[str, ...]  #: of the targets
+    covariance: FloatArray  #: (4 n + 3 T, 4 n + 3 T) of the axes' charts, then the targets
+    influence: FloatArray  #: (4 n + 3 T, m) derivative by all whitened readings in units of sigma
+    sigma: float  #: standard uncertainty of a coordinate [m], stated or pooled from the residuals
+    rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
+    dof: int  #: degrees of freedom behind it
+    #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine; they are as at
+    #: the start of the fit, and the covariance is silent about them
     unseen: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
 
     @property

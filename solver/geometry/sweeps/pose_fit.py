@@ -21,36 +21,22 @@ from jointstiff.solver.geometry.sweeps.axis import CHART_SIZE, Axis
 
 @dataclass(frozen=True, eq=False)
 class PoseReadings:
-    """Readings in N configurations, whitened.
+    """Readings in N configurations, whitened."""
 
-    Attributes:
-        angles: (N, n) of the model [rad].
-        points: (N, T, 3) tracker's frame [m]; zero where absent.
-        weight: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent.
-        slopes: (N, n) of the model angles by the correction of a configuration.
-        free: whether each configuration has a correction of its own.
-    """
-
-    angles: FloatArray
-    points: FloatArray
-    weight: FloatArray
-    slopes: FloatArray
-    free: bool
+    angles: FloatArray  #: (N, n) of the model [rad]
+    points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
+    weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
+    slopes: FloatArray  #: (N, n) of the model angles by the correction of a configuration
+    free: bool  #: whether each configuration has a correction of its own
 
 
 @dataclass(frozen=True, eq=False)
 class PoseState:
-    """Unknowns of the fit of the poses.
+    """Unknowns of the fit of the poses."""
 
-    Attributes:
-        axes: n at angle zero, tracker's frame.
-        targets: (T, 3) at angle zero, tracker's frame [m].
-        corrections: (N,) of the angles [rad].
-    """
-
-    axes: tuple[Axis, ...]
-    targets: FloatArray
-    corrections: FloatArray
+    axes: tuple[Axis, ...]  #: n at angle zero, tracker's frame
+    targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
+    corrections: FloatArray  #: (N,) of the angles [rad]
 
 
 def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[PoseState, LinearFit]:

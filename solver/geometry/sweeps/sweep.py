@@ -32,24 +32,17 @@ LEAST_REACH, MOST_REACH = 1e-2, 50.0
 class Sweep:
     """K positions of one sweep, T targets. Arrays are checked and made read-only.
 
-    Attributes:
-        name: of the controller's joint that was turned, for messages.
-        joint: its index, 0 to n - 1.
-        angles: (K, n) as the controller shows them [rad].
-        points: (K, T, 3) readings in the tracker's frame [m]; anything where absent.
-        present: (K, T) which targets were read.
-        covariance: (3, 3) or (K, T, 3, 3) of the readings in units of sigma².
-
     Raises:
         MeasurementError: shapes disagree, a number is not finite, fewer than `MIN_POSITIONS` positions, a
             position without any reading, the joint did not move, or its targets did not.
     """
 
-    name: str
-    joint: int
-    angles: FloatArray
-    points: FloatArray
-    present: BoolArray
+    name: str  #: of the controller's joint that was turned, for messages
+    joint: int  #: its index, 0 to n - 1
+    angles: FloatArray  #: (K, n) as the controller shows them [rad]
+    points: FloatArray  #: (K, T, 3) readings in the tracker's frame [m]; anything where absent
+    present: BoolArray  #: (K, T) which targets were read
+    #: (3, 3) or (K, T, 3, 3) of the readings in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
@@ -197,21 +190,15 @@ def refuse_other_unit(reach: float) -> None:
 class SweepSet:
     """Sweeps of one robot by one tracker that stood still, with the same targets.
 
-    Attributes:
-        sweeps: in any order; positions in the tracker's frame.
-        targets: names of the T targets.
-        joint_map: from controller to model angles.
-        sigma: standard uncertainty of one coordinate of one reading [m]; None if unknown.
-
     Raises:
         MeasurementError: no sweep, sweeps of different robots or targets, two sweeps of one joint, a sigma
             that is not positive, or a joint that turns along although the map does not couple it.
     """
 
-    sweeps: tuple[Sweep, ...]
-    targets: tuple[str, ...]
-    joint_map: JointMap
-    sigma: float | None = None
+    sweeps: tuple[Sweep, ...]  #: in any order; positions in the tracker's frame
+    targets: tuple[str, ...]  #: names of the T targets
+    joint_map: JointMap  #: from controller to model angles
+    sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
 
     def __post_init__(self) -> None:
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0.0):

@@ -25,17 +25,12 @@ _STEP = 1e-6  # of the difference quotients [rad]
 
 @dataclass(frozen=True, eq=False)
 class SweptAxes(IdentifiedAxes):
-    """Axes identified from sweeps, one by one.
+    """Axes identified from sweeps, one by one."""
 
-    Attributes:
-        sweeps: the set; the whitened readings of `influence` are in its order.
-        fits: the fit of each sweep, in its order.
-        robust_sigma: standard uncertainty of a coordinate from the median of the residuals [m], to which a
-            few sweeps that do not fit add little.
-    """
-
-    sweeps: SweepSet
-    fits: tuple[AxisFit | CoupledFit, ...]
+    sweeps: SweepSet  #: the set; the whitened readings of `influence` are in its order
+    fits: tuple[AxisFit | CoupledFit, ...]  #: the fit of each sweep, in its order
+    #: standard uncertainty of a coordinate from the median of the residuals [m], to which a few sweeps that
+    #: do not fit add little
     robust_sigma: float
 
     @property
