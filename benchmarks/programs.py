@@ -56,7 +56,6 @@ KIND_OF = {
     "a.LS": "fanuc",
     "a.mod": "rapid",
     "a.script": "ur",
-    "a.cls": "apt",
     "a.csv": "csv",
 }
 
@@ -102,7 +101,6 @@ def work_of(robot: Robot, run: Run, kind: str, text: str, force: Array = FORCE) 
         "tools": [{"values": tool}],
         "bases": [{"values": base}] if base else [],
         "start": np.degrees(START).tolist(),
-        "tool_x": [0.0, 0.0, 1.0],
     }
     return ProgramWork(robot, "robot", run, ProgramRequest.model_validate(request))
 
@@ -209,7 +207,7 @@ def hostile() -> Iterator[tuple[str, str, bytes]]:
     }
     for label, body in bodies.items():
         yield f"krl, {label}", "a.src", body
-    for name in ("a.LS", "a.mod", "a.script", "a.cls", "a.csv"):
+    for name in ("a.LS", "a.mod", "a.script", "a.csv"):
         yield f"{name}, 5 MB of brackets", name, b"[" * (big // 2)
         yield f"{name}, all bytes", name, bytes(range(1, 256)) * 400
         yield f"{name}, quotes", name, b'"' * 4000 + b"\n" + b"[1,2,'" * 600

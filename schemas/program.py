@@ -28,7 +28,7 @@ MAX_FRAMES = 64
 MAX_SEGMENTS = 1_000
 MAX_WORST = 20
 
-ProgramFormat = Literal["csv", "apt", "krl", "fanuc", "rapid", "ur"]
+ProgramFormat = Literal["csv", "krl", "fanuc", "rapid", "ur"]
 LeftAlone = Literal["no_load", "uncertain", "not_used"]
 
 _FrameNumbers = Annotated[
@@ -40,7 +40,7 @@ _FrameNumbers = Annotated[
         "B, C "
         "and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, "
         "ry, rz in m "
-        "and rad; CSV as its columns; others as KUKA.",
+        "and rad; CSV as its columns, and as KUKA where they are no whole pose.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]

@@ -17,7 +17,6 @@ __all__ = ["PROGRAM_FILES", "program_text"]
 PROGRAM_FILES: Mapping[str, str] = MappingProxyType(
     {
         "csv": "path.csv",
-        "apt": "path.cls",
         "krl": "path.src",
         "fanuc": "PATH.LS",
         "rapid": "Path.mod",
@@ -34,8 +33,7 @@ def program_text(kind: str, poses: FloatArray, decimals: int = 4) -> str:
         kind: format, a key of PROGRAM_FILES.
         poses: (m, 4, 4) of the tool in the base [m].
         decimals: digits behind the point of millimetres; metres and radians get three more, degrees one,
-        numbers
-            without a unit four.
+            numbers without a unit four.
     """
     return _WRITERS[kind](poses, decimals)
 
@@ -81,14 +79,6 @@ def _ur(poses: FloatArray, d: int) -> str:
     return "\n".join(["def path():", *moves, "end", ""])
 
 
-def _apt(poses: FloatArray, d: int) -> str:
-    moves = (
-        "GOTO/" + ",".join([*(f"{v:.{d}f}" for v in place), *(f"{-v:.{d + 4}f}" for v in axis)])
-        for place, axis in zip(1e3 * poses[:, :3, 3], poses[:, :3, 2], strict=True)
-    )
-    return "\n".join(["PARTNO/PATH", "UNITS/MM", "MULTAX", *moves, "FINI", ""])
-
-
 def _csv(poses: FloatArray, d: int) -> str:
     rows = (
         f"{i + 1};{x:.{d}f};{y:.{d}f};{z:.{d}f};{a:.{d + 1}f};{b:.{d + 1}f};{c:.{d + 1}f}"
@@ -128,5 +118,5 @@ def _quaternions(poses: FloatArray) -> FloatArray:
 
 
 _WRITERS: Mapping[str, Callable[[FloatArray, int], str]] = MappingProxyType(
-    {"csv": _csv, "apt": _apt, "krl": _krl, "fanuc": _fanuc, "rapid": _rapid, "ur": _ur}
+    {"csv": _csv, "krl": _krl, "fanuc": _fanuc, "rapid": _rapid, "ur": _ur}
 )

@@ -104,7 +104,7 @@ class ProgramFrames:
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
-        axis = np.tile(notation.axis, (len(rows), 1))
+        axis = np.tile([0.0, 0.0, 1.0], (len(rows), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
             axis = numbers[:, 3:]
         z = -axis / np.linalg.norm(axis, axis=1, keepdims=True)

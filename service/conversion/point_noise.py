@@ -20,7 +20,7 @@ _PREFIX = "noise_"
 
 @dataclass(frozen=True, eq=False)
 class PointNoise:
-    """Noise stated by N observations of T targets; zero where a reading states the other kind or is absent."""
+    """Noise stated by N observations of T targets; zero where a reading states the other kind or none."""
 
     sigma: FloatArray  # (N, T)
     unloaded: FloatArray  # (N, T, 3, 3) covariance before the load

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Final
 
 from jointstiff.service.programs import fanuc, krl, rapid, ur
-from jointstiff.service.programs.apt import read_apt
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.fanuc import read_fanuc
 from jointstiff.service.programs.krl import read_krl
@@ -27,7 +26,6 @@ MAX_LINE: Final = 4096
 FORMATS: Final[Mapping[str, Callable[[tuple[Source, ...], Collection[str]], Program]]] = MappingProxyType(
     {
         "csv": read_table,
-        "apt": read_apt,
         "krl": read_krl,
         "fanuc": read_fanuc,
         "rapid": read_rapid,
@@ -36,9 +34,6 @@ FORMATS: Final[Mapping[str, Callable[[tuple[Source, ...], Collection[str]], Prog
 )
 _SUFFIXES: Final = {
     ".csv": "csv",
-    ".cls": "apt",
-    ".apt": "apt",
-    ".aptsource": "apt",
     ".src": "krl",
     ".dat": "krl",
     ".ls": "fanuc",

@@ -47,8 +47,6 @@ class Notation:
     angle: float = DEGREE  # radians in the unit of angles (1 where there are none)
     length_decimals: int = 4  # digits behind the point that a changed position gets at least
     angle_decimals: int = 5  # the same of a changed angle or component of an orientation
-    # of the tool, from the tip to the spindle, where a position alone is written
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     @property
     def count(self) -> int:

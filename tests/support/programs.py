@@ -26,7 +26,6 @@ FRAMES = {
     "krl": (KUKA_TOOL, [0.0] * 6),
     "fanuc": (KUKA_TOOL, [0.0] * 6),
     "csv": (KUKA_TOOL, [0.0] * 6),
-    "apt": (KUKA_TOOL, [0.0] * 6),
     "rapid": ([10.0, -20.0, 215.5, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
     "ur": ([0.01, -0.02, 0.2155, 0.0, 0.0, 0.0], None),
 }
@@ -76,7 +75,6 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
         "tools": [{"values": tool}],
         "bases": [{"values": base}] if base else [],
         "start": np.degrees(START).tolist(),
-        **({"tool_x": [0.0, 0.0, 1.0]} if kind == "apt" else {}),
     } | changes
 
 

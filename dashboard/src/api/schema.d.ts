@@ -7827,7 +7827,7 @@ export interface components {
              * Format
              * @description Format of the program; by the file's name if absent.
              */
-            format?: ("csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur") | null;
+            format?: ("csv" | "krl" | "fanuc" | "rapid" | "ur") | null;
             /**
              * Confidence
              * @description Level of the intervals.
@@ -7852,7 +7852,7 @@ export interface components {
             name?: string | null;
             /**
              * Values
-             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns; others as KUKA.
+             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns, and as KUKA where they are no whole pose.
              */
             values: number[];
         };
@@ -7868,7 +7868,7 @@ export interface components {
             name: string | null;
             /**
              * Values
-             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns; others as KUKA.
+             * @description Position, then orientation, as the program's format writes a pose: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns, and as KUKA where they are no whole pose.
              */
             values: number[];
         };
@@ -8093,7 +8093,7 @@ export interface components {
              * Format
              * @description Format of the program; by the file's name if absent.
              */
-            format: ("csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur") | null;
+            format: ("csv" | "krl" | "fanuc" | "rapid" | "ur") | null;
             /**
              * Confidence
              * @description Level of the intervals.
@@ -8120,7 +8120,7 @@ export interface components {
              * Format
              * @enum {string}
              */
-            format: "csv" | "apt" | "krl" | "fanuc" | "rapid" | "ur";
+            format: "csv" | "krl" | "fanuc" | "rapid" | "ur";
             /**
              * Points
              * @description Targets of the program.

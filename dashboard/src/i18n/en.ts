@@ -811,9 +811,9 @@ export const en = {
     formNote:
       "Targets are corrected by the model of this run; nothing else in the program changes. Targets that are not understood are refused by line.",
     drop: "Drop the program here",
-    dropHint: "KUKA .src with its .dat, FANUC .LS, ABB .mod, UR script, APT-CLS or CSV.",
+    dropHint: "KUKA .src with its .dat, FANUC .LS, ABB .mod, UR script or CSV.",
     choose: "Choose a program",
-    accept: ".src,.dat,.ls,.LS,.mod,.script,.cls,.apt,.csv",
+    accept: ".src,.dat,.ls,.LS,.mod,.script,.csv",
     remove: "Remove",
     accuracy: "The controller's own accuracy option",
     accuracies: {

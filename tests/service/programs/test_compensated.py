@@ -77,9 +77,8 @@ def test_the_certificate_knows_the_rounding(kind):
     joints = path(25)
     result = compensated(kind, program_text(kind, tool_poses(joints), 3))
     exact = np.linalg.norm(loaded_poses(joints)[:, :3, 3] - tool_poses(joints)[:, :3, 3], axis=1)
-    about_axis = 0.1 if kind == "apt" else 1e-4  # where another angle about the tool's axis is as good
-    assert result.deflection.greatest == pytest.approx(exact.max(), rel=about_axis)
-    assert 0.0 < result.rounding.greatest <= result.residual.greatest < (3e-6 if kind != "apt" else 2e-5)
+    assert result.deflection.greatest == pytest.approx(exact.max(), rel=1e-4)
+    assert 0.0 < result.rounding.greatest <= result.residual.greatest < 3e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -23,7 +23,6 @@ PROGRAMS = {
     "fanuc": (["CELL.LS"], ["SPINDLE_OFF"]),
     "rapid": (["cell.mod"], []),
     "ur": (["cell.script"], []),
-    "apt": (["cell.cls"], []),
     "csv": (["cell.csv"], []),
 }
 
@@ -168,8 +167,6 @@ def test_ur_frames_of_pose_trans():
         ("a.script", "def a():\n  movel(pose_add(p1, p[0,0,0.1,0,0,0]))\nend", 2, "numbers"),
         ("a.script", "def a():\n  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0])\nend", 2, "force_mode"),
         ("a.script", "def a():\n  x = [d2r(1),0,0,0,0,0]\n  movej(x)\nend", 3, "numbers"),
-        ("a.cls", "GOTO/1,2,3\nGODLTA/0,0,1\n", 2, "GODLTA"),
-        ("a.cls", "CYCLE/DRILL,10\nGOTO/1,2,3\n", 1, "CYCLE"),
         ("a.csv", "x,y\n1,2\n", 1, "header"),
         ("a.csv", "x [mm],y [mm],z [mm]\n1,2,a\n", 2, "column 3"),
         ("a.csv", "x,y,z\n1,2,3\n", 1, "no units"),
@@ -224,10 +221,6 @@ def krl(p):
     return "LIN {{X {:.3f},Y {:.3f},Z {:.3f},A {:.3f},B {:.3f},C {:.3f}}} C_DIS".format(*p)
 
 
-def apt(p):
-    return "GOTO/{:.3f},{:.3f},{:.3f},0,0,1".format(*p)
-
-
 def ur(p):
     values = [*(x / 1000 for x in p[:3]), *np.radians(p[3:])]
     return "movel(p[{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}], a=1, v=0.1)".format(*values)
@@ -235,9 +228,7 @@ def ur(p):
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(pose, text_between), min_size=1, max_size=8), st.sampled_from(["\n", "\r\n"]))
-@pytest.mark.parametrize(
-    ("name", "line", "comment"), [("a.src", krl, ";"), ("a.cls", apt, "$$"), ("a.script", ur, "#")]
-)
+@pytest.mark.parametrize(("name", "line", "comment"), [("a.src", krl, ";"), ("a.script", ur, "#")])
 def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
     text = end.join(part for p, note in targets for part in (line(p), comment + note)) + end
     program = read_program([(name, text.encode("latin-1"))])
@@ -312,7 +303,7 @@ def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, conte
 
 
 @pytest.mark.timeout(30)
-@pytest.mark.parametrize("name", ["a.src", "a.LS", "a.mod", "a.script", "a.cls", "a.csv"])
+@pytest.mark.parametrize("name", ["a.src", "a.LS", "a.mod", "a.script", "a.csv"])
 @pytest.mark.parametrize(
     "content", ["\n" * 300_000, (" " * 4000 + "\n") * 100, "$\n" * 50_000, "PROC a(" * 500 + "\n"]
 )

@@ -195,58 +195,12 @@ def test_ur_moves_without_targets_are_refused_as_what_they_are(call):
     assert "no target" in refusal("a.script", f"movel(p[1,2,3,0,0,0])\n{call}\n").reason
 
 
-CATIA = """$$ Start generation of : Manufacturing Program.1
-PARTNO PART TO BE MACHINED
-PPRINT OPERATION NAME : Tool Change.1
-CUTTER/ 10.000000,  2.000000,  3.000000,  2.000000,  0.000000,$
-         0.000000, 50.000000
-TPRINT/T1 End Mill D 10
-LOADTL/1
-SPINDL/ 12000.0000,RPM,CLW
-FROM/0.,0.,100.
-GOTO  /   10.00000,   20.00000,   30.00000, 0.000000, 0.600000, 0.800000 $$ tilted
-GOTO  /   11.00000,   20.00000,   30.00000
-REWIND/0
-FINI
-"""
-
-
-def test_apt_tool_axis_stays_until_another_is_written():
-    program = read("a.aptsource", CATIA)
-    assert [target.notation.axis for target in program.targets[::2]] == [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)]
-    used = ProgramFrames.of(program, request("apt", CATIA, tool_x=[1.0, 0.0, 0.0]))
-    tilted, kept = used.flange_poses(program, [1, 2])[:, :3, 2]
-    np.testing.assert_allclose(kept, tilted)
-
-
-@pytest.mark.parametrize(
-    "line",
-    ["CIRCLE/1,2,3,0,0,1,5", "TLON,GOFWD/ (CIRCLE/ 10., 20., 0., 5.),ON,(LINE/1,2,3,4,5,6)", "INDIRV/1,0,0"],
-)
-def test_apt_arcs_are_refused_as_what_they_are(line):
-    fault = refusal("a.cls", f"GOTO/1,2,3\n{line}\n")
-    assert fault.line == 2
-    assert "arc" in fault.reason
-    assert "leave_alone" not in fault.remedy
-
-
-def test_apt_targets_by_name_are_refused():
-    assert "numbers" in refusal("a.cls", "GOTO/1,2,3\nGOTO/PT1\n").reason
-
-
-@pytest.mark.parametrize(
-    "line", ["MODE/INCR", "ORIGIN/0,0,50", "TRANS/1,2,3", "TLAXIS/NORMPS", "GOTO/1,2,3,0,0,0"]
-)
-def test_apt_words_that_move_targets_are_refused(line):
-    assert refusal("a.cls", f"GOTO/1,2,3\n{line}\nGOTO/5,6,7\n").line == 2
-
-
-def test_apt_tool_axis_of_a_statement():
-    assert read("a.cls", "ORIGIN/0,0,0\nTLAXIS/0,1,0\nGOTO/1,2,3\n").targets[0].notation.axis == (
-        0.0,
-        1.0,
-        0.0,
-    )
+def test_tables_of_tool_axes_take_the_angle_about_the_axis_from_the_request():
+    text = "x [mm],y [mm],z [mm],i,j,k\n10,20,30,0,0.6,0.8\n11,20,30,0,1.2,1.6\n"
+    used = ProgramFrames.of(read("a.csv", text), request("csv", text, tool_x=[1.0, 0.0, 0.0]))
+    poses = used.flange_poses(read("a.csv", text), [0, 1]) @ used.tool
+    np.testing.assert_allclose(poses[:, :3, 2], [[0, -0.6, -0.8]] * 2, atol=1e-12)
+    np.testing.assert_allclose(poses[:, :3, 0], [[1, 0, 0]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize(
