@@ -15,8 +15,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
 from jointstiff.solver.integrity.hypotheses import Hypothesis, angle_hypotheses
-from jointstiff.solver.integrity.order import Shift, exchanged_pair, find_shift
-from jointstiff.solver.integrity.springs import SpringModel, Springs
+from jointstiff.solver.integrity.springs import Shift, SpringModel, Springs, exchanged_pair, find_shift
 from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, vector_quantile, vector_scale
 from jointstiff.solver.integrity.view import View
 from jointstiff.solver.readings.measurements import Measurements

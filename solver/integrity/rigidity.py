@@ -10,11 +10,15 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.steps import Step, find_step
-from jointstiff.solver.integrity.thresholds import MODEL_ALLOWANCE, length_scale, normal_quantile
+from jointstiff.solver.integrity.repeats import SAME_ANGLE
+from jointstiff.solver.integrity.thresholds import (
+    MODEL_ALLOWANCE,
+    length_scale,
+    normal_quantile,
+    vector_quantile,
+    vector_scale,
+)
 from jointstiff.solver.integrity.view import View
-
-Rows = IndexArray
 
 LEAST_SIGMA: Final = 1e-6
 """Standard uncertainty of a reading [m] that is assumed where none is stated and the distances show less."""
@@ -25,14 +29,27 @@ _ORDERED: Final = 2.0
 """Factor on a step where postures were measured in order: the model's errors then look like steps."""
 _CLEARER: Final = 4.0
 """Ratio of the sums of squares above which another target is no explanation."""
+LEAST_ROWS: Final = 4
+SMALLEST_STEP: Final = 1e-4
+"""Least displacement of a target, and least change of one of its distances, that is reported [m]."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A lasting displacement of one target."""
+
+    target: int  #: its index
+    row: int  #: the first observation in which it sits elsewhere
+    size: float  #: of the displacement [m]
+    ratio: float  #: of the displacement to what chance allows
 
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
     """Distances of P pairs of targets in both states of N observations."""
 
-    first: Rows  #: (P,) one target of each pair
-    second: Rows  #: (P,) the other
+    first: IndexArray  #: (P,) one target of each pair
+    second: IndexArray  #: (P,) the other
     both: BoolArray  #: (N, P) whether both were measured
     #: (2, N, P) distance less its median [m], unloaded and loaded; zero where not measured
     change: FloatArray
@@ -64,9 +81,8 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         good: (N,) rows whose angles and names are not in doubt.
     """
     measured = view.measured & good[:, None]
-    step = find_step(
-        np.where(measured[..., None], view.places, np.nan), allowance=_ORDERED if view.in_order else 1.0
-    )
+    places = np.where(measured[..., None], view.places, np.nan)
+    step = find_step(places, view.measurements.joints, allowance=_ORDERED if view.in_order else 1.0)
     if step is not None:
         yield _moved(view, step)
     edges = _edges(view, measured, step)
@@ -160,3 +176,69 @@ def _suspects(edges: _Edges, i: int) -> list[int]:
     left = np.array([squares[(edges.first != t) & (edges.second != t)].sum() for t in present])
     least = left.min() + (edges.scatter + 1e-9) ** 2
     return [int(t) for t in present[left <= _CLEARER * least]]
+
+
+def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:
+    """Find the most significant lasting displacement of a target beside the barycentre of the others.
+
+    The others take away what the model has wrong of the flange's position; what it has wrong of its
+    direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
+    scatter. The scale is that of the changes from row to row, by their median, which a single step does not
+    touch, or that of the rows about the means of both sides, whichever is greater. The model's error of the
+    flange's direction moves a target beside the others, too, but changes no distance: a step needs a distance
+    that changed by `SMALLEST_STEP`. And it needs two postures on each side, as one may be off the model.
+
+    Args:
+        places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
+        joints: (N, n) angles [rad].
+        allowance: factor on what chance allows.
+
+    Returns:
+        None if there is none beyond chance.
+    """
+    read = ~np.isnan(places[..., 0])
+    together = read.sum(axis=1)
+    if len(places) < LEAST_ROWS or together.max() < 2:
+        return None
+    filled = np.where(read[..., None], places, 0.0)
+    rows_of = [np.flatnonzero(own & (together == together.max())) for own in read.T]
+    series = [
+        (t, rows, filled[rows, t] - (filled[rows].sum(axis=1) - filled[rows, t]) / (together.max() - 1))
+        for t, rows in enumerate(rows_of)
+        if len(rows) >= LEAST_ROWS
+    ]
+    if not series:
+        return None
+    changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
+    scale = vector_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
+    freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
+    limit = allowance * MODEL_ALLOWANCE * vector_quantile(len(changes), freedom)
+    best: Step | None = None
+    for t, rows, y in series:
+        k, shift = _split(y)
+        if min(_postures(joints[rows[:k]]), _postures(joints[rows[k:]])) < 2:
+            continue
+        sides = np.concatenate([y[:k] - y[:k].mean(axis=0), y[k:] - y[k:].mean(axis=0)])
+        within = max(scale, vector_scale(np.linalg.norm(sides, axis=1)), 1e-9)
+        size = float(np.linalg.norm(shift))
+        ratio = size / (limit * within * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
+        lengths = np.linalg.norm(np.delete(places[rows], t, axis=1) - places[rows, t, None], axis=2)
+        lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
+        change = np.abs(np.median(lengths[k:], axis=0) - np.median(lengths[:k], axis=0))
+        if ratio > (best.ratio if best else 1.0) and change.max(initial=0.0) > SMALLEST_STEP:
+            best = Step(t, int(rows[k]), size, ratio)
+    return best
+
+
+def _split(y: FloatArray) -> tuple[int, FloatArray]:
+    """Return the number of rows (M, 3) before the most significant step, and the step (3,)."""
+    before = np.arange(1, len(y))
+    sums = np.cumsum(y, axis=0)
+    shift = (sums[-1] - sums[:-1]) / (len(y) - before)[:, None] - sums[:-1] / before[:, None]
+    weight = before * (len(y) - before) / len(y)
+    k = int((weight * (shift**2).sum(axis=1)).argmax())
+    return k + 1, shift[k]
+
+
+def _postures(joints: FloatArray) -> int:
+    return len(np.unique(np.round(joints / SAME_ANGLE), axis=0))

@@ -82,6 +82,44 @@ def test_a_target_bumped_for_good_is_named_with_the_first_row(campaign):
     assert "'P2' is displaced by 8" in finding.message  # 837 µm
 
 
+@pytest.mark.parametrize("row", [1, 14])
+def test_one_posture_on_a_side_is_no_step(campaign, row):
+    """That posture is named instead, by its distances."""
+    robot, measurements = campaign
+    position = measurements.position.copy()
+    at = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    position[row:, 2] += at.flange_rotation[row:] @ np.array([3e-4, -6e-4, 5e-4])
+    (finding,) = only(look(robot, replace(measurements, position=position)), "targets_not_rigid")
+    assert finding.observation == (0 if row == 1 else row)
+
+
+@pytest.mark.parametrize(("repeated", "code"), [(True, "targets_not_rigid"), (False, "target_moved")])
+def test_a_step_needs_two_postures_on_each_side(campaign, repeated, code):
+    """The same rows with the second posture measured again, or another, before the target was bumped."""
+    robot, measurements = campaign
+    if repeated:
+        order = np.r_[0, 0, 2 : len(measurements)]
+        shift = 1e-6 * np.arange(len(order))[:, None, None]  # no copies of each other
+        measurements = replace(measurements[order], position=measurements.position[order] + shift)
+    position = measurements.position.copy()
+    at = Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    position[2:, 2] += at.flange_rotation[2:] @ np.array([3e-4, -6e-4, 5e-4])
+    steps = {"target_moved", "targets_not_rigid"}
+    assert codes(robot, replace(measurements, position=position)) & steps == {code}
+
+
+def test_a_target_whose_distances_hold_has_not_moved(campaign):
+    """Across the plane of the three targets by 2 mm: an error of the flange's direction looks the same."""
+    robot, measurements = campaign
+    position = measurements.position.copy()
+    arms = position[9:, :2] - position[9:, 2:]
+    normal = np.cross(arms[:, 0], arms[:, 1])
+    position[9:, 2] += 2e-3 * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    lengths = np.linalg.norm(position[:, :2] - position[:, 2:], axis=2)
+    assert np.ptp(lengths, axis=0).max() < 2e-4
+    assert "target_moved" not in codes(robot, replace(measurements, position=position))
+
+
 def test_targets_that_turn_together_are_the_models_error(campaign):
     """From a row on the flange's direction is wrong by 2 mrad: no distance between targets changes."""
     robot, measurements = campaign
