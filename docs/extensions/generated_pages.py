@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import pkgutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from http_reference import messages_page, operations_page
+from pydantic.fields import FieldInfo
 
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
@@ -40,6 +43,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
     app.connect("config-inited", lambda app, _: _write(Path(app.srcdir) / "reference"))
     app.connect("autodoc-process-docstring", _protect)
+    plain = FieldInfo.__repr__  # Sphinx prints it as markup, in which `9_` of a pattern is a reference
+    FieldInfo.__repr__ = lambda field: plain(field).replace("_", r"\_")  # type: ignore[method-assign]
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -59,7 +64,26 @@ def _packages(name: str) -> list[str]:
 def _modules(name: str) -> str:
     """Return the directives that document a package and the public modules in it."""
     public = [one.name for one in _children(name) if not one.ispkg and not one.name.startswith("_")]
-    return "\n\n".join(f".. automodule:: {module}" for module in [name, *(f"{name}.{one}" for one in public)])
+    return "\n\n".join(map(_directive, [name, *(f"{name}.{one}" for one in public)]))
+
+
+def _directive(name: str) -> str:
+    """Return the directive that documents a module, and a list of the names that it has from others."""
+    module = importlib.import_module(name)
+    imported = {
+        alias.asname or alias.name
+        for node in ast.walk(ast.parse(inspect.getsource(module)))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jointstiff.")
+        for alias in node.names
+    }
+    offered = sorted(imported & set(getattr(module, "__all__", ())))
+    if not offered:
+        return f".. automodule:: {name}"
+    listed = ", ".join(f"`{one}`" for one in offered)
+    return (
+        f".. automodule:: {name}\n   :exclude-members: {', '.join(offered)}\n\n"
+        f"Also from here, documented in the modules that define them: {listed}."
+    )
 
 
 def _children(name: str) -> list[pkgutil.ModuleInfo]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -83,3 +84,11 @@ def test_the_python_reference_has_every_public_module():
             if not any(part.startswith("_") for part in parts):
                 assert ".".join([package, *parts]) in documented
     assert ".. automodule:: jointstiff.solver.robot.chain" in pages["jointstiff.solver.robot"]
+
+
+def test_a_name_that_a_door_offers_is_documented_where_it_is_defined():
+    doors = python_pages()
+    for name in ("jointstiff.solver", "jointstiff.simulator"):
+        offered = ", ".join(sorted(importlib.import_module(name).__all__))
+        assert f".. automodule:: {name}\n   :exclude-members: {offered}\n" in doors[name]
+    assert ":exclude-members:" not in doors["jointstiff.solver.robot"]
