@@ -17,10 +17,10 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.computation.program import ProgramWork, packed, unpacked
-from jointstiff.service.computation.program_points import Corrections
-from jointstiff.service.computation.program_rewriting import certified, rewritten
-from jointstiff.service.conversion.deflections import to_elastic_predictor
+from jointstiff.service.kinds.deflection.models import to_elastic_predictor
+from jointstiff.service.kinds.program.points import Corrections
+from jointstiff.service.kinds.program.rewriting import certified, rewritten
+from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
 from jointstiff.service.library import campaigns
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.formats import read_program

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
-from jointstiff.service.computation.prepared import build_robot, prepare_robot
+from jointstiff.service.conversion.prepared import build_robot, prepare_robot
 from jointstiff.service.resources.nominal_arms import catalogue
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text

@@ -28,9 +28,9 @@ from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import StoreError
-from jointstiff.service.render.terminal import console
 from jointstiff.service.reports.laboratory import LaboratorySettings, SettingsError, read_laboratory
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.terminal import console
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers.queue import JobQueue
 from jointstiff.service.workers.supervisor import Supervisor

@@ -15,7 +15,7 @@ from jointstiff.schemas.access import AuditItem, AuditQuery
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.access import ADMIN, AccessRoute
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.conversion.csv_table import guarded
+from jointstiff.service.kinds.comparison.csv_table import guarded
 from jointstiff.service.store.store import Store
 
 _PAGE: Final = 1_000

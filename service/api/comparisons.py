@@ -10,7 +10,7 @@ from jointstiff.schemas.comparison import Comparison
 from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.conversion.csv_table import comparison_csv
+from jointstiff.service.kinds.comparison.csv_table import comparison_csv
 
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The table as CSV (RFC 4180).", "content": {"text/csv": {}}}

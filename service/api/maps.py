@@ -12,8 +12,8 @@ from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.bodies import large_bodies
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.computation.maps import MapWork
 from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.kinds.map.work import MapWork
 
 _CSV: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "One row a place (RFC 4180).", "content": {"text/csv": {}}}

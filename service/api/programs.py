@@ -17,8 +17,8 @@ from jointstiff.service.api.examples import PROGRAMS
 from jointstiff.service.api.imports import BINARY, named_content
 from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answer
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
-from jointstiff.service.computation.program import packed, unpacked
 from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.program.work import packed, unpacked
 from jointstiff.service.store.records import JobRecord
 from jointstiff.solver.errors import RequestError
 

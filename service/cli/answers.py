@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""
-    from jointstiff.service.render.terminal import console, problem_text
+    from jointstiff.service.tables.terminal import console, problem_text
 
     console(stderr=True).print(problem_text(problem))
     return typer.Exit(2)
@@ -21,7 +21,7 @@ def refused(problem: Problem) -> typer.Exit:
 
 def failed(reason: str, remedy: str) -> typer.Exit:
     """Show what is in the way outside of the request; to be raised."""
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
     return typer.Exit(2)
@@ -29,7 +29,7 @@ def failed(reason: str, remedy: str) -> typer.Exit:
 
 def warn(message: str) -> None:
     """Show what the user should know while it goes on."""
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 

@@ -108,12 +108,12 @@ def compensate(
 ) -> None:
     """Correct a program by a campaign's model, so that the loaded tool is where it says."""
     from jointstiff.schemas.run.run import Run
-    from jointstiff.service.computation.program import unpacked, without_contents
+    from jointstiff.service.kinds.program.tables import program_report
+    from jointstiff.service.kinds.program.work import unpacked, without_contents
     from jointstiff.service.library import programs
     from jointstiff.service.library.campaigns import read_campaign, read_document
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.program_table import program_report
-    from jointstiff.service.render.terminal import console, progress_bar
+    from jointstiff.service.tables.terminal import console, progress_bar
 
     several = len(program) > 1
     outputs = {each.name: output.with_suffix(each.suffix) if several else output for each in program}

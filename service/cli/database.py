@@ -17,8 +17,8 @@ Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the ba
 def backup(folder: Folder, *, database: DatabaseUrl) -> None:
     """Copy a database into a new folder, while the service goes on."""
     from jointstiff.service.problems.errors import StoreError
-    from jointstiff.service.render.terminal import console
     from jointstiff.service.store.backups import back_up
+    from jointstiff.service.tables.terminal import console
 
     try:
         manifest = back_up(database, folder)
@@ -41,8 +41,8 @@ def restore(
 ) -> None:
     """Put a backup in the place of a database that no service uses, and check that all of it arrived."""
     from jointstiff.service.problems.errors import StoreError
-    from jointstiff.service.render.terminal import console
     from jointstiff.service.store.backups import restore as put_back
+    from jointstiff.service.tables.terminal import console
 
     try:
         manifest = put_back(database, folder, overwrite=overwrite)
@@ -55,7 +55,7 @@ def restore(
 def doctor(*, database: DatabaseUrl) -> None:
     """Look for faults in a database, which is not changed; exit status 1 if there are any."""
     from jointstiff.service.problems.errors import StoreError
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
     from jointstiff.service.workers.doctor import examine
 
     try:

@@ -10,13 +10,13 @@ from typing import Any, Final
 from jointstiff.schemas.comparison import Comparison, ComparisonSummary
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
 from jointstiff.schemas.run.run import RunSummary
+from jointstiff.service.kinds.comparison.tables import comparison_report
+from jointstiff.service.kinds.run.tables import run_report
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.library.tabled_run import TabledRun
-from jointstiff.service.render.methods_table import comparison_report
-from jointstiff.service.render.run_table import run_report
-from jointstiff.service.render.terminal import console, problem_text
 from jointstiff.service.server import run_server
+from jointstiff.service.tables.terminal import console, problem_text
 from jointstiff.simulator import default_arm, simulate_campaign
 
 _FAILED: Final = 1

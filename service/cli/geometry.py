@@ -52,10 +52,10 @@ def geometry(
 
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
+    from jointstiff.service.kinds.geometry.tables import geometry_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.geometry_table import geometry_report
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)

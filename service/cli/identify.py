@@ -102,11 +102,11 @@ def identify(
 
     Prints the verdict, the joints and what to do next. docs/glossary.md explains the words.
     """
+    from jointstiff.service.kinds.run.tables import run_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.run_table import run_report
-    from jointstiff.service.render.terminal import console, progress_bar
+    from jointstiff.service.tables.terminal import console, progress_bar
 
     chosen = {
         "method": method,
@@ -160,12 +160,12 @@ def compare(
 ) -> None:
     """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
     from jointstiff.schemas.comparison import ComparisonOptions
-    from jointstiff.service.conversion.csv_table import comparison_csv
+    from jointstiff.service.kinds.comparison.csv_table import comparison_csv
+    from jointstiff.service.kinds.comparison.tables import comparison_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.methods_table import comparison_report
-    from jointstiff.service.render.terminal import console, progress_bar
+    from jointstiff.service.tables.terminal import console, progress_bar
 
     constraint = None if positive is None else ["positive" if positive else "unconstrained"]
     chosen = {"constraints": constraint, "resampling": _resampling(resample, repetitions, seed)}
@@ -214,12 +214,12 @@ def pair(
     from pydantic import ValidationError
 
     from jointstiff.schemas.pair import PairOptions
+    from jointstiff.service.kinds.pair.tables import pair_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.problems.table import invalid_request
-    from jointstiff.service.render.pair_table import pair_report
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     try:
         campaign, other = read_campaign(first), read_campaign(second)

@@ -95,7 +95,7 @@ def write_campaign(path: Path, answer: ImportAnswer, robot: RobotDocument | None
         typer.Exit: something is missing, or the file cannot be written.
     """
     from jointstiff.service.problems.table import http_problem
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     if answer.measurement_set is None:
         missing = "; ".join(answer.missing)

@@ -159,9 +159,9 @@ def import_readings(
     Nothing is written without --output or --save-template, nor while something is missing. At a terminal it
     asks for what is missing.
     """
+    from jointstiff.service.cli.import_table import import_report
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.import_table import import_report
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     chosen = {
         "units": None if units is None else pairs_of([part for part in units.split(",") if part], "--units"),
@@ -249,7 +249,7 @@ def _inspected(answer: "ImportAnswer", owner: "RobotDocument") -> "ImportAnswer"
     Raises:
         CampaignError: the readings do not fit it.
     """
-    from jointstiff.service.computation.prepared import prepare_robot
+    from jointstiff.service.conversion.prepared import prepare_robot
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.problems.errors import FilesError
     from jointstiff.service.problems.table import problem_of

@@ -85,8 +85,8 @@ def create(
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, revoked ones, too."""
     from jointstiff.service.access.keyring import described
-    from jointstiff.service.render.keys_table import keys_table
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.cli.keys_table import keys_table
+    from jointstiff.service.tables.terminal import console
 
     with _refusals():
         found = [described(key, is_filed=keys_file is not None) for key in _known(database, keys_file)]

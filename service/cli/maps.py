@@ -34,10 +34,10 @@ def map_area(
     as_json: AsJson = False,
 ) -> None:
     """Map a work area: deflection, compliance and intervals at each place, by a campaign's model."""
+    from jointstiff.service.kinds.map.tables import map_report
     from jointstiff.service.library import maps
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.map_table import map_report
-    from jointstiff.service.render.terminal import console, progress_bar
+    from jointstiff.service.tables.terminal import console, progress_bar
 
     if output is not None:
         if output.suffix not in _SUFFIXES:

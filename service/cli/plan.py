@@ -59,11 +59,11 @@ def plan(
 
     from jointstiff.schemas.plan import PlanOptions
     from jointstiff.service.cli.answers import refuse_existing, refused, write_text
+    from jointstiff.service.kinds.plan.tables import plan_csv, plan_report
     from jointstiff.service.library import plans
     from jointstiff.service.library.campaigns import read_document
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.render.plan_table import plan_csv, plan_report
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     if (load is None) != (force is None):
         raise typer.BadParameter("go together", param_hint=["--load", "--force"])

@@ -46,7 +46,7 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
-    from jointstiff.service.conversion.load_case_table import prediction_csv
+    from jointstiff.service.kinds.deflection.tables import prediction_csv
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError

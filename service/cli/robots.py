@@ -24,10 +24,10 @@ def robots(
 ) -> None:
     """List nominal arms, by figures their makers or others published; a name serves as --robot."""
     from jointstiff.service.cli.answers import refuse_existing, refused, write_text
+    from jointstiff.service.cli.arms_table import arm_report, arms_table
     from jointstiff.service.problems.table import problem_of
-    from jointstiff.service.render.arms import arm_report, arms_table
-    from jointstiff.service.render.terminal import console
     from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
+    from jointstiff.service.tables.terminal import console
     from jointstiff.solver.errors import RequestError
 
     if output is not None and name is None:

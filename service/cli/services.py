@@ -141,11 +141,11 @@ def post(
 
     Where the service demands a key, the environment variable JOINTSTIFF_KEY has it.
     """
+    from jointstiff.service.kinds.run.tables import run_report
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
-    from jointstiff.service.render.run_table import run_report
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     try:
         campaign = read_campaign(file).model_dump(mode="json", exclude_unset=True)
@@ -167,7 +167,7 @@ def post(
 
 def _ended(client: "Client", run: "TabledRun", address: str) -> "TabledRun":
     """Wait for the end of a run; who waits no longer is told that it goes on."""
-    from jointstiff.service.render.terminal import progress_bar
+    from jointstiff.service.tables.terminal import progress_bar
 
     try:
         with progress_bar(shown=run.progress is not None) as tell:

@@ -33,7 +33,7 @@ def simulate(
     """Write an example campaign, made by springs that balance the load exactly."""
     import json
 
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
     from jointstiff.simulator import default_arm, simulate_campaign
 
     refuse_existing(file, overwrite=overwrite)

@@ -71,7 +71,7 @@ def watch(
     from jointstiff.service.library.delivery import Delivery
     from jointstiff.service.library.errors import AwayError, CampaignError, RefusedError
     from jointstiff.service.library.folder import WatchedFolder
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     try:
         options = None if template is None else read_document(template, ImportRequest)
@@ -95,7 +95,7 @@ def watch(
 
 def _look(watched: "WatchedFolder", folder: Path) -> None:
     """Look once, and say what happened."""
-    from jointstiff.service.render.terminal import console
+    from jointstiff.service.tables.terminal import console
 
     for event in watched.look():
         line = f"{event.file or folder}: {event.message}"

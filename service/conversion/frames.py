@@ -15,11 +15,14 @@ from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.conversion.message import message
 from jointstiff.service.conversion.point_noise import PointNoise
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.geometry.message import GeometryRequest
     from jointstiff.solver.geometry.frames.rigid_transform import RigidTransform
+    from jointstiff.solver.geometry.identified_geometry import BaseTargets
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
@@ -99,3 +102,38 @@ def _moved(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
 def _scaled(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
     x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
     return x, y, z
+
+
+def to_base_targets(
+    request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
+) -> BaseTargets | None:
+    """Return the base targets that were read both times; None if none were read a second time.
+
+    Args:
+        request: with the first readings.
+        sigma: unit of the covariances [m]; None if it is not stated.
+        after: the second ones, in units.length of the request; its own if None.
+
+    Raises:
+        MeasurementError: fewer than three were read both times.
+    """
+    from jointstiff.solver.geometry.identified_geometry import BaseTargets
+
+    stated = request.base_targets
+    later = after if after is not None else stated.after if stated is not None else None
+    if stated is None or later is None:
+        return None
+    common = [name for name in stated.before if name in later]
+    if len(common) < 3:
+        raise MeasurementError(
+            f"only {len(common)} base targets were read both times; three are needed",
+            where="base_targets",
+            remedy="read at least three targets both times, with the same names",
+        )
+    length = LENGTH[request.units.length]
+    first = length * np.array([stated.before[name] for name in common])
+    second = length * np.array([later[name] for name in common])
+    covariance = np.eye(3)
+    if sigma is not None and request.noise is not None and request.noise.instrument is not None:
+        covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
+    return BaseTargets(first, second, covariance, tuple(common))

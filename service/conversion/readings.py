@@ -219,3 +219,8 @@ def _refuse_duplicate_labels(observations: list[Observation]) -> None:
                 where=f"observations[{i}].label",
                 remedy="give every observation a unique label",
             )
+
+
+def hash_of(*texts: str) -> str:
+    """Return the SHA-256 of some texts, separated by blanks."""
+    return hashlib.sha256(" ".join(texts).encode()).hexdigest()

@@ -9,8 +9,8 @@ import numpy as np
 
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import Run, RunResult
-from jointstiff.service.render.stiffness import UNITS
-from jointstiff.service.render.terminal import METHOD_NAMES
+from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.terminal import METHOD_NAMES
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.chain import ChainJoint, KinematicChain
 from jointstiff.solver.robot.model import Robot

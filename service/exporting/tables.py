@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from jointstiff.schemas.run.joints import JointResult
-from jointstiff.service.conversion.csv_table import guarded
 from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
+from jointstiff.service.kinds.comparison.csv_table import guarded
 
 Cell = str | float | None
 Table = list[dict[str, Cell]]

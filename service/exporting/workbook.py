@@ -9,7 +9,6 @@ from openpyxl import Workbook
 from openpyxl.styles import Font
 from openpyxl.utils import get_column_letter
 
-from jointstiff.service.conversion.csv_table import guarded
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import (
     Table,
@@ -18,6 +17,7 @@ from jointstiff.service.exporting.tables import (
     remarks_table,
     warnings_table,
 )
+from jointstiff.service.kinds.comparison.csv_table import guarded
 
 
 def workbook(model: ExportedModel) -> bytes:

@@ -10,7 +10,7 @@ from jointstiff.schemas.assessment import ResultSummary
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.computation.work import QuickWork, SteppedWork
+from jointstiff.service.kinds.work import QuickWork, SteppedWork
 from jointstiff.service.problems.errors import Resource
 from jointstiff.service.resources.composition import Resources
 from jointstiff.service.store.records import JobRecord

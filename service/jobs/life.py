@@ -14,15 +14,15 @@ from sqlalchemy import Connection
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.computation.execution import (
+from jointstiff.service.jobs.kinds import AnyKind
+from jointstiff.service.kinds.execution import (
     carry_out,
     final_state,
     new_job,
     outcome_of,
     unexpected_failure,
 )
-from jointstiff.service.computation.work import Work
-from jointstiff.service.jobs.kinds import AnyKind
+from jointstiff.service.kinds.work import Work
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.composition import Resources

@@ -22,14 +22,14 @@ from jointstiff.schemas.query import (
     RunQuery,
 )
 from jointstiff.schemas.run.run import Run, RunRequest, RunSummary
-from jointstiff.service.computation.program import without_contents
 from jointstiff.service.jobs import works
 from jointstiff.service.jobs.kinds import AnyKind, Quick, Stepped
 from jointstiff.service.jobs.life import Enqueue, Jobs
+from jointstiff.service.kinds.program.work import without_contents
+from jointstiff.service.kinds.trend.trends import Trends
 from jointstiff.service.resources.composition import Resources
 from jointstiff.service.resources.measurement_sets import MeasurementSets
 from jointstiff.service.resources.robots import Robots
-from jointstiff.service.resources.trends import Trends
 from jointstiff.service.store.store import Store
 
 _OPTIONS_BYTES: Final = 64 * 1024

@@ -14,14 +14,14 @@ from jointstiff.schemas.plan import PlanRequest
 from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest
-from jointstiff.service.computation.comparison import ComparisonWork
-from jointstiff.service.computation.geometry import as_request_errors, geometry_work
-from jointstiff.service.computation.maps import MapWork
-from jointstiff.service.computation.pair import Side, pair_work
-from jointstiff.service.computation.plan import Planned, plan_work
-from jointstiff.service.computation.program import ProgramWork
-from jointstiff.service.computation.run import run_work
-from jointstiff.service.computation.work import QuickWork, SteppedWork
+from jointstiff.service.kinds.comparison.work import ComparisonWork
+from jointstiff.service.kinds.geometry.work import as_request_errors, geometry_work
+from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.kinds.pair.work import Side, pair_work
+from jointstiff.service.kinds.plan.work import Planned, plan_work
+from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.run.work import run_work
+from jointstiff.service.kinds.work import QuickWork, SteppedWork
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.composition import Resources
 from jointstiff.service.resources.stored_jobs import stored_job

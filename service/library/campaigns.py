@@ -21,12 +21,12 @@ from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest
-from jointstiff.service.computation.execution import carry_out, new_job
-from jointstiff.service.computation.prepared import PreparedRobot, PreparedSet, prepare_robot, prepare_set
-from jointstiff.service.computation.run import run_work
-from jointstiff.service.computation.work import Work
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
+from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_robot, prepare_set
 from jointstiff.service.importing.file_types import file_type
+from jointstiff.service.kinds.execution import carry_out, new_job
+from jointstiff.service.kinds.run.work import run_work
+from jointstiff.service.kinds.work import Work
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import InputError, JointstiffError, RequestError
@@ -158,8 +158,8 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
     Raises:
         CampaignError: robot, readings, run or table cannot be used.
     """
-    from jointstiff.service.computation.deflection import predict_by_run
-    from jointstiff.service.conversion.load_case_table import read_load_cases
+    from jointstiff.service.kinds.deflection.tables import read_load_cases
+    from jointstiff.service.kinds.deflection.work import predict_by_run
 
     run = model_run(campaign, run)
     with as_campaign_error("robot"):
@@ -192,7 +192,7 @@ def _refuse_other_run(campaign: Campaign, run: Run) -> None:
         CampaignError: robot or readings cannot be used.
         RequestError: the run is of others.
     """
-    from jointstiff.service.computation.run import run_hash
+    from jointstiff.service.kinds.run.work import run_hash
 
     measured = campaign.measurement_set
     kept = [each for each in measured.observations if each.label not in run.request.leave_out]
@@ -218,7 +218,7 @@ def compare(
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    from jointstiff.service.computation.comparison import ComparisonWork
+    from jointstiff.service.kinds.comparison.work import ComparisonWork
 
     prepared = prepared_campaign(campaign)
     request = ComparisonRequest(measurement_set_id=uuid4().hex, **options.model_dump())
@@ -237,7 +237,7 @@ def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
         CampaignError: a robot, readings or the request cannot be used.
     """
     from jointstiff.schemas.pair import Pair, PairRequest, PairSide
-    from jointstiff.service.computation.pair import Side, pair_work
+    from jointstiff.service.kinds.pair.work import Side, pair_work
 
     how = options.options_of_sides
     one, other = (
@@ -262,7 +262,7 @@ def find_geometry(request: GeometryRequest) -> Geometry:
         CampaignError: the robot, the readings or the request cannot be used.
     """
     from jointstiff.schemas.geometry.message import Geometry
-    from jointstiff.service.computation.geometry import as_request_errors, geometry_work
+    from jointstiff.service.kinds.geometry.work import as_request_errors, geometry_work
 
     try:
         if request.robot_id is not None:

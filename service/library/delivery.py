@@ -13,8 +13,8 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.schemas.robot import Robot
-from jointstiff.service.computation.prepared import prepare_robot
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.library.campaigns import as_campaign_error, parse_content
 from jointstiff.service.library.client import Client

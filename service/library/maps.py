@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jointstiff.schemas.map import Map, MapOptions, MapRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.computation.maps import MapWork
+from jointstiff.service.kinds.map.work import MapWork
 from jointstiff.service.library.campaigns import (
     OnProgress,
     carried_out,

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.computation.plan import Planned, plan_work
-from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.kinds.plan.work import Planned, plan_work
 from jointstiff.service.library.campaigns import (
     as_campaign_error,
     carried_out,

@@ -13,8 +13,8 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.computation.execution import carry_out, new_job
-from jointstiff.service.computation.program import ProgramWork, packed
+from jointstiff.service.kinds.execution import carry_out, new_job
+from jointstiff.service.kinds.program.work import ProgramWork, packed
 from jointstiff.service.library.campaigns import model_run, prepared_campaign
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of

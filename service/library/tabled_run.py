@@ -13,8 +13,8 @@ from rich.console import Console
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run
+from jointstiff.service.kinds.run.tables import run_report
 from jointstiff.service.library import campaigns
-from jointstiff.service.render.run_table import run_report
 
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 """A campaign, its document, or the name of its file."""

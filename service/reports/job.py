@@ -17,11 +17,11 @@ from jointstiff.schemas.map import Map
 from jointstiff.schemas.pair import Pair
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.program import Program
-from jointstiff.service.render.map_table import map_report
-from jointstiff.service.render.methods_table import comparison_report
-from jointstiff.service.render.pair_table import pair_report
-from jointstiff.service.render.plan_table import plan_report
-from jointstiff.service.render.program_table import program_report
+from jointstiff.service.kinds.comparison.tables import comparison_report
+from jointstiff.service.kinds.map.tables import map_report
+from jointstiff.service.kinds.pair.tables import pair_report
+from jointstiff.service.kinds.plan.tables import plan_report
+from jointstiff.service.kinds.program.tables import program_report
 from jointstiff.service.reports.document import Attachment, Document, Fact, Section, State, Table
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.statements import IDENTIFICATION, NOT_ISO_9283, ORIGIN, RESULTS, STATED

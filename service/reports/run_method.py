@@ -14,10 +14,10 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.render.terminal import METHOD_NAMES
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.wording import NOT_STATED, percent, rounded
+from jointstiff.service.tables.terminal import METHOD_NAMES
 
 _TARGETS_NAMED: Final = 8
 

@@ -10,11 +10,11 @@ from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.run import RunResult
 from jointstiff.service.conversion.units import ANGLE
 from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
-from jointstiff.service.render.stiffness import UNITS
 from jointstiff.service.reports import statements
 from jointstiff.service.reports.document import Section, Table
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.reports.wording import NO_NUMBER, VERDICTS, percent, rounded
+from jointstiff.service.tables.stiffness import UNITS
 
 _UNIT = UNITS["MNm/rad"]
 _MICRO = 1e6

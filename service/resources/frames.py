@@ -13,8 +13,7 @@ from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.schemas.measurement.frame import Frame, ResolvedFrame
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest, QualityWarning, WarningCode
 from jointstiff.schemas.robot import Robot
-from jointstiff.service.conversion.frames import stated_transform, to_resolved
-from jointstiff.service.conversion.sweeps import to_base_targets
+from jointstiff.service.conversion.frames import stated_transform, to_base_targets, to_resolved
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.resources.stored_jobs import succeeded_geometry
 from jointstiff.service.store.store import Store

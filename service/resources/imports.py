@@ -159,7 +159,7 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[QualityWar
     Raises:
         ImportFileError: it cannot be one of this robot.
     """
-    from jointstiff.service.computation.prepared import check_set
+    from jointstiff.service.conversion.prepared import check_set
 
     try:
         return check_set(document, robot, None, []).warnings

@@ -10,11 +10,10 @@ from uuid import uuid4
 
 from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.schemas.measurement.metadata import SetChange, SetMetadata
-from jointstiff.service.computation.prepared import PreparedSet, check_set
-from jointstiff.service.computation.work import hash_of
 from jointstiff.service.conversion.frames import in_base
 from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.conversion.prepared import PreparedSet, check_set
+from jointstiff.service.conversion.readings import ReadingArrays, hash_of
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.frames import FRAME_CODES, resolve_frame
 from jointstiff.service.resources.robots import Robots

@@ -7,7 +7,7 @@ from functools import lru_cache
 from uuid import uuid4
 
 from jointstiff.schemas import robot as messages
-from jointstiff.service.computation.prepared import build_robot, prepare_robot
+from jointstiff.service.conversion.prepared import build_robot, prepare_robot
 from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.resources.nominal_arms import find_arm
 from jointstiff.service.resources.stored_jobs import succeeded_geometry

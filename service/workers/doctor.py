@@ -9,7 +9,7 @@ from typing import Final
 
 from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.schemas.robot import Robot, RobotDocument
-from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.service.jobs.kinds import AnyKind
 from jointstiff.service.jobs.registry import KINDS

@@ -22,8 +22,8 @@ from dbos import DBOS, DBOSConfig, SetEnqueueOptions
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.computation.work import Span
 from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.kinds.work import Span
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.queue import (

@@ -13,9 +13,9 @@ from datetime import timedelta
 from typing import Final
 
 from jointstiff.service.jobs.registry import Parts
-from jointstiff.service.render.terminal import console
 from jointstiff.service.store.heartbeats import SILENT_SECONDS
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import Engine
 from jointstiff.service.workers.recovery import BEAT_SECONDS, Recovery
 

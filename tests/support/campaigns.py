@@ -14,8 +14,8 @@ from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.measurements import to_measurements
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.requests import to_settings
 from jointstiff.service.conversion.robots import build_robot, dh_kinematics
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.identification import identify

@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.computation.program import ProgramWork, packed
+from jointstiff.service.kinds.program.work import ProgramWork, packed
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.service.cli.app import app
-from jointstiff.service.conversion.deflections import to_load_cases
-from jointstiff.service.conversion.load_case_table import read_load_cases
+from jointstiff.service.kinds.deflection.models import to_load_cases
+from jointstiff.service.kinds.deflection.tables import read_load_cases
 from jointstiff.service.library import campaigns
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError

@@ -22,10 +22,10 @@ from jointstiff.schemas.query import GeometryQuery
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation.geometry import geometry_work
 from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.kinds.geometry.tables import geometry_report
+from jointstiff.service.kinds.geometry.work import geometry_work
 from jointstiff.service.problems.errors import DeletedError
-from jointstiff.service.render.geometry_table import geometry_report
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

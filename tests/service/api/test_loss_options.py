@@ -12,9 +12,9 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.cli.app import app
-from jointstiff.service.computation.prepared import PreparedSet
-from jointstiff.service.computation.run import run_identification
+from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

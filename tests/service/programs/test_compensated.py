@@ -19,7 +19,7 @@ from support.programs import (
     work_of,
 )
 
-from jointstiff.service.computation.program import ProgramWork, packed, unpacked
+from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.programs import request
 
-from jointstiff.service.computation.program_frames import ProgramFrames
+from jointstiff.service.kinds.program.frames import ProgramFrames
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program

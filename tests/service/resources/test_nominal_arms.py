@@ -9,7 +9,7 @@ from support.in_process import Client
 from support.shared_data import shared
 
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.computation.prepared import prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.resources.nominal_arms import catalogue, find_arm, nominal_robot
 from jointstiff.service.store.store import Store

@@ -14,7 +14,7 @@ from support.campaigns import estimate, prepare, straight_wrist
 from support.examples import examples
 from support.shared_data import shared
 
-from jointstiff.service.conversion.results import to_identifiability
+from jointstiff.service.kinds.run.results import to_identifiability
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, SpringArm
 from jointstiff.simulator.equilibrium import deflections, linear_deflections

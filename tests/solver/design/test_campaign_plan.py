@@ -9,7 +9,7 @@ import pytest
 from support.campaigns import prepare
 
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.campaign_plan import plan_campaign

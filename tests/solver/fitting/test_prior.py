@@ -11,7 +11,7 @@ from support.campaigns import estimate, prepare
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.message import message as message_of
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.fitting.prior import Prior

@@ -16,8 +16,8 @@ from support.examples import examples
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.conversion.requests import to_settings
-from jointstiff.service.conversion.results import to_robust_loss
+from jointstiff.service.kinds.run.results import to_robust_loss
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.simulator.equilibrium import linear_deflections, torques

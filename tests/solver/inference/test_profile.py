@@ -16,7 +16,7 @@ from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.convex import programs
 from jointstiff.solver.convex.constraints import Constraints

@@ -14,7 +14,7 @@ from support.encoders import with_encoders
 from support.shared_data import shared
 
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.arm import SpringArm
 from jointstiff.simulator.campaign import TARGETS, deflections, linear_deflections

@@ -10,7 +10,7 @@ from support.campaigns import METHODS, estimate, prepare
 from support.encoders import with_encoders
 
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of

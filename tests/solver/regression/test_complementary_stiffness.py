@@ -9,7 +9,7 @@ import pytest
 from support.campaigns import METHODS, estimate, prepare
 
 from jointstiff.schemas.run.options import RunOptions
-from jointstiff.service.conversion.requests import to_settings
+from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, experiment_of
 from jointstiff.simulator.equilibrium import deflections, torques

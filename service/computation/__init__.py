@@ -1,1 +1,0 @@
-"""Computation without a store: from messages by the numerical core to results."""

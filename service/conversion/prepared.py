@@ -1,0 +1,160 @@
+"""Robots and measurement sets ready for computation, from their messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jointstiff.schemas.measurement.frame import ResolvedFrame
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
+from jointstiff.service.conversion import robots
+from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
+from jointstiff.service.conversion.measurements import to_findings, to_measurements, to_warnings
+from jointstiff.service.conversion.readings import ReadingArrays, content_hash, hash_of
+from jointstiff.service.conversion.robots import dh_kinematics
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.inference.assessment import Assessment, assess
+from jointstiff.solver.inference.encoder_prediction import inspect_encoders
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import Prediction
+from jointstiff.solver.integrity.report import inspect
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.chain import KinematicChain
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf, write_urdf
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRobot:
+    """A robot ready for computation."""
+
+    document: RobotDocument  # the robot as it was understood
+    robot: Robot  # the robot
+    content_hash: str  # SHA-256 of kinematics and joint map, not of the name
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedSet:
+    """A measurement set that was checked and inspected."""
+
+    readings: ReadingArrays  # the readings as they are stored
+    measurements: Measurements  # the readings in SI units
+    warnings: list[QualityWarning]  # what was noticed
+    content_hash: str  # SHA-256 of readings, units and frame, not of the name
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSet:
+    """A measurement set ready for computation, however many runs it gets."""
+
+    robot: Robot  # the robot that was measured
+    measurements: Measurements  # the readings in SI units
+    readings: ReadingArrays  # the same as they are stored, for labels and names of targets
+    warnings: list[QualityWarning]  # what was noticed when the set was checked
+    robot_id: str  # id of the stored robot
+    content: str  # hash of robot and readings
+
+    def assess(self, settings: Settings, estimate: Estimate, prediction: Prediction) -> Assessment:
+        """Assess an identification of this set by its prediction, with what was noticed in the readings."""
+        findings = to_findings(self.warnings, self.readings)
+        return assess(self.robot, self.measurements, settings, estimate, prediction, findings)
+
+
+def prepare_robot(document: RobotDocument) -> PreparedRobot:
+    """Understand a robot: of a URDF only the chain from base to flange is kept.
+
+    Args:
+        document: the robot as it was posted.
+
+    Raises:
+        RobotError: the description cannot be used.
+    """
+    model = document.model
+    if isinstance(model, UrdfModel):
+        urdf = write_urdf(_chain_of_stranger(model))
+        document = document.model_copy(update={"model": model.model_copy(update={"urdf": urdf})})
+    content = document.model_dump_json(exclude={"name"})
+    return PreparedRobot(document, build_robot(document), hash_of(content))
+
+
+def build_robot(document: RobotDocument) -> Robot:
+    """Build a robot that was understood before.
+
+    Raises:
+        RobotError: the description cannot be used.
+    """
+    model = document.model
+    if isinstance(model, DhModel):
+        chain = dh_kinematics(model, document.name)
+    else:
+        chain = read_urdf(model.urdf, model.base, model.flange)
+    return robots.build_robot(chain, document.joint_map)
+
+
+def check_set(
+    document: MeasurementSetDocument,
+    robot: Robot,
+    resolved: ResolvedFrame | None,
+    noticed: list[QualityWarning],
+) -> CheckedSet:
+    """Check a set, and look for the usual mistakes.
+
+    Args:
+        document: the set as it was posted.
+        robot: the robot that was measured.
+        resolved: the transform that its frame stands for; None if all is in R0.
+        noticed: warnings about that frame.
+
+    Raises:
+        MeasurementError: the set cannot be used; with the place and the remedy.
+    """
+    readings = ReadingArrays.from_observations(document.observations)
+    measurements = to_measurements(*in_base(document, readings, resolved), robot)
+    targets = tuple(readings.targets.tolist())
+    findings = inspect(robot, measurements, targets, degrees=document.units.angle == "deg")
+    findings += inspect_encoders(robot, measurements)
+    warnings = [*noticed, *to_warnings(findings, readings)]
+    return CheckedSet(readings, measurements, warnings, content_hash(document, readings, resolved))
+
+
+def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id: str) -> PreparedSet:
+    """Prepare a set without a store.
+
+    Args:
+        document: the set, in R0 or in a frame that it states itself.
+        robot: the robot that was measured.
+        robot_id: any id for it.
+
+    Raises:
+        MeasurementError: the set cannot be used; with the place and the remedy.
+        RequestError: its frame names a stored geometry.
+    """
+    frame, resolved = document.frame, None
+    if frame is not None:
+        if frame.geometry_id is not None:
+            raise RequestError(
+                f"the geometry '{frame.geometry_id}' cannot be used from a file",
+                remedy="give the frame's rotation and translation, or post the set to a service",
+                where="frame.geometry_id",
+            )
+        resolved = to_resolved(stated_transform(frame, LENGTH[document.units.length]))
+    checked = check_set(document, robot.robot, resolved, [])
+    return PreparedSet(
+        robot=robot.robot,
+        measurements=checked.measurements,
+        readings=checked.readings,
+        warnings=checked.warnings,
+        robot_id=robot_id,
+        content=hash_of(robot.content_hash, checked.content_hash),
+    )
+
+
+def _chain_of_stranger(model: UrdfModel) -> KinematicChain:
+    try:
+        return read_urdf(model.urdf, model.base, model.flange)
+    except RobotError as error:
+        named = error.where in {"base", "flange"}
+        place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
+        raise RobotError(error.reason, remedy=error.remedy, where=place) from error

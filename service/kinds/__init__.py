@@ -1,0 +1,1 @@
+"""Kinds of work: a room for each, read from top to bottom."""

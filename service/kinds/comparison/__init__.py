@@ -1,0 +1,1 @@
+"""Several methods on one measurement set, side by side."""

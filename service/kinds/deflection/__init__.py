@@ -1,0 +1,1 @@
+"""Deflections under given loads, which are not stored."""

@@ -1,0 +1,271 @@
+"""Deflections: identified models and load cases to the numerical core, and predictions to messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas import deflection as messages
+from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.measurement.measurement_set import Units
+from jointstiff.schemas.program import ProgramOptions
+from jointstiff.schemas.run.model import ElasticPart, IdentifiedModel, ScoreStep
+from jointstiff.schemas.run.model import ModelError as StoredModelError
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.kinds.run.settings import joint_index
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.constraints import Constraints
+from jointstiff.solver.convex.problem import Bounds
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.fitting.likelihood import Likelihood
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.robot.model import Robot
+
+MAX_CASE_WORK: Final = 150_000
+"""Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""
+_LIMITS: Final = {"lower": -np.inf, "upper": np.inf}
+
+
+def to_identified_model(model: JointModel, error: ModelError | JointstiffError) -> IdentifiedModel:
+    """Return a model as it is stored with its run, with its model error or the reason why it has none."""
+    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    rows = None if likelihood is None or likelihood.given_rows is None else likelihood.given_rows.tolist()
+    return IdentifiedModel(
+        joints=list(names),
+        compliance=model.compliance.tolist(),
+        seen=[] if likelihood is None else [names[j] for j in likelihood.joints],
+        estimate=[] if likelihood is None else likelihood.centre.tolist(),
+        covariance=[] if likelihood is None else likelihood.covariance.tolist(),
+        information_root=rows,
+        lower=[_finite(value) for value in bounds.lower],
+        upper=[_finite(value) for value in bounds.upper],
+        order=list(model.constraints.order),
+        degrees_of_freedom=model.degrees_of_freedom,
+        error=_stored_error(error) if isinstance(error, ModelError) else None,
+        no_error=error.reason if isinstance(error, JointstiffError) else None,
+    )
+
+
+def _stored_error(error: ModelError) -> StoredModelError:
+    return StoredModelError(
+        postures=error.postures,
+        steps=[
+            ScoreStep(score=_finite(score), share=float(share))
+            for score, share in zip(error.score, error.share, strict=True)
+        ],
+        force=error.force,
+        moment=error.moment,
+        least_load=error.least_load,
+        leverage=error.leverage,
+    )
+
+
+def to_joint_model(robot: Robot, stored: IdentifiedModel) -> tuple[JointModel, ModelError | None]:
+    """Return the model of a run, ready to predict.
+
+    Raises:
+        RequestError: it is of another robot.
+    """
+    if stored.elastic is not None:
+        raise RequestError(
+            "the run lets links or coupling bend, and this computation is by joints alone",
+            where="run_id",
+            remedy="identify the set again with elasticity joints; deflections are predicted by either run",
+        )
+    _require_same_joints(robot, stored)
+    likelihood = None
+    if stored.covariance:
+        joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+        root = None if stored.information_root is None else np.array(stored.information_root)
+        likelihood = Likelihood(joints, np.array(stored.estimate), np.array(stored.covariance), root)
+    lower, upper = (_bound(getattr(stored, name), limit) for name, limit in _LIMITS.items())
+    model = JointModel(
+        robot,
+        np.array(stored.compliance),
+        likelihood,
+        Constraints(Bounds(lower, upper), tuple(stored.order)),
+        stored.degrees_of_freedom,
+    )
+    return model, None if stored.error is None else _model_error(stored.error)
+
+
+def to_elastic_model(model: ElasticPredictor, error: ModelError | JointstiffError) -> IdentifiedModel:
+    """Return an elastic model as it is stored with its run."""
+    names, n = model.robot.joint_names, model.robot.n
+    own = np.zeros(model.columns.width)
+    own[model.kept] = model.entries
+    root = np.zeros(0) if model.root is None else model.root[np.triu_indices(len(model.kept))]
+    return IdentifiedModel(
+        joints=list(names),
+        compliance=own[model.columns.joints].tolist(),
+        seen=[names[j] for j in np.flatnonzero(model.seen)],
+        estimate=[],
+        covariance=[],
+        information_root=None,
+        lower=[0.0] * n,
+        upper=[None] * n,
+        order=[],
+        elastic=ElasticPart(
+            links=[names[j] for j in model.columns.links],
+            columns=model.kept.tolist(),
+            entries=model.entries.tolist(),
+            covariance_root=[float(f"{value:.8g}") for value in root],
+        ),
+        degrees_of_freedom=model.degrees_of_freedom,
+        error=_stored_error(error) if isinstance(error, ModelError) else None,
+        no_error=error.reason if isinstance(error, JointstiffError) else None,
+    )
+
+
+def to_elastic_predictor(
+    robot: Robot, stored: IdentifiedModel, part: ElasticPart
+) -> tuple[ElasticPredictor, ModelError | None]:
+    """Return the elastic model of a run, ready to predict.
+
+    Raises:
+        RequestError: it is of another robot.
+    """
+    _require_same_joints(robot, stored)
+    count = len(part.columns)
+    root: FloatArray | None = None
+    if part.covariance_root:
+        root = np.zeros((count, count))
+        root[np.triu_indices(count)] = part.covariance_root
+    model = ElasticPredictor(
+        robot,
+        ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in part.links)),
+        np.array(part.columns, dtype=np.intp),
+        np.array(part.entries),
+        root,
+        np.isin(np.array(robot.joint_names), stored.seen),
+        stored.degrees_of_freedom,
+    )
+    return model, None if stored.error is None else _model_error(stored.error)
+
+
+def _require_same_joints(robot: Robot, stored: IdentifiedModel) -> None:
+    if list(robot.joint_names) != stored.joints:
+        raise RequestError(
+            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            where="run_id",
+            remedy="give the robot that was measured",
+        )
+
+
+def _model_error(stored: StoredModelError) -> ModelError:
+    return ModelError(
+        postures=stored.postures,
+        score=_bound([step.score for step in stored.steps], np.inf),
+        share=np.array([step.share for step in stored.steps], dtype=np.float64),
+        force=stored.force,
+        moment=stored.moment,
+        least_load=stored.least_load,
+        leverage=stored.leverage,
+    )
+
+
+def to_load_cases(request: messages.DeflectionOptions, robot: Robot) -> LoadCases:
+    """Return load cases in SI units.
+
+    Raises:
+        RequestError: too many cases for the joints, angles for another number of joints, no load point, or a
+            moment without a unit.
+    """
+    most = MAX_CASE_WORK // robot.n**2
+    if len(request.cases) > most:
+        raise RequestError(
+            f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
+            f"{MAX_CASE_WORK:,}",
+            where="cases",
+            remedy=f"ask for at most {most} at a time",
+        )
+    units, length = request.units, LENGTH[request.units.length]
+    for i, case in enumerate(request.cases):
+        if len(case.joints) != robot.n:
+            raise RequestError(
+                f"{len(case.joints)} joint angles for a robot with {robot.n} joints",
+                where=f"cases[{i}].joints",
+                remedy=f"give the {robot.n} controller angles of {', '.join(robot.joint_names)}",
+            )
+    points = [case.load_point or request.load_point for case in request.cases]
+    if None in points:
+        raise RequestError(
+            "it is not said where the force acts",
+            where=f"cases[{points.index(None)}].load_point",
+            remedy="give load_point, in the flange frame, for all cases or for each",
+        )
+    places = [case.place or request.place or point for case, point in zip(request.cases, points, strict=True)]
+    moments = _vectors([case.moment or (0.0, 0.0, 0.0) for case in request.cases])
+    return LoadCases(
+        joints=ANGLE[units.angle] * np.array([case.joints for case in request.cases], dtype=np.float64),
+        force=FORCE[units.force] * _vectors([case.force for case in request.cases]),
+        moment=moment_factor(units, moments) * moments,
+        load_point=length * _vectors(points),
+        place=length * _vectors(places),
+    )
+
+
+def to_directions(request: messages.DeflectionOptions, cases: LoadCases) -> FloatArray:
+    """Return unit vectors (B, 3) along which stiffness is asked for; NaN where there are none."""
+    asked = np.array(
+        [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
+    )
+    size = np.linalg.norm(asked, axis=1, keepdims=True)
+    return np.where(size > 0.0, asked / np.where(size > 0.0, size, 1.0), np.nan)
+
+
+def to_own_weight(request: messages.DeflectionOptions | ProgramOptions, robot: Robot) -> OwnWeight | None:
+    """Return the own weight of the links; None where no masses are given.
+
+    Raises:
+        RequestError: the robot has no such joint, or one has two masses.
+    """
+    if not request.masses:
+        return None
+    mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
+    for i, link in enumerate(request.masses):
+        j = joint_index(robot, link.joint, f"masses[{i}].joint")
+        if link.joint in (other.joint for other in request.masses[:i]):
+            raise RequestError(
+                f"'{link.joint}' has a mass already",
+                where=f"masses[{i}].joint",
+                remedy="give each joint one mass, at the common centre of what it carries",
+            )
+        mass[j], centre[j] = link.mass, LENGTH[request.units.length] * np.array(link.centre)
+    return OwnWeight(mass, centre)
+
+
+def _vectors(rows: Sequence[Vector3 | None]) -> FloatArray:
+    return np.array(rows, dtype=np.float64)
+
+
+def moment_factor(units: Units, moments: FloatArray) -> float:
+    """Return N·m in the unit of moments.
+
+    Raises:
+        RequestError: there are moments, whose unit is not stated, and the others do not imply it.
+    """
+    if units.moment is not None:
+        return MOMENT[units.moment]
+    if units.length == "m" or not moments.any():
+        return FORCE[units.force]
+    raise RequestError(
+        "a load has a moment, whose unit is not clear when lengths are in mm",
+        where="units.moment",
+        remedy=f"state units.moment, one of {', '.join(MOMENT)}",
+    )
+
+
+def _bound(values: list[float | None], limit: float) -> FloatArray:
+    return np.array([limit if value is None else value for value in values], dtype=np.float64)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,186 @@
+"""Tables of load cases and of predictions: CSV with units in the headers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
+from jointstiff.service.kinds.comparison.csv_table import guarded
+from jointstiff.solver.errors import RequestError
+
+_HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")
+_VECTORS: Final = {
+    "force": ("F", FORCE),
+    "moment": ("M", MOMENT),
+    "load_point": ("load point ", LENGTH),
+    "place": ("place ", LENGTH),
+    "direction": ("direction ", {"": 1.0, "1": 1.0}),
+}
+_SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
+
+_Column = tuple[str, int, float]
+"""Field of a case, place in it, and factor to SI units."""
+
+
+def read_load_cases(text: str, joint_names: Sequence[str], **options: Any) -> DeflectionOptions:  # noqa: ANN401
+    """Understand a table of load cases.
+
+    Columns: `label`; an angle for each joint, as `J1 [deg]` or by the joint's name; `Fx [N]`, `Fy [N]`,
+    `Fz [N]`; and, where they are wanted, `Mx [N.m]` …, `load point x [mm]` …, `place x [mm]` … (both in the
+    flange frame) and `direction x` …. Cells are parted by commas, semicolons or tabs; between semicolons and
+    tabs a decimal comma may stand.
+
+    Args:
+        text: of the table.
+        joint_names: of the n joints.
+        options: other fields of the message, in SI units.
+
+    Raises:
+        RequestError: a header or a cell that cannot be understood, by its line and column.
+    """
+    delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
+    rows = list(csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter))
+    rows = [[cell.strip() for cell in row] for row in rows]
+    if not rows or not any(any(row) for row in rows[1:]):
+        raise RequestError(
+            "the table has no load case", where="line 1", remedy="give a header and a row a case"
+        )
+    columns = [_column(header, joint_names) for header in rows[0]]
+    _refuse_missing(columns, len(joint_names))
+    cases = [_case(row, columns, i, delimiter) for i, row in enumerate(rows[1:], 2) if any(row)]
+    if len(cases) > MAX_CASES:
+        raise RequestError(
+            f"{len(cases):,} cases", where="cases", remedy=f"split them: at most {MAX_CASES:,}"
+        )
+    try:
+        return DeflectionOptions.model_validate({**options, "units": _SI, "cases": cases})
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(map(str, fault["loc"]))
+        raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
+
+
+def _column(header: str, joint_names: Sequence[str]) -> _Column:
+    found = _HEADER.fullmatch(header)
+    name, unit = (found[1] or "", found[2] or "") if found else (header, "")
+    if name.lower() == "label":
+        return "label", 0, 1.0
+    joint = re.fullmatch(r"J(\d+)", name)
+    if name in joint_names or (joint and 1 <= int(joint[1]) <= len(joint_names)):
+        place = joint_names.index(name) if name in joint_names else int(joint[1]) - 1 if joint else 0
+        return "joints", place, _factor(header, unit, ANGLE)
+    for field, (prefix, units) in _VECTORS.items():
+        for k, axis in enumerate("xyz"):
+            if name.lower() == f"{prefix}{axis}".lower():
+                return field, k, _factor(header, unit, units)
+    raise RequestError(
+        f"the header '{header}' is not known",
+        where="line 1",
+        remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
+    )
+
+
+def _factor(header: str, unit: str, units: dict[str, float]) -> float:
+    if unit not in units:
+        raise RequestError(
+            f"the header '{header}' has {f'the unit {unit}' if unit else 'no unit'}",
+            where="line 1",
+            remedy=f"write one of {', '.join(f'[{name}]' for name in units if name)} behind the name",
+        )
+    return units[unit]
+
+
+def _refuse_missing(columns: list[_Column], joints: int) -> None:
+    places = [(field, k) for field, k, _ in columns]
+    twice = next((place for place in places if places.count(place) > 1), None)
+    needed = [("joints", k) for k in range(joints)]
+    needed += [
+        (f, k) for f in _VECTORS if f == "force" or any(f == field for field, _ in places) for k in range(3)
+    ]
+    missing = next((place for place in needed if place not in places), None)
+    if twice or missing:
+        field, k = twice or missing or ("", 0)
+        name = (
+            f"J{k + 1}"
+            if field == "joints"
+            else f"{_VECTORS[field][0]}{'xyz'[k]}"
+            if field in _VECTORS
+            else field
+        )
+        raise RequestError(
+            f"the column {name} {'comes twice' if twice else 'is missing'}",
+            where="line 1",
+            remedy="give each joint an angle, and each vector three columns, once",
+        )
+
+
+def _case(row: list[str], columns: list[_Column], line: int, delimiter: str) -> dict[str, Any]:
+    if len(row) != len(columns):
+        raise RequestError(
+            f"{len(row)} cells under {len(columns)} headers",
+            where=f"line {line}",
+            remedy="give a cell for each header",
+        )
+    case: dict[str, Any] = {}
+    for place, (text, (field, k, factor)) in enumerate(zip(row, columns, strict=True), 1):
+        if field == "label":
+            case["label"] = text or None
+            continue
+        try:
+            value = factor * float(text if delimiter == "," else text.replace(",", "."))
+        except ValueError:
+            raise RequestError(
+                f"'{text[:40]}' is no number", where=f"line {line}, column {place}", remedy="correct it"
+            ) from None
+        case.setdefault(field, {})[k] = value
+    return {
+        field: [values[k] for k in sorted(values)] if isinstance(values, dict) else values
+        for field, values in case.items()
+    }
+
+
+def prediction_csv(result: DeflectionResult) -> str:
+    """Return predictions as a table for spreadsheets, one row a case; what has no number is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    for i, case in enumerate(result.cases):
+        row = _prediction_row(case)
+        if i == 0:
+            writer.writerow(row)
+        writer.writerow([guarded(value) for value in row.values()])
+    return text.getvalue()
+
+
+def _prediction_row(case: CaseResult) -> dict[str, str | float | None]:
+    row: dict[str, str | float | None] = {"label": case.label}
+    _add(row, "displacement {} [mm]", case.displacement, 1e3)
+    _add(row, "rotation {} [mrad]", case.rotation, 1e3)
+    for name, bounds in (("readings only", case.readings_only), ("with model error", case.with_model_error)):
+        for k, end in enumerate(("low", "high")):
+            values = None if bounds is None else [pair[k] for pair in bounds.displacement]
+            _add(row, f"displacement {{}} {name} {end} [mm]", values, 1e3)
+    bound, compliance = case.with_model_error, case.compliance
+    row["model error radius [mm]"] = None if bound is None else 1e3 * bound.radius
+    along = None if compliance is None else compliance.along
+    for name in ("lateral_free", "lateral_blocked", "rotation_blocked"):
+        stiffness = None if along is None else getattr(along, name)
+        row[f"stiffness {name.replace('_', ' ')} [N/mm]"] = None if stiffness is None else 1e-3 * stiffness
+    worst = None if compliance is None else compliance.worst
+    row["worst compliance [mm/N]"] = None if worst is None else 1e3 * worst.compliance
+    _add(row, "worst direction {}", None if worst is None else worst.direction, 1.0)
+    row["remarks"] = "; ".join(case.remarks) or None
+    return row
+
+
+def _add(
+    row: dict[str, str | float | None], header: str, values: Sequence[float] | None, factor: float
+) -> None:
+    for k, axis in enumerate("xyz"):
+        row[header.format(axis)] = None if values is None else factor * values[k]

@@ -1,0 +1,1 @@
+"""Axes, frames and links from sweeps or poses."""

@@ -1,0 +1,164 @@
+"""Sweeps, poses and base targets: from messages to SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from jointstiff.schemas.geometry.message import MAX_GEOMETRY_TARGETS, GeometryRequest, TrackedPosition
+from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.geometry.identified_geometry import Conventions
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.sweep import Sweep, SweepSet
+from jointstiff.solver.readings.tracker_noise import at_read_places
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
+
+
+class _Readings:
+    """Data common to all readings of a request: targets, units, noise.
+
+    Attributes:
+        names: of the T targets, in order of first appearance.
+        sigma: of a coordinate, or the unit of the covariances [m]; None if it is not stated.
+    """
+
+    def __init__(self, request: GeometryRequest, robot: Robot | None) -> None:
+        positions = [
+            *(p for sweep in request.sweeps or () for p in sweep.observations),
+            *(request.poses or ()),
+        ]
+        self.names = tuple(dict.fromkeys(name for position in positions for name in position.targets))
+        if len(self.names) > MAX_GEOMETRY_TARGETS:
+            raise MeasurementError(
+                f"there are {len(self.names)} different targets, more than {MAX_GEOMETRY_TARGETS}",
+                where="sweeps" if request.sweeps else "poses",
+                remedy="use the same name for the same target everywhere",
+            )
+        self.n = robot.n if robot is not None else len(positions[0].joints)
+        self._length, self._angle = LENGTH[request.units.length], ANGLE[request.units.angle]
+        self._instrument, self.sigma = None, None
+        if request.noise is not None and request.noise.sigma is not None:
+            self.sigma = self._length * request.noise.sigma
+        elif request.noise is not None and request.noise.instrument is not None:
+            self._instrument = to_instrument(request.noise.instrument, self._length)
+            _, points, present = self.arrange(positions, "")
+            self.sigma = self._instrument.typical_sigma(points[present])
+
+    def arrange(
+        self, positions: Sequence[TrackedPosition], where: str
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return angles (K, n) [rad], points (K, T, 3) [m], zero where absent, and presence (K, T)."""
+        for index, position in enumerate(positions):
+            if len(position.joints) != self.n:
+                raise MeasurementError(
+                    f"there are {len(position.joints)} joint angles, but {self.n} joints",
+                    where=f"{where}[{index}].joints" if where else "observations",
+                    remedy="give the angles of all controller joints in every position",
+                )
+        angles = self._angle * np.array([position.joints for position in positions], dtype=np.float64)
+        present = np.array([[name in p.targets for name in self.names] for p in positions])
+        nowhere = (0.0, 0.0, 0.0)
+        points = np.array([[p.targets.get(name, nowhere) for name in self.names] for p in positions])
+        return angles, self._length * points, present
+
+    def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
+        """Return covariances of readings in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
+        if self._instrument is None or self.sigma is None:
+            return np.eye(3)
+        return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
+
+
+def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
+    """Return the sweeps of a request.
+
+    Args:
+        request: with sweeps.
+        robot: the nominal one, if there is one.
+
+    Raises:
+        MeasurementError: with the place and the remedy.
+        RobotError: the joint map does not fit.
+    """
+    readings = _Readings(request, robot)
+    parts = []
+    for index, sweep in enumerate(request.sweeps or ()):
+        angles, points, present = readings.arrange(sweep.observations, f"sweeps[{index}].observations")
+        parts.append(
+            Sweep(
+                name=sweep.joint,
+                joint=_joint(sweep.joint, index, readings.n, robot),
+                angles=angles,
+                points=points,
+                present=present,
+                covariance=readings.covariance(points, present),
+            )
+        )
+    return SweepSet(tuple(parts), readings.names, _joint_map(request, robot, readings.n), readings.sigma)
+
+
+def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
+    """Return the poses of a request.
+
+    Raises:
+        MeasurementError: with the place and the remedy.
+    """
+    readings = _Readings(request, robot)
+    angles, points, present = readings.arrange(request.poses or (), "poses")
+    return Poses(
+        angles=angles,
+        points=points,
+        present=present,
+        targets=readings.names,
+        joint_map=robot.joint_map,
+        sigma=readings.sigma,
+        covariance=readings.covariance(points, present),
+    )
+
+
+def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventions:
+    """Return the conventions that place R0 and the flange frame.
+
+    Raises:
+        MeasurementError: a target that places the flange was not read.
+    """
+    usual: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
+    chosen = request.flange.targets if request.flange is not None else None
+    for index, name in enumerate(chosen or ()):
+        if name not in targets:
+            raise MeasurementError(
+                f"target '{name}' has no reading",
+                where=f"flange.targets[{index}]",
+                remedy=f"choose three of {', '.join(targets)}",
+            )
+    height = 0.0 if request.base is None else LENGTH[request.units.length] * request.base.height
+    indices = (0, 1, 2) if chosen is None else tuple(targets.index(name) for name in chosen)
+    return Conventions(
+        base=request.base.by if request.base is not None else usual,
+        flange=request.flange.by if request.flange is not None else usual,
+        height=height,
+        flange_targets=(indices[0], indices[1], indices[2]),
+    )
+
+
+def _joint(name: str, index: int, n: int, robot: Robot | None) -> int:
+    names = robot.joint_names if robot is not None else tuple(f"joint_{i + 1}" for i in range(n))
+    if name not in names:
+        raise MeasurementError(
+            f"there is no joint '{name}'",
+            where=f"sweeps[{index}].joint",
+            remedy=f"use one of {', '.join(names)}",
+        )
+    return names.index(name)
+
+
+def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
+    if robot is not None:
+        return robot.joint_map
+    if request.joint_map is None:
+        return JointMap.identity(n)
+    return JointMap.from_rows(request.joint_map.matrix, request.joint_map.offset)

@@ -1,0 +1,96 @@
+"""A geometry: from the readings of sweeps or poses to axes, frames and a robot, at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.geometry.result import GeometryResult
+from jointstiff.service.conversion.frames import to_base_targets
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.geometry.readings import to_conventions, to_poses, to_sweeps
+from jointstiff.service.kinds.geometry.results import to_geometry_result
+from jointstiff.service.kinds.work import QuickWork
+from jointstiff.solver.errors import InputError, NotObservableError, RequestError
+from jointstiff.solver.geometry.identification import identify_from_poses, identify_from_sweeps
+from jointstiff.solver.geometry.identified_geometry import IdentifiedGeometry
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.sweep import SweepSet
+from jointstiff.solver.robot.model import Robot
+
+
+def geometry_work(request: GeometryRequest, nominal: Robot | None, robot_hash: str = "") -> QuickWork:
+    """Return the work of a geometry.
+
+    Args:
+        request: the readings, and how to identify.
+        nominal: the robot as its maker describes it, if that is known.
+        robot_hash: content hash of a nominal model that is stored.
+
+    Raises:
+        RequestError: the readings contradict themselves or the nominal model.
+    """
+    with as_request_errors():
+        readings = _readings(request, nominal)
+    # Names and ids do not count.
+    options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
+    return QuickWork(
+        compute=partial(_identify, request, readings, nominal),
+        input_hash=hash_of(robot_hash, options),
+        robot_id=request.robot_id,
+        details={"name": request.name},
+    )
+
+
+@contextmanager
+def as_request_errors(section: str | None = None) -> Iterator[None]:
+    """Refuse readings that determine no robot, which are not worth storing.
+
+    Args:
+        section: of the request, to which places in messages refer.
+
+    Raises:
+        RequestError: in place of errors of the input.
+    """
+    try:
+        yield
+    except (InputError, NotObservableError) as error:
+        where = ".".join(part for part in (section, error.where) if part)
+        raise RequestError(error.reason, remedy=error.remedy, where=where or None) from error
+
+
+def _readings(request: GeometryRequest, nominal: Robot | None) -> SweepSet | Poses:
+    if request.sweeps is None and nominal is not None:
+        return to_poses(request, nominal)
+    return to_sweeps(request, nominal)
+
+
+def _identify(request: GeometryRequest, readings: SweepSet | Poses, nominal: Robot | None) -> GeometryResult:
+    with as_request_errors():
+        geometry = _identified_geometry(request, readings, nominal)
+        return to_geometry_result(geometry, request.name, readings.joint_map)
+
+
+def _identified_geometry(
+    request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None
+) -> IdentifiedGeometry:
+    nominal = robot.chain if robot is not None else None
+    conventions = to_conventions(request, readings.targets)
+    base_targets = to_base_targets(request, readings.sigma)
+    if isinstance(readings, SweepSet):
+        return identify_from_sweeps(
+            readings,
+            conventions,
+            nominal=nominal,
+            name=request.name,
+            fit=request.fit,
+            angles=request.angles,
+            base_targets=base_targets,
+        )
+    if nominal is None:
+        raise ValueError("poses need a nominal model to calibrate, but the request has none")
+    return identify_from_poses(
+        readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
+    )

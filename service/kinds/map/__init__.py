@@ -1,0 +1,1 @@
+"""Deflection over a work area."""

@@ -1,0 +1,134 @@
+"""A map as work: blocks of places, each a step; and its table, made again from the request."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.map import MapOptions, MapResult
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.deflection.models import to_elastic_predictor, to_joint_model
+from jointstiff.service.kinds.deflection.work import FIRST_ORDER, model_of, no_bound, remarks_of
+from jointstiff.service.kinds.map.places import (
+    map_columns,
+    map_csv,
+    map_npz,
+    to_map_result,
+    to_map_task,
+    to_places,
+)
+from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.maps import DeflectionMap, map_places
+from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
+
+POSES_A_STEP: Final = 10_000
+"""Places times orientations of a quarter of a second."""
+_ELASTIC: Final = 5
+"""Postures in whose time and memory those with elastic links take one."""
+
+
+class MapWork(SteppedWork[DeflectionMap]):
+    """The work of a map, its units the places; one that takes a single step is quick."""
+
+    unit = "places"
+    activity = "mapping"
+
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: MapOptions) -> None:
+        """Check what is asked for.
+
+        Args:
+            robot: that was measured.
+            robot_id: id of the stored robot.
+            run: that succeeded.
+            request: work area, tool and process.
+
+        Raises:
+            RequestError: the run has no model that predicts, or the request does not fit the robot.
+        """
+        self.robot_id = robot_id
+        self._robot, self._run, self._request = robot, run, request
+        options = request.model_dump_json(exclude={"run_id", "name"})
+        self.input_hash = hash_of(run.provenance.input_hash, options)
+        self._stored = model_of(run)
+        self._model: JointModel | ElasticPredictor
+        if self._stored.elastic is None:
+            self._model, self._error = to_joint_model(robot, self._stored)
+        else:
+            self._model, self._error = to_elastic_predictor(robot, self._stored, self._stored.elastic)
+        self._task, self._places = to_map_task(request, robot), to_places(request)
+        try:
+            self._inverse = InverseKinematics(robot)
+        except RobotError as error:
+            raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
+
+    def steps(self) -> tuple[Span, ...]:
+        """Return the places in blocks; none where one block holds them all."""
+        blocks = self._blocks()
+        return blocks if len(blocks) > 1 else ()
+
+    def compute(self, span: Span) -> DeflectionMap:
+        """Map some of the places.
+
+        Raises:
+            JointstiffError: a load finds no stable balance.
+        """
+        places = self._places[slice(*span)]
+        return map_places(self._model, self._error, self._task, self._inverse, places)
+
+    def encode(self, part: DeflectionMap) -> str:
+        """Return places as text."""
+        return pack(vars(part))
+
+    def decode(self, text: str) -> DeflectionMap:
+        """Return the places that `encode` wrote."""
+        return DeflectionMap(**unpack(text))
+
+    def conclude(self, parts: Sequence[DeflectionMap]) -> MapResult:
+        """Return the summary.
+
+        Raises:
+            JointstiffError: as `compute` does.
+        """
+        found = DeflectionMap.joined(list(parts)) if parts else self._table
+        error, run = self._error, self._run
+        return to_map_result(
+            self._request,
+            self._task,
+            self._places,
+            found,
+            model_error_postures=0 if error is None else error.postures,
+            remarks=[
+                *(remarks_of(run, weighed=False) if self._stored.elastic is None else [FIRST_ORDER]),
+                *no_bound(error, self._stored.no_error, self._request.confidence),
+            ],
+        )
+
+    def csv(self) -> str:
+        """Return the table for spreadsheets; the same numbers each time, as a run never changes."""
+        return map_csv(self._columns(), self._table)
+
+    def npz(self) -> bytes:
+        """Return the table for numpy."""
+        return map_npz(self._columns(), self._table)
+
+    @cached_property
+    def _table(self) -> DeflectionMap:
+        return DeflectionMap.joined([self.compute(span) for span in self._blocks()])
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        return map_columns(self._request, self._robot, self._places, self._table)
+
+    def _blocks(self) -> tuple[Span, ...]:
+        poses = POSES_A_STEP if self._stored.elastic is None else POSES_A_STEP // _ELASTIC
+        size = max(1, poses // len(self._task.fan))
+        return tuple(
+            (start, min(start + size, len(self._places))) for start in range(0, len(self._places), size)
+        )

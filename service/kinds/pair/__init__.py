@@ -1,0 +1,1 @@
+"""Two sides compared: encoders, before and after, two units."""

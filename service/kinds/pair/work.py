@@ -1,0 +1,149 @@
+"""A pair: two prepared measurement sets side by side, identified at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TypeVar
+
+from jointstiff.schemas.assessment import Reason
+from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.pair import PairRequest, PairResult
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.assessments import to_assessment, to_joints
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.pair.results import AssessedSide, to_pair_result
+from jointstiff.service.kinds.run.budgets import to_joint_budgets
+from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.work import QuickWork
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.identification import refuse_unsupported
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.paired.comparison import compare_pair
+from jointstiff.solver.paired.sides import PairSide, models_differ, refuse_other_joints
+
+Placed = TypeVar("Placed", QualityWarning, Reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side of a pair."""
+
+    name: str  # `first` or `second`
+    set_id: str  # id of its measurement set
+    prepared: PreparedSet  # the set
+    options: RunOptions  # how to identify it
+
+    @cached_property
+    def campaign(self) -> PairSide:
+        """The side as the numerical core takes it.
+
+        Raises:
+            RequestError: the options do not fit the robot, or are for more than joints.
+        """
+        if self.options.elasticity != "joints":
+            raise RequestError(
+                f"a pair compares joints only, not elasticity {self.options.elasticity}",
+                where="options.elasticity",
+                remedy="use elasticity joints",
+            )
+        prepared = self.prepared
+        return PairSide(
+            robot=prepared.robot,
+            measurements=prepared.measurements,
+            labels=tuple(prepared.readings.labels.tolist()),
+            targets=tuple(prepared.readings.targets.tolist()),
+            settings=to_settings(self.options, prepared.robot),
+        )
+
+    @property
+    def content(self) -> str:
+        """Hash of robot, readings and options."""
+        unasked = {"measurement_set_id", "resampling"}
+        return hash_of(self.prepared.content, self.options.model_dump_json(exclude=unasked))
+
+    def assessed(self, estimate: Estimate) -> AssessedSide:
+        """Assess the side by itself."""
+        campaign = self.campaign
+        prediction = predict(
+            campaign.robot,
+            campaign.measurements,
+            estimate.compliance,
+            complementary_stiffness=campaign.settings.complementary_stiffness,
+        )
+        found = to_warnings(judge(estimate, prediction), self.prepared.readings)
+        assessment = self.prepared.assess(campaign.settings, estimate, prediction)
+        budget = UncertaintyBudget.of(estimate, campaign.settings.confidence)
+        stated = to_assessment(assessment, self.prepared.readings)
+        return AssessedSide(
+            assessment=stated.model_copy(update={"reasons": [self._placed(each) for each in stated.reasons]}),
+            joints=to_joints(
+                estimate.joints, assessment.joints, to_joint_budgets(budget, len(estimate.joints))
+            ),
+            compensation=assessment.supported(prediction).compensation,
+            warnings=[self._placed(warning) for warning in [*self.prepared.warnings, *found]],
+        )
+
+    def _placed(self, said: Placed) -> Placed:
+        """Return a warning or a reason whose place begins with the side."""
+        where = f"{self.name}.{said.where}" if said.where else self.name
+        return said.model_copy(update={"where": where})
+
+
+def pair_work(first: Side, second: Side, request: PairRequest) -> QuickWork:
+    """Return the work of a pair.
+
+    Args:
+        first: its first side.
+        second: its second side.
+        request: what is asked for.
+
+    Raises:
+        RequestError: the robots' joints differ, or the readings cannot support a method.
+    """
+    refuse_other_joints(first.campaign.robot, second.campaign.robot)
+    for side in (first, second):
+        refuse_unsupported(side.campaign.robot, side.campaign.measurements, side.campaign.settings)
+    return QuickWork(
+        compute=partial(_compare, first, second, ordered=request.ordered),
+        input_hash=hash_of(first.content, second.content, str(request.ordered)),
+        robot_id=first.prepared.robot_id,
+        details={"first_set_id": first.set_id, "second_set_id": second.set_id},
+    )
+
+
+def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:
+    one, other = first.campaign, second.campaign
+    pair = compare_pair(one, other, confidence=one.settings.confidence, ordered=ordered)
+    about_both = _about_both(one, other, pair.avoided.matches.unlike)
+    return to_pair_result(pair, first.assessed(pair.first), second.assessed(pair.second), about_both)
+
+
+def _about_both(first: PairSide, second: PairSide, unlike: tuple[str, ...]) -> list[QualityWarning]:
+    warnings = []
+    if models_differ(first.robot, second.robot):
+        warnings.append(
+            QualityWarning(
+                code="robot_models_differ",
+                where=None,
+                message="the robots differ in their kinematics or joint map",
+                remedy="check that both are of one model; ratios compare joints with the same name",
+            )
+        )
+    if unlike:
+        warnings.append(
+            QualityWarning(
+                code="configurations_differ",
+                where=None,
+                message=f"{len(unlike)} observations have the same label but different postures or "
+                "loads, or no "
+                f"common target; first '{unlike[0]}'",
+                remedy="measure the same postures under the same load, or give different labels",
+            )
+        )
+    return warnings

@@ -1,0 +1,1 @@
+"""Postures and loads to measure."""

@@ -1,0 +1,220 @@
+"""Plans: from what is asked for to arrays in SI units, and back to messages."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from jointstiff.schemas import plan as plans
+from jointstiff.service.kinds.run.settings import joint_index
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.design.campaign_plan import CampaignPlan
+from jointstiff.solver.design.experiment import Equipment, Loads, targets_in_flange
+from jointstiff.solver.design.feasibility import Cell
+from jointstiff.solver.design.plan_request import PlanRequest
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.tracker_noise import Instrument
+from jointstiff.solver.robot.model import Robot
+
+SoFar: TypeAlias = tuple[Measurements, tuple[str, ...]]
+"""Readings of a campaign, and the names of their targets."""
+
+_SIGMA: Final = 2e-5
+"""Of a laser tracker [m], where nothing else is said."""
+
+
+def to_design_request(
+    request: plans.PlanRequest,
+    robot: Robot,
+    *,
+    nominal: FloatArray,
+    sigma: float | None,
+    links: bool,
+    so_far: SoFar | None,
+) -> PlanRequest:
+    """Return what to plan.
+
+    Args:
+        request: as it was posted.
+        robot: n joints.
+        nominal: (n,) compliance by the campaign so far [rad/(N·m)]; nan where it is not known.
+        sigma: of the campaign's readings [m]; None where it is not known.
+        links: whether the campaign shows lack of fit.
+        so_far: its readings.
+
+    Raises:
+        RequestError: a joint that the robot does not have, or no load, target or load point.
+    """
+    nominal = nominal.copy()
+    for name, stiffness in request.stiffness.items():
+        nominal[joint_index(robot, name, f"stiffness.{name}")] = 1.0 / stiffness
+    prior = np.full(robot.n, np.inf)
+    for name, known in request.priors.items():
+        j = joint_index(robot, name, f"priors.{name}")
+        prior[j] = known.standard_uncertainty / known.stiffness**2
+        nominal[j] = 1.0 / known.stiffness
+    names, targets = _targets(request, robot, so_far)
+    wanted = [joint_index(robot, name, "joints") for name in request.joints]
+    area = request.work_area
+    return PlanRequest(
+        equipment=Equipment(
+            targets=targets,
+            load_point=_load_point(request, so_far),
+            loads=_loads(request, robot, so_far),
+            sigma=request.sigma or sigma or _SIGMA,
+            instrument=_instrument(request.tracker),
+        ),
+        readings=request.readings,
+        nominal=nominal,
+        prior=prior,
+        cell=_cell(request.surroundings, names),
+        criterion=request.criterion or ("relative_a" if area is None else "work_area"),
+        postures=_postures(request, robot),
+        candidates=request.candidates,
+        joints=np.array(wanted, dtype=np.intp) if wanted else None,
+        work_area=None if area is None else np.array(area),
+        links=links if request.elastic_links is None else request.elastic_links,
+        angle=request.distinct_angle,
+        validation=request.validation,
+        so_far=None if so_far is None else so_far[0],
+        seed=request.seed,
+    )
+
+
+def to_plan_result(request: PlanRequest, plan: CampaignPlan, robot: Robot) -> plans.PlanResult:
+    """Return a plan as a message."""
+    chosen = plan.parameters.joints
+    c = plan.parameters.nominal[chosen]
+    known = plan.parameters.known[chosen]
+    digits = len(str(len(plan.joints)))
+    return plans.PlanResult(
+        readings=[
+            plans.PlannedReading(
+                label=f"{'v' if held else 'p'}{i + 1:0{digits}d}",
+                joints=joints.tolist(),
+                force=tuple(force.tolist()),
+                anchor=None if anchor < 0 else int(anchor),
+                validation=bool(held),
+            )
+            for i, (joints, force, anchor, held) in enumerate(
+                zip(plan.joints, plan.force, plan.anchor, plan.validation, strict=True)
+            )
+        ],
+        joints=[
+            plans.PlannedJoint(
+                name=robot.joint_names[j],
+                standard_uncertainty=float(c[i] * plan.uncertainty[i]),
+                relative=float(plan.uncertainty[i]) if known[i] else None,
+                before=_finite(c[i] * plan.before[i]),
+                random=_finite(c[i] * plan.random.uncertainty[i]),
+                one_at_a_time=_finite(c[i] * plan.one_at_a_time.uncertainty[i]),
+            )
+            for i, j in enumerate(chosen.tolist())
+        ],
+        criterion=request.criterion,
+        elastic_links=request.links,
+        efficiency=plan.efficiency,
+        efficiencies=dict(plan.efficiencies),
+        weights_gap=max(plan.weights_gap, 0.0),
+        random_efficiency=plan.random.efficiency,
+        one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
+        deflection_uncertainty=None if plan.deflection is None else plan.deflection[0],
+        worst_deflection_uncertainty=None if plan.deflection is None else plan.deflection[1],
+        considered=plan.strikes.considered,
+        feasible=plan.feasible,
+        struck_out=plan.strikes.reasons,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _targets(
+    request: plans.PlanRequest, robot: Robot, so_far: SoFar | None
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Return names and places (T, 3) of the targets, flange frame [m]."""
+    if request.targets:
+        return tuple(request.targets), np.array(list(request.targets.values()))
+    if so_far is None:
+        raise RequestError(
+            "it is not said where the targets are",
+            where="targets",
+            remedy="give at least one target by name, in the flange frame and in metres",
+        )
+    return so_far[1], targets_in_flange(robot, so_far[0])
+
+
+def _load_point(request: plans.PlanRequest, so_far: SoFar | None) -> FloatArray:
+    if request.load_point is not None:
+        return np.array(request.load_point)
+    if so_far is None:
+        return np.zeros(3)
+    measured = so_far[0]
+    point: FloatArray = measured.load_point[int(np.argmax(np.linalg.norm(measured.force, axis=1)))]
+    return point
+
+
+def _loads(request: plans.PlanRequest, robot: Robot, so_far: SoFar | None) -> Loads:
+    """Return the loads; those of the campaign are a weight if all pull down, else of any direction."""
+    limits = np.full(robot.n, np.inf)
+    for name, limit in request.torque_limits.items():
+        limits[joint_index(robot, name, f"torque_limits.{name}")] = limit
+    load = request.load
+    if load is not None:
+        anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
+        return Loads(load.kind, load.force, limits, anchors)
+    size = 0.0 if so_far is None else float(np.linalg.norm(so_far[0].force, axis=1).max())
+    if so_far is None or size == 0.0:
+        raise RequestError(
+            "it is not said which loads there are",
+            where="load",
+            remedy="give a load: its kind (dead_weight, any_direction or cable) and its force in newtons",
+        )
+    down = so_far[0].force[:, 2] < -0.999 * np.linalg.norm(so_far[0].force, axis=1)
+    return Loads("dead_weight" if down.all() else "any_direction", size, limits)
+
+
+def _instrument(tracker: plans.PlannedTracker | None) -> Instrument | None:
+    if tracker is None:
+        return None
+    along, across = tracker.range, tracker.transverse
+    return Instrument(
+        tracker.station, along.constant, along.per_distance, across.constant, across.per_distance
+    )
+
+
+def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> Cell:
+    facing = None
+    if around.facing:
+        if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
+            raise RequestError(
+                f"facing directions of {', '.join(around.facing)} for the targets {', '.join(names)}",
+                where="surroundings.facing",
+                remedy="give a direction other than zero for each target, or none",
+            )
+        facing = np.array([around.facing[name] for name in names])
+    return Cell(
+        floor=around.floor,
+        inside=None if around.inside is None else np.array(around.inside),
+        obstacles=np.array(around.obstacles, dtype=np.float64).reshape(-1, 2, 3),
+        link_radius=around.link_radius,
+        facing=facing,
+        acceptance=around.acceptance,
+    )
+
+
+def _postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
+    if not request.postures:
+        return None
+    for i, posture in enumerate(request.postures):
+        if len(posture) != robot.n:
+            raise RequestError(
+                f"{len(posture)} angles for a robot with {robot.n} joints",
+                where=f"postures[{i}]",
+                remedy=f"give the controller's angles of {', '.join(robot.joint_names)}, in radians",
+            )
+    return np.array(request.postures)

@@ -1,0 +1,81 @@
+"""A plan: from a robot or a campaign to readings worth taking, at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.plan import PlanRequest, PlanResult
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
+from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.work import QuickWork
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.design.campaign_plan import plan_campaign
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.robot.model import Robot
+
+_LACK_OF_FIT: Final = 0.1
+"""Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
+_LARGEST_RELATIVE: Final = 0.5
+"""Relative uncertainty of a compliance above which it is no nominal value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Hold the robot, the loads and the campaign of a plan."""
+
+    robot: Robot  # the robot
+    robot_id: str  # id of the stored robot
+    content: str  # hash of robot, and of the readings so far
+    prepared: PreparedSet | None = None  # the campaign to go on with; None to begin one
+
+
+def plan_work(planned: Planned, request: PlanRequest) -> QuickWork:
+    """Return the work of a plan.
+
+    Args:
+        planned: robot, and campaign so far.
+        request: what is asked for.
+    """
+    options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
+    return QuickWork(
+        compute=partial(_plan, planned, request),
+        input_hash=hash_of(planned.content, options),
+        robot_id=planned.robot_id,
+    )
+
+
+def _plan(planned: Planned, request: PlanRequest) -> PlanResult:
+    """Return the plan.
+
+    Raises:
+        RequestError: something of the robot or the campaign is missing, or no such plan exists.
+    """
+    robot, prepared = planned.robot, planned.prepared
+    nominal, sigma, links = np.full(robot.n, np.nan), None, False
+    if prepared is not None:
+        estimate = identify(robot, prepared.measurements, to_settings(RunOptions(), robot))
+        nominal, sigma = _nominal(estimate), estimate.sigma
+        prediction = predict(robot, prepared.measurements, estimate.compliance)
+        links = prediction.compensation is not None and 1.0 - prediction.compensation > _LACK_OF_FIT
+    so_far = None if prepared is None else (prepared.measurements, tuple(prepared.readings.targets.tolist()))
+    asked = to_design_request(request, robot, nominal=nominal, sigma=sigma, links=links, so_far=so_far)
+    return to_plan_result(asked, plan_campaign(robot, asked), robot)
+
+
+def _nominal(estimate: Estimate) -> FloatArray:
+    """Return the compliances (n,) that the readings so far determine [rad/(N·m)]; nan for the others."""
+    found = np.full(len(estimate.joints), np.nan)
+    for j, joint in enumerate(estimate.joints):
+        u = joint.standard_uncertainty
+        if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
+            found[j] = joint.compliance
+    return found

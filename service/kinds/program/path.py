@@ -1,0 +1,228 @@
+"""The path of a program: which postures its targets want, under which loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import ProgramOptions
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.kinds.geometry.work import as_request_errors
+from jointstiff.service.kinds.program.frames import ProgramFrames
+from jointstiff.service.kinds.program.loads import loads_of
+from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.notation import Orientation
+from jointstiff.service.programs.program import Motion, Program
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration_choice import Unreached, choose_postures
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
+
+_SAME: Final = 1e-6
+"""Difference of two postures [rad] that is rounding."""
+_REASONS: Final = {
+    Unreached.OUT_OF_REACH: ("the robot does not reach it", "check tool, base, `world` and `flange`"),
+    Unreached.OUT_OF_LIMITS: (
+        "its posture is outside of the joints' limits",
+        "check tool, base, `start`, and the limits of the robot's model",
+    ),
+    Unreached.NOT_AS_STATED: (
+        "no posture within the limits has the configuration that is stated",
+        "check tool and base, and that the joint map gives the controller's angles",
+    ),
+    Unreached.AMBIGUOUS: (
+        "the arm's configuration is not stated here",
+        "give `start`: the controller's angles near this target",
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramPath:
+    """The m targets that moves use, in the order of the path."""
+
+    program: Program  # the program
+    frames: ProgramFrames  # of its targets
+    stated: StatedConfigurations  # what it says of the arm's configuration
+    targets: IndexArray  # (m,) indices of the program's targets
+    cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
+    loaded: BoolArray  # (m,) whether a load acts there
+
+    def fault(self, point: int, reason: str, remedy: str) -> Fault:
+        """Return a fault at a point of the path."""
+        return _fault(self.program, int(self.targets[point]), reason, remedy)
+
+
+def program_path(
+    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, table: bytes | None
+) -> ProgramPath:
+    """Return the path of a program.
+
+    Args:
+        program: the program.
+        options: frames, loads and start.
+        robot: six joints.
+        inverse: its kinematics.
+        table: CSV of the load at each point, if there is one.
+
+    Raises:
+        RequestError: something is not stated, or does not fit the program.
+        ProgramError: targets are not reached, or their configurations are not known.
+    """
+    frames, stated = ProgramFrames.of(program, options), StatedConfigurations(program)
+    visits = np.array([target for move in program.moves for target in move.targets], dtype=np.intp)
+    lines = [move.line for move in program.moves for _ in move.targets]
+    if not len(visits):
+        raise ProgramError(
+            [Fault(program.sources[0].name, None, "no move was found", "send a program with moves")]
+        )
+    targets, number = _in_order(visits)
+    loads = loads_of(options, table, lines, (number + 1).tolist())
+    first = _first(number, len(targets))
+    if not loads.of_visit.any():
+        raise RequestError(
+            "no move is under load",
+            where="segments",
+            remedy="give the lines of moves, or points, that have one",
+        )
+    _refuse_two_loads(program, visits, number, loads.of_visit, loads.of_visit[first])
+    joints = _postures(program, options, frames, stated, robot, inverse, visits)
+    _refuse_two_postures(program, visits, joints, joints[first][number])
+    with as_request_errors("program"):
+        cases = _cases(options, frames, robot, targets, joints[first], loads.values[loads.of_visit[first]])
+    return ProgramPath(program, frames, stated, targets, cases, loads.of_visit[first] > 0)
+
+
+def _in_order(visits: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return the targets (m,) in the order of their first visits, and each visit's place among them."""
+    found, first, place = np.unique(visits, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return found[order], rank[place]
+
+
+def _first(number: IndexArray, count: int) -> IndexArray:
+    first = np.zeros(count, dtype=np.intp)
+    first[number[::-1]] = np.arange(len(number))[::-1]
+    return first
+
+
+def _refuse_two_loads(
+    program: Program, visits: IndexArray, number: IndexArray, load: IndexArray, load_of_target: IndexArray
+) -> None:
+    reason = "a target is used under two loads"
+    _refuse(program, visits[load != load_of_target[number]], reason, "use a target of its own for each load")
+
+
+def _refuse_two_postures(
+    program: Program, visits: IndexArray, joints: FloatArray, joints_of_target: FloatArray
+) -> None:
+    apart = joints - joints_of_target
+    apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
+    reason = "a target is reached in two configurations of the arm"
+    _refuse(program, visits[apart > _SAME], reason, "use a target of its own for each of them")
+
+
+def _refuse(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
+    if len(targets):
+        raise ProgramError([_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
+
+
+def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
+    found = program.targets[target]
+    name = f"{shown(found.name)}: " if found.name else ""
+    return Fault(program.sources[found.source].name, found.line, name + reason, remedy)
+
+
+def _postures(
+    program: Program,
+    options: ProgramOptions,
+    frames: ProgramFrames,
+    stated: StatedConfigurations,
+    robot: Robot,
+    inverse: InverseKinematics,
+    visits: IndexArray,
+) -> FloatArray:
+    """Return the wanted posture (v, 6) of each visit: controller's angles [rad]."""
+    given = np.full((len(visits), robot.n), np.nan)
+    states_joints = np.array([t.notation.orientation is Orientation.JOINTS for t in program.targets])[visits]
+    for row in np.flatnonzero(states_joints):
+        target = program.targets[visits[row]]
+        given[row] = np.array(target.values) * target.notation.angle
+    _refuse_new_letters(program, stated, visits, states_joints)
+    by_joint = [move.motion is Motion.JOINT for move in program.moves for _ in move.targets]
+    poses = frames.flange_poses(program, visits.tolist())
+    ranges = stated.ranges(visits.tolist())
+    says = np.isfinite(ranges).any(axis=(1, 2))
+    with as_request_errors("robot"):
+        found = choose_postures(
+            inverse, poses, given, ranges, np.array(by_joint) & says & stated.decides, _start(options, robot)
+        )
+    faults = [
+        _fault(program, int(visits[row]), *_REASONS[Unreached(found.unreached[row])])
+        for row in np.flatnonzero(found.unreached)
+    ]
+    if faults:
+        raise ProgramError(faults)
+    return found.joints
+
+
+def _start(options: ProgramOptions, robot: Robot) -> FloatArray | None:
+    if options.start is None:
+        return None
+    if len(options.start) != robot.n:
+        raise RequestError(
+            f"{len(options.start)} angles for a robot with {robot.n} joints",
+            where="start",
+            remedy=f"give the controller's angles of {', '.join(robot.joint_names)}",
+        )
+    return ANGLE[options.units.angle] * np.array(options.start)
+
+
+def _refuse_new_letters(
+    program: Program, stated: StatedConfigurations, visits: IndexArray, joint_targets: BoolArray
+) -> None:
+    """Refuse a change of FANUC's N/F, U/D, T/B without a joint target between: no angles tell them."""
+    if program.format != "fanuc":
+        return
+    before, changed = "", []
+    for target, by_joints in zip(visits.tolist(), joint_targets, strict=True):
+        letters = "" if by_joints else stated.letters(target)
+        if before and letters and letters != before:
+            changed.append(target)
+        before = "" if by_joints else letters or before
+    remedy = "put a move to joint angles between, or split the program there"
+    _refuse(
+        program, np.array(changed, dtype=np.intp), "the arm changes its configuration (N/F, U/D, T/B)", remedy
+    )
+
+
+def _cases(
+    options: ProgramOptions,
+    frames: ProgramFrames,
+    robot: Robot,
+    targets: IndexArray,
+    joints: FloatArray,
+    loads: FloatArray,
+) -> LoadCases:
+    tool = frames.tool[targets]
+    place = tool[:, :3, 3].copy()
+    point = place
+    if options.load_point is not None:
+        point = np.tile(LENGTH[options.units.length] * np.array(options.load_point), (len(targets), 1))
+    force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
+    if options.axes != "robot":
+        if options.axes == "base":
+            axes = frames.base[targets, :3, :3]
+        else:
+            flange = Configurations(robot, robot.joint_map.model_angles(joints)).flange_rotation
+            axes = flange @ tool[:, :3, :3]
+        force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
+    return LoadCases(joints.copy(), force, moment, point.copy(), place)

@@ -1,0 +1,214 @@
+"""Points of a compensated program as arrays, as a table, and summed up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
+from jointstiff.service.kinds.comparison.csv_table import guarded
+from jointstiff.service.kinds.program.path import ProgramPath
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.compensation import Compensation
+from jointstiff.solver.deflection.model_error import ModelErrorBound
+
+_SPECIAL: Final = frozenset('",\r\n')
+_MM: Final = 1e3
+_MRAD: Final = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Corrections of k points under load."""
+
+    points: IndexArray  # (k,) places in the path
+    commanded: FloatArray  # (k, 6) controller's angles [rad]
+    correction: FloatArray  # (k, 6) displacement [m] and rotation vector [rad], axes of R0
+    residual: FloatArray  # (k, 6) from the wanted to the loaded place, before the program's rounding
+    uncorrected: FloatArray  # (k, 6) the same without a correction
+    uncertainty: FloatArray  # (k,) standard uncertainty of the deflection along itself [m]; NaN if unknown
+    # (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where there is none
+    model_error: FloatArray
+    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
+    # without a model error
+    extrapolation: FloatArray
+    share: FloatArray  # (k,) of the full correction
+    uncertain: BoolArray  # (k,) left alone, as the uncertainty exceeds the deflection
+    capped: BoolArray  # (k,) held back by the limits
+
+    @classmethod
+    def of(cls, points: IndexArray, found: Compensation, bound: ModelErrorBound | None) -> Corrections:
+        """Take over what was computed."""
+        radius = beyond = np.full(len(points), np.nan)
+        if bound is not None:
+            radius, beyond = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
+        names = {field.name for field in fields(found)} - {"leverage"}
+        taken = {name: getattr(found, name) for name in names}
+        return cls(points, model_error=radius, extrapolation=beyond, **taken)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Corrections]) -> Corrections:
+        """Join parts, in order."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPoints:
+    """The m points of a path with what is written for them."""
+
+    path: ProgramPath  # the path
+    corrections: Corrections  # of the points under load
+    residual: FloatArray  # (k, 6) from the wanted to the loaded place under what is written [m, rad]
+    rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
+    changed: BoolArray  # (k,) whether a number is another one than before
+    place: FloatArray  # (m, 3) where the tool's centre is wanted, in R0 [m]
+    quantile: float  # half the width of intervals in standard uncertainties
+
+    def spread(self, sizes: FloatArray) -> Spread | None:
+        """Return median, 95 % quantile and greatest of sizes (k,)."""
+        if not len(sizes):
+            return None
+        median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
+        return Spread(median=median, p95=p95, greatest=greatest)
+
+    @cached_property
+    def _intervals(self) -> FloatArray:
+        """(2, k, 2) of the deflection, from the readings and with model error [m]; NaN where unknown."""
+        found = self.corrections
+        half = np.stack([self.quantile * found.uncertainty, found.model_error])
+        half = np.where(np.isfinite(half), half, np.nan)
+        half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
+        deflection = _size(found.uncorrected[:, :3])
+        return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
+
+    def worst(self) -> list[ProgramPoint]:
+        """Return the points with the greatest residuals, worst first."""
+        order = np.argsort(-_size(self.residual[:, :3]), kind="stable")[:MAX_WORST]
+        return [self._point(int(k)) for k in order]
+
+    def _point(self, k: int) -> ProgramPoint:
+        found, point = self.corrections, int(self.corrections.points[k])
+        target = self.path.program.targets[int(self.path.targets[point])]
+        u = float(found.uncertainty[k])
+        readings, with_error = (
+            (low, high) if np.isfinite(high) else None for low, high in self._intervals[:, k].tolist()
+        )
+        return ProgramPoint(
+            number=point + 1,
+            name=_printable(target.name),
+            line=target.line,
+            place=tuple(self.place[point].tolist()),
+            deflection=float(_size(found.uncorrected[k, :3])),
+            deflection_rotation=float(_size(found.uncorrected[k, 3:])),
+            correction=float(_size(found.correction[k, :3])),
+            correction_rotation=float(_size(found.correction[k, 3:])),
+            standard_uncertainty=u if np.isfinite(u) else None,
+            interval=readings,
+            interval_with_model_error=with_error,
+            residual=float(_size(self.residual[k, :3])),
+            residual_rotation=float(_size(self.residual[k, 3:])),
+            rounding=float(self.rounding[k]),
+            share=float(found.share[k]),
+            capped=bool(found.capped[k]),
+        )
+
+    def table(self) -> str:
+        """Return all points as CSV, in the order of the path."""
+        place, program = self.place, self.path.program
+        angles = np.degrees(self.path.cases.joints)
+        rows = np.full(len(self.path.targets), -1)
+        rows[self.corrections.points] = np.arange(len(self.corrections.points))
+        numbers, names = self._numbers(), [_cell(source.name) for source in program.sources]
+        lines = [",".join(map(_cell, _HEADER))]
+        for point, (index, row, where, reason) in enumerate(
+            zip(
+                self.path.targets.tolist(),
+                rows.tolist(),
+                np.hstack([place, angles]).tolist(),
+                self._reasons(),
+                strict=True,
+            )
+        ):
+            target = program.targets[index]
+            name = _cell(target.name) if target.name else ""
+            found = numbers[row] if row >= 0 else _NOTHING
+            head = f"{point + 1},{name},{names[target.source]},{target.line}"
+            lines.append(f"{head},{_WHERE % tuple(where)},{found},{reason}")
+        return "\n".join([*lines, ""])
+
+    def _numbers(self) -> list[str]:
+        found = self.corrections
+        deflection = _size(found.uncorrected[:, :3])
+        columns = np.column_stack(
+            [
+                _MM * found.uncorrected[:, :3],
+                _MM * deflection,
+                _MRAD * _size(found.uncorrected[:, 3:]),
+                _MM * found.correction[:, :3],
+                _MM * _size(found.correction[:, :3]),
+                _MRAD * _size(found.correction[:, 3:]),
+                _MM * found.uncertainty,
+                *(_MM * ends for interval in self._intervals for ends in interval.T),
+                _MM * self.residual[:, :3],
+                _MM * _size(self.residual[:, :3]),
+                _MRAD * _size(self.residual[:, 3:]),
+                _MM * self.rounding,
+                found.share,
+            ]
+        )
+        form = ",".join(["%.6g"] * columns.shape[1])
+        return [(form % tuple(row)).replace("nan", "") for row in columns.tolist()]
+
+    def _reasons(self) -> list[str]:
+        reasons = np.full(len(self.path.targets), "no load", dtype=object)
+        reasons[self.corrections.points] = ""
+        reasons[self.corrections.points[self.corrections.capped]] = "capped"
+        reasons[self.corrections.points[self.corrections.uncertain]] = "uncertain: left alone"
+        return list(reasons)
+
+
+_HEADER: Final = (
+    "point",
+    "name",
+    "file",
+    "line",
+    *(f"place {axis} [m]" for axis in "xyz"),
+    *(f"J{j} [deg]" for j in range(1, 7)),
+    *(f"deflection {axis} [mm]" for axis in "xyz"),
+    "deflection [mm]",
+    "deflection rotation [mrad]",
+    *(f"correction {axis} [mm]" for axis in "xyz"),
+    "correction [mm]",
+    "correction rotation [mrad]",
+    "deflection standard uncertainty [mm]",
+    "deflection low, readings [mm]",
+    "deflection high, readings [mm]",
+    "deflection low, with model error [mm]",
+    "deflection high, with model error [mm]",
+    *(f"residual {axis} [mm]" for axis in "xyz"),
+    "residual [mm]",
+    "residual rotation [mrad]",
+    "rounding [mm]",
+    "share [1]",
+    "remark",
+)
+_WHERE: Final = ",".join(["%.6f"] * 3 + ["%.4f"] * 6)
+_NOTHING: Final = "," * (len(_HEADER) - 15)
+
+
+def _size(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def _cell(text: str) -> str:
+    """Return a cell that no spreadsheet takes for a formula, in quotes where it needs them."""
+    text = str(guarded(text))
+    return '"' + text.replace('"', '""') + '"' if _SPECIAL & set(text) else text
+
+
+def _printable(text: str) -> str:
+    return "".join(character if character.isprintable() else "?" for character in text)

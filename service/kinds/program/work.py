@@ -1,0 +1,264 @@
+"""A compensated program: from a run's model, a program and its loads to the program with other numbers."""
+
+from __future__ import annotations
+
+import base64
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, ProgramRequest, ProgramResult
+from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.kinds.deflection.models import to_elastic_predictor, to_joint_model, to_own_weight
+from jointstiff.service.kinds.deflection.work import (
+    FIRST_ORDER,
+    model_of,
+    no_bound,
+    refuse_masses,
+    remarks_of,
+)
+from jointstiff.service.kinds.geometry.work import as_request_errors
+from jointstiff.service.kinds.program.path import ProgramPath, program_path
+from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
+from jointstiff.service.kinds.program.rewriting import cases_at, certified, rewritten
+from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
+from jointstiff.solver.deflection.forward import ElasticForward, ForwardModel, JointForward
+from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
+
+MAX_QUICK_POINTS: Final = 10_000
+"""Points of a program that is corrected at once; one that several moves use counts for each."""
+STEP_POINTS: Final = 2_000
+"""Points of a step of a longer one."""
+_MAX_REMARKS: Final = 50
+_CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
+"""Content of a file: in a text of JSON, quotes would have a backslash before them."""
+_MAX_UNPACKED: Final = 256 * 1024 * 1024
+
+
+class ProgramWork(SteppedWork[Corrections]):
+    """The work of a compensated program; the postures of its path are found when they are needed first."""
+
+    unit = "points"
+    activity = "compensating"
+
+    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
+        """Read the program.
+
+        Raises:
+            RequestError: the request contradicts itself, the run has no model, or the program is not
+            understood.
+        """
+        if request.accuracy_option == "compensates_load":
+            raise RequestError(
+                "the controller compensates the load itself, so that it would be compensated twice",
+                where="accuracy_option",
+                remedy="switch that option off, measure with it off, and state `off`",
+            )
+        self.robot_id, self._run, self._request = robot_id, run, request
+        options = request.model_dump_json(exclude={"run_id", "files"})
+        contents = [each.content or "" for each in request.files]
+        self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
+        self._stored = model_of(run)
+        with as_request_errors():
+            self._model, self._error = _forward_model(robot, run, self._stored, request)
+        files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
+        if request.loads is not None and len(files) == len(request.files):
+            raise RequestError(
+                "no such file was sent", where="loads", remedy="send the table of loads among the files"
+            )
+        self._program = read_program(files, request.format, request.leave_alone)
+
+    @cached_property
+    def _inverse(self) -> InverseKinematics:
+        with as_request_errors():
+            return InverseKinematics(self._model.robot)
+
+    @cached_property
+    def _path(self) -> ProgramPath:
+        named = [each for each in self._request.files if each.name == self._request.loads]
+        table = unpacked(named[0]) if named else None
+        return program_path(self._program, self._request, self._model.robot, self._inverse, table)
+
+    @cached_property
+    def _ramp(self) -> FloatArray:
+        length = LENGTH[self._request.units.length] * self._request.limits.ramp
+        return ramp_shares(self._model.robot, self._path.cases, length)
+
+    def steps(self) -> Sequence[Span]:
+        """Return the targets of a long program, cut into steps."""
+        visits = sum(len(move.targets) for move in self._program.moves)  # each is an inverse kinematics
+        points = max(len(self._program.targets), visits)
+        return () if points <= MAX_QUICK_POINTS else self._spans()
+
+    def _spans(self) -> tuple[Span, ...]:
+        count = len(self._program.targets)
+        return tuple((start, min(start + STEP_POINTS, count)) for start in range(0, count, STEP_POINTS))
+
+    def compute(self, span: Span) -> Corrections:
+        """Correct the points of a part of the path.
+
+        Raises:
+            RequestError: a load twists a joint of which nothing is known, or the path is not reached.
+            ProgramError: a load finds no stable balance.
+        """
+        path = self._path
+        points = np.flatnonzero(path.loaded[span[0] : span[1]]) + span[0]
+        if not len(points):
+            return _NONE
+        try:
+            cases = cases_at(path.cases, points)
+            found = compensate(self._model, cases, self._limits(), self._ramp[points])
+        except RequestError as error:
+            if error.where is None or not error.where.startswith("cases["):
+                raise
+            case = int(error.where.partition("[")[2].partition("]")[0])
+            raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
+        bound = None
+        if self._error is not None:
+            bound = self._error.bound_of(cases, found.leverage, self._request.confidence)
+        return Corrections.of(points, found, bound)
+
+    def encode(self, part: Corrections) -> str:
+        """Return corrections as text."""
+        return pack(asdict(part))
+
+    def decode(self, text: str) -> Corrections:
+        """Return the corrections that `encode` wrote."""
+        return Corrections(**unpack(text))
+
+    def conclude(self, parts: Sequence[Corrections]) -> ProgramResult:
+        """Write the program, and certify what was written.
+
+        Raises:
+            RequestError: as `compute` does.
+            ProgramError: a corrected target is not reached.
+        """
+        found = Corrections.joined(parts or [self.compute(span) for span in self._spans()])
+        path = self._path
+        written = rewritten(path, self._model.robot, found)
+        quantile = self._model.quantile(self._request.confidence)
+        points = certified(path, written, found, self._model, self._inverse, quantile)
+        names = [source.name for source in written.sources]
+        return self._result(
+            points, [packed(n, content) for n, content in zip(names, written.files, strict=True)]
+        )
+
+    def _limits(self) -> CorrectionLimits:
+        limits, units = self._request.limits, self._request.units
+        usual = CorrectionLimits()
+        return CorrectionLimits(
+            usual.displacement if limits.displacement is None else LENGTH[units.length] * limits.displacement,
+            usual.rotation if limits.rotation is None else ANGLE[units.angle] * limits.rotation,
+        )
+
+    def _result(self, points: WrittenPoints, files: list[ProgramFile]) -> ProgramResult:
+        found, program = points.corrections, self._program
+        left: dict[LeftAlone, int] = {
+            "no_load": int((~points.path.loaded).sum()),
+            "uncertain": int(found.uncertain.sum()),
+            "not_used": len(program.targets) - len(points.path.targets),
+        }
+        kind: ProgramFormat = program.format  # type: ignore[assignment]
+        deflection, correction, residual = (
+            points.spread(np.linalg.norm(vectors[:, :3], axis=1))
+            for vectors in (found.uncorrected, found.correction, points.residual)
+        )
+        return ProgramResult(
+            format=kind,
+            points=len(program.targets),
+            moves=len(program.moves),
+            corrected=int(points.changed.sum()),
+            capped=int(found.capped.sum()),
+            left_alone={reason: count for reason, count in left.items() if count},
+            deflection=deflection,
+            correction=correction,
+            residual=residual,
+            rounding=points.spread(points.rounding),
+            confidence=self._request.confidence,
+            worst=points.worst(),
+            remarks=self._remarks(found),
+            files=files,
+            table=packed("points.csv", points.table().encode()),
+        )
+
+    def _remarks(self, found: Corrections) -> list[str]:
+        left = [f"line {remark.line}: {remark.text}" for remark in self._program.left_alone]
+        more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
+        elastic, weighed = isinstance(self._model, ElasticForward), bool(self._request.masses)
+        model = [FIRST_ORDER] if elastic else remarks_of(self._run, weighed=weighed)
+        bound = no_bound(self._error, self._stored.no_error, self._request.confidence)
+        beyond = int((found.extrapolation > 1.0).sum())
+        if beyond:
+            bound.append(
+                f"{beyond} points are beyond the loads or postures of the campaign: they extrapolate"
+            )
+        return [*model, *bound, *left[:_MAX_REMARKS], *more]
+
+
+def _forward_model(
+    robot: Robot, run: Run, stored: IdentifiedModel, request: ProgramRequest
+) -> tuple[ForwardModel, ModelError | None]:
+    """Return the model of a run that predicts the loaded robot, and its error.
+
+    Raises:
+        RequestError: masses are given where links bend, or they do not fit the robot.
+    """
+    if stored.elastic is None:
+        joints, error = to_joint_model(robot, stored)
+        return JointForward(joints, to_own_weight(request, robot)), error
+    refuse_masses(run, request.masses)
+    elastic, error = to_elastic_predictor(robot, stored, stored.elastic)
+    return ElasticForward(elastic), error
+
+
+def without_contents(document: str) -> str:
+    """Return a stored document without the contents of its files, which have addresses of their own."""
+    return _CONTENT.sub('"content":null', document)
+
+
+def packed(name: str, content: bytes) -> ProgramFile:
+    """Return a file as it is stored: compressed, as text."""
+    text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
+    return ProgramFile(name=name, bytes=len(content), content=text)
+
+
+def unpacked(file: ProgramFile) -> bytes:
+    """Return the bytes of a stored file.
+
+    Raises:
+        RequestError: it has none.
+    """
+    if file.content is None:
+        raise RequestError("the file has no content", where="files", remedy="send the file itself")
+    return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
+
+
+_EMPTY: Final = np.zeros(0)
+_NONE: Final = Corrections(
+    points=np.zeros(0, dtype=np.intp),
+    commanded=np.zeros((0, 6)),
+    correction=np.zeros((0, 6)),
+    residual=np.zeros((0, 6)),
+    uncorrected=np.zeros((0, 6)),
+    uncertainty=_EMPTY,
+    model_error=_EMPTY,
+    extrapolation=_EMPTY,
+    share=_EMPTY,
+    uncertain=np.zeros(0, dtype=np.bool_),
+    capped=np.zeros(0, dtype=np.bool_),
+)

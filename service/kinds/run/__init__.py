@@ -1,0 +1,1 @@
+"""Identification of joint stiffnesses from one measurement set."""

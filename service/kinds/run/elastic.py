@@ -1,0 +1,233 @@
+"""Elastic links as work: cross-validation cut into steps of a few seconds, and what it comes to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunResult
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.kinds.deflection.models import to_elastic_model
+from jointstiff.service.kinds.run.links import (
+    to_elastic_columns,
+    to_links_result,
+    to_losses,
+    to_plan,
+    to_selection,
+)
+from jointstiff.service.kinds.run.results import to_result
+from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
+from jointstiff.solver.deflection.elastic import ElasticPredictor, folds_left_out
+from jointstiff.solver.deflection.model_error import ModelError
+from jointstiff.solver.errors import JointstiffError, UnsupportedMethodError
+from jointstiff.solver.fitting.robust import DEFAULT_THRESHOLD
+from jointstiff.solver.identification import identify
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.links.cross_validation import FoldFit, Folds, fit_fold
+from jointstiff.solver.links.estimate import ElasticEstimate
+from jointstiff.solver.links.estimation import (
+    effective_compliances,
+    effective_intervals,
+    first_certified,
+    refuse_unsupported_elastic,
+)
+from jointstiff.solver.links.joints import with_links
+from jointstiff.solver.links.losses import compared_losses
+from jointstiff.solver.links.model import MODELS, ElasticModel
+from jointstiff.solver.links.penalty import judge_losses, judge_penalty
+from jointstiff.solver.links.selection import HeldOut, Selection, select_model
+
+_WEIGHTS_A_STEP: Final = 3
+"""For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
+
+JointRun = Callable[[RunOptions], RunResult]
+"""Identifies the prepared set by joints alone."""
+
+_OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
+"""Reasons that remain where links do not explain what joints alone did not."""
+
+
+class ElasticWork(SteppedWork[list[FoldFit]]):
+    """The work of a run beyond joints: each unit is a weight of the penalty in a fold, for all models.
+
+    A penalty that is given leaves one weight, which is quick: such work takes no steps.
+    """
+
+    unit = "penalties"
+    activity = "cross-validating"
+
+    def __init__(
+        self, prepared: PreparedSet, options: RunOptions, input_hash: str, by_joints: JointRun
+    ) -> None:
+        """Check what is asked for.
+
+        Args:
+            prepared: the readings.
+            options: how to identify.
+            input_hash: of both.
+            by_joints: identifies by joints alone, for elasticity `automatic`.
+
+        Raises:
+            RequestError: the readings cannot support it, or something about a joint that is not there.
+        """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
+        self._prepared, self._options, self._by_joints = prepared, options, by_joints
+        self._settings = to_settings(options, prepared.robot)
+        refuse_unsupported_elastic(prepared.measurements, self._settings)
+        if options.resampling is not None:
+            raise UnsupportedMethodError(
+                "resampling supports only elasticity joints",
+                where="resampling",
+                remedy="omit `resampling`; the cross-validation shows the dispersion",
+            )
+        self._columns = to_elastic_columns(options, prepared.robot)
+        self._plan = to_plan(options)
+        self._losses = compared_losses(prepared.measurements, to_losses(options))
+        self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
+
+    def steps(self) -> tuple[Span, ...]:
+        """Return the weights of one fold after the other; none where the penalty is given."""
+        if self._options.link_penalty is not None:
+            return ()
+        count = len(self._plan.weights)
+        return tuple(
+            (fold * count + start, fold * count + min(start + _WEIGHTS_A_STEP, count))
+            for fold in range(self._fold_count)
+            for start in range(0, count, _WEIGHTS_A_STEP)
+        )
+
+    def compute(self, span: Span) -> list[FoldFit]:
+        """Fit all models for some of the weights of a fold.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        fold, start = divmod(span[0], len(self._plan.weights))
+        weights = self._plan.weights[start : start + span[1] - span[0]]
+        return [fit_fold(self._folds, model, fold, weights) for model in self._models]
+
+    def encode(self, part: list[FoldFit]) -> str:
+        """Return fits as text."""
+        return pack(
+            {
+                "fold_compliances": np.array([fit.compliances for fit in part]),
+                "error": np.array([fit.error for fit in part]),
+            }
+        )
+
+    def decode(self, text: str) -> list[FoldFit]:
+        """Return the fits that `encode` wrote."""
+        arrays = unpack(text)
+        pairs = zip(arrays["fold_compliances"], arrays["error"], strict=True)
+        return [FoldFit(compliances, error) for compliances, error in pairs]
+
+    def conclude(self, parts: Sequence[list[FoldFit]]) -> RunResult:
+        """Choose the penalty, fit the whole set, and report.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does, or an optimum is not certified.
+        """
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        spans = self.steps()
+        if not spans:
+            count = len(self._plan.weights)
+            spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
+            parts = [self.compute(span) for span in spans]
+        fits = {
+            model.key: self._by_fold(spans, [part[number] for part in parts])
+            for number, model in enumerate(self._models)
+        }
+        asked = None if self._options.elasticity == "automatic" else self._options.elasticity
+        selection = select_model(robot, measurements, self._folds, fits, self._plan, asked)
+        chosen = selection.of(asked or selection.simplest)
+        if chosen.model != "joints":
+            return self._result(selection, chosen, fits[chosen.model, chosen.loss])
+        chosen = selection.of("joints", ("squared", "huber"))
+        options = self._options.model_copy(
+            update={"elasticity": "joints", "loss": chosen.loss, "links": [], "link_penalty": None}
+        )
+        return self._by_joints(options).model_copy(update={"selection": to_selection(selection, chosen)})
+
+    @property
+    def _models(self) -> list[ElasticModel]:
+        threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
+        return [
+            ElasticModel(name, self._columns, loss, threshold) for name in MODELS for loss in self._losses
+        ]
+
+    @cached_property
+    def _joints(self) -> Estimate:
+        """Return the estimate of the joint model."""
+        return identify(self._prepared.robot, self._prepared.measurements, self._settings)
+
+    @cached_property
+    def _folds(self) -> Folds:
+        prepared = self._prepared
+        visible = ~self._joints.observability.null
+        return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._plan)
+
+    def _by_fold(self, spans: Sequence[Span], fits: Sequence[FoldFit]) -> list[FoldFit]:
+        """The steps of one model, put together fold by fold."""
+        count = len(self._plan.weights)
+        of_fold: list[list[FoldFit]] = [[] for _ in range(self._fold_count)]
+        for (start, _), fit in zip(spans, fits, strict=True):
+            of_fold[start // count].append(fit)
+        return [
+            FoldFit(
+                np.concatenate([fit.compliances for fit in steps]),
+                np.concatenate([fit.error for fit in steps]),
+            )
+            for steps in of_fold
+        ]
+
+    def _result(self, selection: Selection, chosen: HeldOut, fits: Sequence[FoldFit]) -> RunResult:
+        prepared, options, grid = self._prepared, self._options, self._plan.weights
+        robot, weight = prepared.robot, chosen.penalty or grid[0]
+        model = next(model for model in self._models if model.key == (chosen.model, chosen.loss))
+        elastic = first_certified(
+            robot, prepared.measurements, self._folds, model, grid[grid.index(weight) :]
+        )
+        intervals = effective_intervals(robot, elastic, self._settings.confidence)
+        if intervals is not None and options.link_penalty is not None:
+            intervals = intervals.without_ends()
+        estimate = with_links(self._joints, elastic, effective_compliances(robot, elastic), intervals)
+        findings = judge(estimate, elastic.prediction)
+        if options.link_penalty is None:
+            findings += judge_penalty(weight, elastic.penalty, grid)
+            findings += () if options.loss else judge_losses(int(prepared.measurements.present.sum()))
+        # No advice: what a further reading would bring is known for a model of joints alone.
+        assessment = prepared.assess(self._settings, estimate, elastic.prediction)
+        outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
+        warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
+        warnings += to_warnings(findings, prepared.readings)
+        result = to_result(
+            estimate, elastic.prediction, assessment, prepared.measurements, prepared.readings, warnings, ()
+        )
+        links = to_links_result(elastic, robot.joint_names, options, self._losses)
+        place = grid.index(weight)
+        held_out = [FoldFit(fit.compliances[[place]], fit.error[[place]]) for fit in fits]
+        return result.model_copy(
+            update={
+                "links": links,
+                "selection": to_selection(selection, chosen),
+                "model": self._model(elastic, held_out),
+            }
+        )
+
+    def _model(self, elastic: ElasticEstimate, held_out: list[FoldFit]) -> IdentifiedModel:
+        robot, measurements = self._prepared.robot, self._prepared.measurements
+        predictor = ElasticPredictor.of(robot, elastic)
+        error: ModelError | JointstiffError
+        try:
+            error = folds_left_out(robot, measurements, self._folds, held_out, predictor)
+        except JointstiffError as none:  # the run stands without it, and predictions say why
+            error = none
+        return to_elastic_model(predictor, error)

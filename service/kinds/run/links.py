@@ -1,0 +1,75 @@
+"""Elastic links: from the request to the numerical core, and from its findings to messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jointstiff.schemas.run import links as messages
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.service.conversion.message import message
+from jointstiff.service.kinds.run.settings import joint_index
+from jointstiff.solver.links.cross_validation import WEIGHTS, Plan
+from jointstiff.solver.links.estimate import ElasticEstimate
+from jointstiff.solver.links.model import LOSSES, Loss
+from jointstiff.solver.links.regressor import ElasticColumns
+from jointstiff.solver.links.selection import HeldOut, Selection
+from jointstiff.solver.robot.model import Robot
+
+
+def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
+    """Return the links that may bend.
+
+    Raises:
+        RequestError: the robot has no such joint.
+        UnsupportedMethodError: the robot has too many joints.
+    """
+    chosen = {joint_index(robot, name, "links") for name in options.links or robot.joint_names}
+    return ElasticColumns(robot.n, tuple(sorted(chosen)))
+
+
+def to_plan(options: RunOptions) -> Plan:
+    """Return how to cross-validate; a weight that is given is the only one."""
+    asked = options.cross_validation
+    weights = WEIGHTS if options.link_penalty is None else (options.link_penalty,)
+    return Plan(folds=asked.folds, seed=asked.seed, weights=weights, rule=asked.rule)
+
+
+def to_losses(options: RunOptions) -> tuple[Loss, ...]:
+    """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
+    if options.loss is not None:
+        return (options.loss,)
+    return LOSSES if options.link_penalty is None else ("squared",)
+
+
+def to_links_result(
+    elastic: ElasticEstimate, joint_names: Sequence[str], options: RunOptions, losses: Sequence[Loss]
+) -> messages.LinksResult:
+    """Return the links, with what each element explains."""
+    return message(
+        messages.LinksResult,
+        elastic,
+        model=elastic.model.name,
+        model_source="cross_validation" if options.elasticity == "automatic" else "given",
+        loss=elastic.model.loss,
+        loss_source="cross_validation" if len(losses) > 1 else "given",
+        penalty_source="cross_validation" if options.link_penalty is None else "given",
+        links=[
+            message(messages.LinkCompliance, link, joint=joint_names[link.joint]) for link in elastic.links
+        ],
+        elements=[
+            message(
+                messages.ElementShare,
+                element,
+                joint=None if element.joint is None else joint_names[element.joint],
+            )
+            for element in elastic.elements
+        ],
+    )
+
+
+def to_selection(selection: Selection, chosen: HeldOut) -> messages.ModelSelection:
+    """Return models and losses side by side."""
+    losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
+    return message(
+        messages.ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
+    )

@@ -1,0 +1,199 @@
+"""A run: one identification of a prepared measurement set, with its resampling or its elastic links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jointstiff.schemas.run.budget import Budget
+from jointstiff.schemas.run.model import IdentifiedModel
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
+from jointstiff.service.conversion.measurements import to_warnings
+from jointstiff.service.conversion.prepared import PreparedSet
+from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.deflection.models import to_identified_model
+from jointstiff.service.kinds.run.budgets import to_budget
+from jointstiff.service.kinds.run.elastic import ElasticWork
+from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
+from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
+from jointstiff.service.kinds.run.settings import to_settings
+from jointstiff.service.kinds.work import Span, SteppedWork
+from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.model_error import ModelError, leave_postures_out
+from jointstiff.solver.design.advice import advise
+from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.fitting.settings import Settings
+from jointstiff.solver.identification import identify, refuse_unsupported
+from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.encoder_prediction import predict_encoders
+from jointstiff.solver.inference.estimate import Estimate
+from jointstiff.solver.inference.plausibility import judge
+from jointstiff.solver.inference.prediction import predict
+from jointstiff.solver.resampling.draws import Resamples
+from jointstiff.solver.resampling.summary import summarise
+
+
+class RunWork(SteppedWork[Resamples]):
+    """The work of a run of joints alone: its draws, of which a quick run has none."""
+
+    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
+        """Check what is asked for.
+
+        Raises:
+            RequestError: the readings cannot support it, or draws that cannot be made.
+        """
+        self.robot_id, self.input_hash = prepared.robot_id, input_hash
+        self._prepared, self._options = prepared, options
+        self._draws: ResamplingWork | None = None
+        if options.resampling is not None:
+            refuse_unsupported(prepared.robot, prepared.measurements, to_settings(options, prepared.robot))
+            self._draws = ResamplingWork(prepared, options, options.resampling)
+
+    def steps(self) -> Sequence[Span]:
+        """Return the draws, cut into steps."""
+        return () if self._draws is None else self._draws.steps()
+
+    def compute(self, span: Span) -> Resamples:
+        """Fit some of the draws.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        if self._draws is None:
+            raise ValueError("this run takes no steps")
+        return self._draws.compute(span)
+
+    def encode(self, part: Resamples) -> str:
+        """Return draws as text."""
+        return encode(part)
+
+    def decode(self, text: str) -> Resamples:
+        """Return the draws that `encode` wrote."""
+        return decode(text)
+
+    def conclude(self, parts: Sequence[Resamples]) -> RunResult:
+        """Identify from the whole set, with the statistics of the draws and the model that predicts.
+
+        Raises:
+            JointstiffError: as `run_identification` does.
+        """
+        settings, estimate = _identified(self._prepared, self._options)
+        result = _reported(self._prepared, self._options, settings, estimate, parts)
+        return result.model_copy(update=_beyond_the_fit(self._prepared, settings, estimate))
+
+
+def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWork:
+    """Return the work of a run.
+
+    Raises:
+        RequestError: the readings cannot support what is asked for.
+    """
+    input_hash = run_hash(prepared, request)
+    if request.elasticity == "joints":
+        return RunWork(prepared, request, input_hash)
+
+    def by_joints(options: RunOptions) -> RunResult:
+        return RunWork(prepared, options, input_hash).conclude(())
+
+    return ElasticWork(prepared, request, input_hash, by_joints)
+
+
+def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
+    """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
+    options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
+    return hash_of(prepared.content, options)
+
+
+def run_identification(
+    prepared: PreparedSet,
+    options: RunOptions,
+    parts: Sequence[Resamples] = (),
+) -> RunResult:
+    """Identify, predict, and report, without the model that predicts, which takes a refit a posture.
+
+    Args:
+        prepared: the readings.
+        options: how to identify.
+        parts: the fits of the draws, in order, if it resamples.
+
+    Raises:
+        RequestError: the options do not fit the robot or the set.
+        UnsupportedMethodError: the readings cannot support the method.
+        NotObservableError: the readings determine no joint.
+        SolverError: optimality could not be certified.
+    """
+    return _reported(prepared, options, *_identified(prepared, options), parts)
+
+
+def _identified(prepared: PreparedSet, options: RunOptions) -> tuple[Settings, Estimate]:
+    settings = to_settings(options, prepared.robot)
+    return settings, identify(prepared.robot, prepared.measurements, settings)
+
+
+def _reported(
+    prepared: PreparedSet,
+    options: RunOptions,
+    settings: Settings,
+    estimate: Estimate,
+    parts: Sequence[Resamples],
+) -> RunResult:
+    prediction = predict(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+        estimated=estimate.estimated,
+    )
+    warnings = prepared.warnings + to_warnings(judge(estimate, prediction), prepared.readings)
+    advice = advise(prepared.robot, prepared.measurements, estimate)
+    assessment = prepared.assess(settings, estimate, prediction)
+    prediction = assessment.supported(prediction)
+    result = to_result(
+        estimate,
+        prediction,
+        assessment,
+        prepared.measurements,
+        prepared.readings,
+        warnings,
+        advice,
+        UncertaintyBudget.of(estimate, settings.confidence),
+    )
+    result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
+    if options.resampling is None or not parts:
+        return result
+    summary = summarise(Resamples.concatenate(parts), confidence=options.confidence)
+    repetitions = options.resampling.repetitions
+    resampling = to_resampling_result(summary, result.joints, repetitions)
+    return result.model_copy(update={"resampling": resampling})
+
+
+def _beyond_the_fit(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> dict[str, IdentifiedModel | Budget | None]:
+    """Return what it takes refits without each posture for: the model that predicts, and the budget."""
+    model = JointModel.of(prepared.robot, estimate, settings.constraints)
+    error: ModelError | JointstiffError
+    try:
+        error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
+    except JointstiffError as none:  # the run stands without it, and predictions say why
+        error = none
+    left_out = error.left_out if isinstance(error, ModelError) else None
+    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out)
+    names = prepared.robot.joint_names
+    return {"model": to_identified_model(model, error), "budget": to_budget(budget, names)}
+
+
+def _encoder_residuals(
+    prepared: PreparedSet, settings: Settings, estimate: Estimate
+) -> list[EncoderResidual]:
+    encoders = prepared.measurements.encoders
+    if encoders is None:
+        return []
+    predicted = predict_encoders(
+        prepared.robot,
+        prepared.measurements,
+        estimate.compliance,
+        complementary_stiffness=settings.complementary_stiffness,
+    )
+    labels = prepared.readings.labels.tolist()
+    return to_encoder_residuals(encoders, predicted, labels, prepared.robot.joint_names)

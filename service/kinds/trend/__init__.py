@@ -1,0 +1,1 @@
+"""Stiffness over time."""

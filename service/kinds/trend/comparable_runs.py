@@ -1,0 +1,160 @@
+"""Runs that may stand in one trend: read from the store's documents, and sorted out with reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from jointstiff.schemas import trend as messages
+from jointstiff.schemas.run.options import Method, Weighting
+from jointstiff.service.kinds.trend.work import Campaign, JointNumbers
+from jointstiff.service.store.records import JobEntry, MeasurementSetEntry
+
+
+class _Part(BaseModel):
+    """Part of a stored document; the rest of it is not looked at, whatever version wrote it."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class _Reason(_Part):
+    message: str
+
+
+class _Verdict(_Part):
+    verdict: str
+    reasons: list[_Reason]
+
+
+class _Numbers(_Part):
+    joints: list[JointNumbers]
+    assessment: _Verdict | None = None
+
+
+class _Options(_Part):
+    method: Method
+    weighting: Weighting
+    positive: bool
+    elasticity: str = "joints"
+    complementary_stiffness: Literal["neglected", "included"] = "neglected"
+    priors: dict[str, object] = {}
+    stiffness_bounds: dict[str, object] = {}
+    stiffness_order: list[object] = []
+
+
+class ReadRun(_Part):
+    """Part of a run that a trend reads."""
+
+    request: _Options
+    result: _Numbers
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A run, and the set that it identified."""
+
+    entry: JobEntry
+    run: ReadRun
+    measured: MeasurementSetEntry
+
+    @property
+    def at(self) -> datetime:
+        """Time of the measurement; where the set does not say, when it was stored."""
+        return self.measured.measured_at or self.measured.created_at
+
+    @property
+    def selection(self) -> messages.TrendSelection:
+        """Common ground that it must share with the others of a trend."""
+        asked = self.run.request
+        return messages.TrendSelection(
+            serial_number=self.measured.serial_number,
+            method=asked.method,
+            weighting=asked.weighting,
+            positive=asked.positive,
+            encoders="secondary" if self.measured.encoders == "secondary" else "motor",
+            complementary_stiffness=asked.complementary_stiffness,
+        )
+
+
+def selection_of(
+    runs: Iterable[Sequence[Candidate]], query: messages.TrendQuery
+) -> messages.TrendSelection | None:
+    """Return what was asked for, completed by the newest campaign that has it."""
+    asked = query.model_dump(exclude_none=True)
+    fitting = [
+        one
+        for candidates in runs
+        for one in candidates
+        if _unfit(one) is None and asked.items() <= one.selection.model_dump().items()
+    ]
+    newest = max(fitting, key=lambda one: (one.at, one.entry.created_at), default=None)
+    return None if newest is None else newest.selection
+
+
+def _unfit(candidate: Candidate) -> str | None:
+    """Return why a run enters no trend at all; None if it may."""
+    asked, result = candidate.run.request, candidate.run.result
+    verdict = result.assessment
+    if verdict is not None and verdict.verdict == "do_not_use":
+        why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
+        return f"its assessment is: do not use{why}"
+    if asked.elasticity != "joints":
+        return "its links or coupling are elastic, so that its joints' numbers are effective ones"
+    for name, stated in (
+        ("priors", asked.priors),
+        ("bounds of the stiffness", asked.stiffness_bounds),
+        ("an order of the joints", asked.stiffness_order),
+    ):
+        if stated:
+            return f"it was identified with {name}, which draw the numbers together"
+    return None
+
+
+def sorted_out(
+    sets: Sequence[MeasurementSetEntry],
+    runs: Mapping[str, Sequence[Candidate]],
+    selection: messages.TrendSelection | None,
+) -> tuple[list[Campaign], list[messages.LeftOut]]:
+    """Return the campaigns of a trend, oldest first, and why others are none."""
+    entering, left_out = [], []
+    for one in sets:
+        candidates = runs.get(one.id, ())
+        fitting = [c for c in candidates if _difference(c, selection) is None]
+        if fitting:
+            entering.append(fitting[0])
+        else:
+            reason = _difference(candidates[0], selection) if candidates else "it has no run with numbers"
+            left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
+    entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
+    return [_campaign(candidate) for candidate in entering], left_out
+
+
+def _difference(candidate: Candidate, selection: messages.TrendSelection | None) -> str | None:
+    """Return why a run is not comparable; None if it is."""
+    if (unfit := _unfit(candidate)) is not None or selection is None:
+        return unfit or "no run was found that fits the query"
+    mine, wanted = candidate.selection.model_dump(), selection.model_dump()
+    differing = [name for name in wanted if mine[name] != wanted[name]]
+    return ", ".join(f"{name.replace('_', ' ')}: {_shown(mine[name])}" for name in differing) or None
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "not stated"
+    return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
+
+
+def _campaign(candidate: Candidate) -> Campaign:
+    measured = candidate.measured
+    return Campaign(
+        run_id=candidate.entry.id,
+        set_id=measured.id,
+        name=measured.name,
+        at=candidate.at,
+        time_source="created_at" if measured.measured_at is None else "measured_at",
+        joints={joint.name: joint for joint in candidate.run.result.joints},
+    )

@@ -1,0 +1,233 @@
+"""Assessments in the results and listings of all kinds of jobs, and as the first line of reports."""
+
+from __future__ import annotations
+
+import io
+import json
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from rich.console import Console
+from support.shared_data import shared
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.comparison import ComparisonOptions
+from jointstiff.schemas.geometry.message import GeometryRequest
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.pair import PairOptions
+from jointstiff.schemas.query import RunQuery
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import RunRequest
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.kinds.comparison.tables import comparison_report
+from jointstiff.service.kinds.geometry.tables import geometry_report
+from jointstiff.service.kinds.pair.tables import pair_report
+from jointstiff.service.kinds.run.tables import run_report
+from jointstiff.service.library import campaigns
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
+from jointstiff.solver.links.cross_validation import WEIGHTS
+
+INCLUDED = RunOptions(complementary_stiffness="included")
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Pulls of 1500 N that show every joint, read as deflections."""
+    document = simulate_campaign(default_arm(), load="pull", seed=3)
+    readings = document["measurement_set"]
+    readings["flange_targets"] = {name: np.array(place).tolist() for name, place in TARGETS.items()}
+    for observation in readings["observations"]:
+        for reading in observation["readings"]:
+            moved = np.array(reading.pop("loaded")) - np.array(reading.pop("unloaded"))
+            reading["deflection"] = moved.tolist()
+    return document
+
+
+@pytest.fixture(scope="module")
+def exchanged(clean):
+    """The same with the columns of two joints exchanged."""
+    document = deepcopy(clean)
+    for observation in document["measurement_set"]["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+    return document
+
+
+def of(document):
+    return Campaign.model_validate_json(json.dumps(document))
+
+
+def first_line(report):
+    console = Console(file=io.StringIO(), width=120)
+    console.print(report)
+    return console.file.getvalue().splitlines()[0]
+
+
+def test_a_clean_run_is_for_use(clean):
+    run = campaigns.identify(of(clean), INCLUDED)
+    assert run.result.assessment.verdict == "use"
+    assert run.result.assessment.reasons == []
+    assert {joint.verdict for joint in run.result.joints} == {"use"}
+    assert first_line(run_report(run)) == "Use: nothing speaks against these numbers"
+
+
+def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):
+    run = campaigns.identify(of(exchanged), INCLUDED)
+    assessment = run.result.assessment
+    assert assessment.verdict == "do_not_use"
+    (reason,) = [each for each in assessment.reasons if each.code == "alternative_explains_better"]
+    names = [joint.name for joint in run.result.joints]
+    assert (reason.action.kind, reason.action.joints) == ("exchange_columns", names[1:3])
+    assert reason.weight == "do_not_use"
+    assert {joint.verdict for joint in run.result.joints} == {"do_not_use"}
+    assert first_line(run_report(run)).startswith("Do not use: ")
+
+
+def test_places_are_labels_of_the_set(clean):
+    document = deepcopy(clean)
+    document["measurement_set"].pop("noise", None)
+    bumped = document["measurement_set"]["observations"][5]
+    bumped["readings"][1]["deflection"][1] += 1e-3
+    run = campaigns.identify(of(document), INCLUDED)
+    (reason,) = [each for each in run.result.assessment.reasons if each.code == "suspicious_readings"]
+    assert run.result.assessment.verdict == "use_with_care"
+    assert reason.where == f"observations[5] '{bumped['label']}'"
+    assert reason.action.observations == [bumped["label"]]
+    assert bumped["label"] in {warning.observation for warning in run.result.warnings}
+
+
+def test_the_target_of_an_action_is_its_name(clean):
+    document = deepcopy(clean)
+    document["measurement_set"]["load_point"] = list(TARGETS["P11"])
+    for observation in document["measurement_set"]["observations"]:
+        observation.pop("load_point", None)
+    run = campaigns.identify(of(document), INCLUDED)
+    targets = {each.action.target for each in run.result.assessment.reasons if each.code == "load_at_target"}
+    assert targets == {"P11"}
+
+
+def test_elastic_runs_are_assessed(exchanged):
+    options = RunOptions(elasticity="coupled_joints", link_penalty=1e-2)
+    result = campaigns.identify(of(exchanged), options).result
+    assert result.assessment.verdict == "do_not_use"
+    assert {joint.verdict for joint in result.joints} == {"do_not_use"}
+
+
+@pytest.mark.parametrize("elasticity", ["joints", "joints_and_links"])
+def test_bending_links_are_no_suspicious_readings(elasticity):
+    options = RunOptions(elasticity=elasticity, link_penalty=None if elasticity == "joints" else 1e-3)
+    result = campaigns.identify(of(shared("simulated/flexible_links_20")), options).result
+    codes = {reason.code for reason in result.assessment.reasons}
+    assert "suspicious_readings" not in codes
+    if elasticity == "joints":
+        assert result.assessment.verdict == "do_not_use"
+        assert "deflection_unexplained" in codes
+    else:
+        assert result.assessment.verdict == "use_with_care"
+        assert codes == {"links_bend_with_joints"}
+
+
+def test_a_run_that_identifies_no_joint_explains_nothing(clean):
+    document = deepcopy(clean)
+    readings = document["measurement_set"]
+    readings["observations"] = readings["observations"][:1]
+    del readings["observations"][0]["readings"][1:]
+    result = campaigns.identify(of(document), INCLUDED).result
+    assert {joint.status for joint in result.joints} == {"not_observable"}
+    assert result.assessment.verdict == "do_not_use"
+    assert {"no_joint_identified", "no_residual_freedom", "few_postures"} == {
+        r.code for r in result.assessment.reasons
+    }
+    assert (result.compensation, result.contributions) == (None, [])
+    assert result.goodness.degrees_of_freedom == 0.0
+
+
+def test_a_rigid_flange_seen_once_contradicts_no_six_joints(clean):
+    """Nine coordinates of three targets are six of a flange: what is left is the targets' own noise."""
+    document = deepcopy(clean)
+    document["measurement_set"].pop("noise")
+    del document["measurement_set"]["observations"][1:]
+    result = campaigns.identify(of(document), INCLUDED).result
+    assert result.assessment.verdict == "do_not_use"
+    assert result.compensation is None
+
+
+def test_a_sigma_of_zero_says_what_to_do(clean):
+    document = deepcopy(clean)
+    document["measurement_set"]["noise"] = {"sigma": 0}
+    with pytest.raises(ValidationError, match="omit `noise` to estimate sigma from the residuals"):
+        of(document)
+
+
+def test_a_penalty_at_the_end_of_what_was_tried_is_noted(clean):
+    document = deepcopy(clean)
+    del document["measurement_set"]["observations"][12:]
+    result = campaigns.identify(of(document), RunOptions(elasticity="coupled_joints")).result
+    noted = {warning.code for warning in result.warnings}
+    assert result.links.penalty in {min(WEIGHTS), max(WEIGHTS)}
+    assert "link_penalty_at_end" in noted
+
+
+def test_a_comparison_has_the_worst_verdict_of_its_fits(clean, exchanged):
+    for document, verdict in ((clean, "use"), (exchanged, "do_not_use")):
+        comparison = campaigns.compare(of(document), ComparisonOptions())
+        verdicts = [entry.assessment.verdict for entry in comparison.result.entries]
+        assert comparison.result.assessment.verdict == max(
+            verdicts, key=["use", "use_with_care", "do_not_use"].index
+        )
+        assert (verdict == "do_not_use") == (comparison.result.assessment.verdict == "do_not_use")
+        places = [(each.code, each.where) for each in comparison.result.assessment.reasons]
+        assert len(places) == len(set(places))
+    assert first_line(comparison_report(comparison)).startswith("Do not use: ")
+
+
+def test_a_comparison_without_a_fit_is_not_for_use(clean):
+    document = deepcopy(clean)
+    for observation in document["measurement_set"]["observations"]:
+        del observation["readings"][1:]
+    methods = [{"method": "complete_pose"}, {"method": "decoupled_partial_pose"}]
+    comparison = campaigns.compare(of(document), ComparisonOptions.model_validate({"methods": methods}))
+    assert {entry.assessment for entry in comparison.result.entries} == {None}
+    assert comparison.result.assessment.verdict == "do_not_use"
+    assert comparison.result.summary.joints_identified == 0
+
+
+def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
+    pair = campaigns.pair(of(clean), of(exchanged), PairOptions(options=INCLUDED))
+    result = pair.result
+    assert result.assessment.verdict == "do_not_use"
+    assert {reason.where.split(".")[0] for reason in result.assessment.reasons} == {"second"}
+    assert {joint.first.verdict for joint in result.joints} == {"use"}
+    assert {joint.second.verdict for joint in result.joints} == {"do_not_use"}
+    assert result.summary.compensation == result.compensation_second < result.compensation_first
+    assert first_line(pair_report(pair)).startswith("Do not use: ")
+
+
+def test_a_geometry_is_assessed_by_its_findings():
+    document = shared("simulated/sweeps") | {"name": "simulated"}
+    request = GeometryRequest.model_validate_json(json.dumps(document))
+    geometry = campaigns.find_geometry(request)
+    worst = {finding.severity for finding in geometry.result.findings} - {"note"}
+    assert (geometry.result.assessment.verdict == "use") == (not worst)
+    assert len(geometry.result.assessment.reasons) == geometry.result.summary.warning_count
+    assert first_line(geometry_report(geometry)).startswith("Use")
+
+
+def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):
+    with Store.open("sqlite://") as store:
+        parts = Parts.of(store)
+        robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(exchanged["robot"])), None)
+        posted = exchanged["measurement_set"] | {"robot_id": robot.id}
+        readings = parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(posted)), None)
+        run = parts.jobs["run"].create(RunRequest(measurement_set_id=readings.id), None)
+        result = parts.jobs["run"].current(run.id).result
+        (listed,) = parts.jobs["run"].page(RunQuery()).items
+    assert listed.verdict == "do_not_use"
+    assert listed.compensation == result.compensation
+    assert listed.joints_identified == sum(joint.status == "identified" for joint in result.joints)
+    assert listed.joint_count == 6
+    assert listed.warning_count == len(result.warnings)

@@ -1,0 +1,313 @@
+"""Elastic links as a user asks for them: as a run, as a durable job, on the command line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from support.programs import path, request, tool_poses
+from typer.testing import CliRunner
+
+from jointstiff.schemas.deflection import DeflectionOptions
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
+from jointstiff.schemas.pair import PairRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run.options import RunOptions
+from jointstiff.schemas.run.run import Run, RunRequest
+from jointstiff.service.cli.app import app
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.kinds.deflection.models import to_joint_model
+from jointstiff.service.kinds.deflection.work import predict_by_run
+from jointstiff.service.kinds.execution import carry_out, new_job
+from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.run.work import run_work
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.simulator.programs import program_text
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+
+OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3}
+
+
+@pytest.fixture(scope="module")
+def document():
+    return elastic_campaign(beam_arm(default_arm()), configurations=24, seed=5)
+
+
+@pytest.fixture(scope="module")
+def store():
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def set_id(store, document):
+    parts = Parts.of(store)
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(document["robot"])), None)
+    readings = document["measurement_set"] | {"robot_id": robot.id}
+    return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
+
+
+def carried_out(store, set_id, **options):
+    jobs = Parts.of(store).jobs["run"]
+    request = RunRequest.model_validate({"measurement_set_id": set_id} | OPTIONS | options)
+    return jobs.current(jobs.create(request, None).id)
+
+
+@pytest.fixture(scope="module")
+def given(store, set_id):
+    return carried_out(store, set_id)
+
+
+def test_a_given_penalty_is_quick_and_reports_all(given, document):
+    assert given.state == "succeeded", given.error
+    assert given.progress is None
+    result, links = given.result, given.result.links
+    assert (links.model, links.penalty, links.penalty_source) == ("joints_and_links", 1e-3, "given")
+    assert [link.joint for link in links.links] == [f"joint_{j + 1}" for j in range(6)]
+    for link in links.links:
+        matrix = np.array(link.matrix)
+        np.testing.assert_array_equal(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() >= 0.0
+        for principal, block in ((link.translation, matrix[:3, :3]), (link.rotation, matrix[3:, 3:])):
+            for each in principal:
+                direction = np.array(each.direction)
+                np.testing.assert_allclose(
+                    block @ direction, each.value * direction, atol=1e-6 * abs(matrix).max()
+                )
+    shares = sum(element.share for element in links.elements)
+    assert shares + links.unexplained == pytest.approx(1.0)
+    assert len(links.elements[0].by_observation) == len(document["measurement_set"]["observations"])
+    assert links.certificate.gap <= 1e-2
+    assert links.certificate.least_eigenvalue >= 0.0
+    assert links.effective_freedom <= links.parameters == 132
+    assert result.compensation > 0.95
+    assert result.rms_residual == pytest.approx(
+        np.sqrt(np.mean([np.square(each.residual).sum() for each in result.residuals]))
+    )
+
+
+def test_joints_have_their_number_and_its_spread(given):
+    for joint in given.result.joints:
+        assert joint.compliance >= 0.0
+        assert joint.status == ("identified" if joint.compliance else "at_bound")
+        assert joint.compliance == 0.0 or "link's rotation" in joint.reason
+        assert joint.standard_uncertainty >= 0.0
+        assert joint.compliance_interval is None
+
+
+def test_deflections_are_predicted_by_the_stored_model(store, given, document):
+    """As the message travels, at a target that was read: what the run itself predicts there."""
+    parts = Parts.of(store)
+    run = Run.model_validate_json(given.model_dump_json())
+    readings = document["measurement_set"]
+    observation = readings["observations"][3]
+    robot = parts.sets.prepared(run.request.measurement_set_id).robot
+    options = {
+        "units": readings["units"],
+        "load_point": readings["load_point"],
+        "cases": [{"joints": observation["joints"], "force": observation["force"]}],
+    }
+    found = predict_by_run(robot, run, DeflectionOptions.model_validate(options))
+    (case,) = found.cases
+    for (low, high), value in zip(case.readings_only.displacement, case.displacement, strict=True):
+        assert low < value < high
+    assert found.model_error_postures == 24
+    assert case.with_model_error is not None
+    np.testing.assert_allclose(
+        np.array(case.compliance.translation_by_force) @ observation["force"], case.displacement, atol=1e-9
+    )
+    masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
+    with pytest.raises(RequestError, match="own weight"):
+        predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
+    with pytest.raises(RequestError, match="by joints alone"):
+        to_joint_model(robot, run.result.model)
+
+
+def test_a_program_is_compensated_by_links(store, set_id, given):
+    robot = Parts.of(store).sets.prepared(set_id).robot
+    text = program_text("krl", tool_poses(path(12)), 5)
+    result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
+    assert result.corrected == 12
+    assert result.residual.greatest < 1e-6 < 1e-3 < result.deflection.median  # five digits of mm and degrees
+    for point in result.worst:
+        (low, high), (wide_low, wide_high) = point.interval, point.interval_with_model_error
+        assert wide_low <= low < point.deflection < high <= wide_high
+    assert any("first order" in remark for remark in result.remarks)
+    masses = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
+    with pytest.raises(RequestError, match="own weight"):
+        ProgramWork(robot, "robot", given, request("krl", text, masses=masses))
+
+
+def test_the_selection_compares_all_models(given):
+    selection = given.result.selection
+    names = [scored.model for scored in selection.models]
+    assert names == ["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+    assert selection.best in names
+    assert (selection.chosen, selection.chosen_loss) == ("joints_and_links", "squared")
+    assert given.result.links.loss_source == "given"
+    for scored in selection.models:
+        assert scored.compensation == pytest.approx(np.mean(scored.by_fold))
+        assert scored.standard_error == pytest.approx(np.std(scored.by_fold, ddof=1) / np.sqrt(5))
+    by_name = {scored.model: scored.compensation for scored in selection.models}
+    assert by_name["joints_and_links"] > by_name["joints"] + 0.1
+
+
+def test_coupled_joints_come_as_one_matrix(store, set_id):
+    links = carried_out(store, set_id, elasticity="coupled_joints").result.links
+    matrix = np.array(links.coupled_joints)
+    assert matrix.shape == (6, 6)
+    assert np.linalg.eigvalsh(matrix).min() >= 0.0
+    assert links.links == []
+    assert links.elements[-1].kind == "coupling"
+
+
+def test_joints_alone_have_no_links(store, set_id):
+    result = carried_out(store, set_id, elasticity="joints", link_penalty=None).result
+    assert result.links is None
+    assert result.selection is None
+
+
+def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
+    """A worker computes each step from the stored request, and its result travels as text."""
+    enqueued = []
+    parts = Parts.of(store, lambda _, kind, job_id: enqueued.append((kind, job_id)))
+    jobs = parts.jobs["run"]
+    request = RunRequest.model_validate(
+        {
+            "measurement_set_id": set_id,
+            "elasticity": "diagonal_links",
+            "links": ["joint_2", "joint_3"],
+            "cross_validation": {"folds": 3, "seed": 1},
+        }
+    )
+    record = jobs.create(request, None)
+    assert enqueued == [("run", record.id)]
+    queued = jobs.current(record.id)
+    assert (queued.state, queued.progress.unit) == ("queued", "penalties")
+    assert queued.progress.total == 3 * 9
+    worker = Parts.of(store).jobs["run"]
+    worker.start(record.id)
+    work = worker.work(record.id)
+    steps = work.steps()
+    assert [start for start, _ in steps[1:]] == [stop for _, stop in steps[:-1]]
+    computed = {span: work.encode(work.compute(span)) for span in reversed(steps)}
+    worker.conclude(record.id, [computed[span] for span in steps])
+    durable = jobs.current(record.id)
+    told = []
+    work = run_work(parts.sets.prepared(set_id), request)
+    same = carry_out(new_job(Run, request, work), work, told.append)
+    assert durable.state == same.state == "succeeded"
+    assert durable.result == same.result
+    assert durable.result.links.penalty_source == "cross_validation"
+    assert [link.joint for link in durable.result.links.links] == ["joint_2", "joint_3"]
+    assert told[-1].done == 27
+    assert told[-1].activity == "cross-validating"
+
+
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [
+        ({"method": "complete_pose"}, "method"),
+        ({"weighting": "uniform"}, "weighting"),
+        ({"positive": False}, "stiffness_bounds"),
+        ({"complementary_stiffness": "included"}, "complementary_stiffness"),
+        ({"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, "priors"),
+        ({"resampling": {"size": 5}}, "resampling"),
+    ],
+)
+def test_what_does_not_go_with_links_is_refused_with_its_remedy(store, set_id, options, where):
+    with pytest.raises(UnsupportedMethodError) as refused:
+        carried_out(store, set_id, **options)
+    assert refused.value.where == where
+    assert refused.value.remedy
+
+
+def test_loss_and_penalty_are_chosen_together(store, set_id):
+    cross_validation = {"folds": 2}
+    run = carried_out(store, set_id, link_penalty=None, links=["joint_2"], cross_validation=cross_validation)
+    links, selection = run.result.links, run.result.selection
+    assert (links.loss_source, links.model_source, links.penalty_source) == (
+        "cross_validation",
+        "given",
+        "cross_validation",
+    )
+    assert len(selection.models) == 4 * 3
+    assert selection.losses["joints_and_links"] == selection.chosen_loss == links.loss
+    (scored,) = (each for each in selection.models if (each.model, each.loss) == (links.model, links.loss))
+    assert scored.penalty == links.penalty
+    for joint in run.result.joints:
+        low, high = joint.compliance_interval
+        assert low <= joint.compliance <= high
+
+
+def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
+    parts = Parts.of(store)
+    rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
+    robot = parts.robots.create(RobotDocument.model_validate_json(json.dumps(rigid["robot"])), None)
+    readings = json.dumps(rigid["measurement_set"] | {"robot_id": robot.id})
+    rigid_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
+    options = {"elasticity": "automatic", "link_penalty": None, "links": ["joint_2"]}
+    options["cross_validation"] = {"folds": 2}
+    joints = carried_out(store, rigid_id, **options).result
+    assert joints.links is None
+    assert joints.selection.chosen == joints.selection.simplest == "joints"
+    assert joints.model is not None
+    bends = carried_out(store, set_id, **options).result
+    assert bends.links.model == bends.selection.simplest != "joints"
+    assert bends.links.model_source == "cross_validation"
+
+
+def test_an_unknown_link_is_refused(store, set_id):
+    with pytest.raises(RequestError, match="no joint 'elbow'"):
+        carried_out(store, set_id, links=["elbow"])
+
+
+def test_a_pair_compares_joints_alone(store, set_id):
+    side = {"measurement_set_id": set_id}
+    request = PairRequest.model_validate(
+        {"first": side, "second": side, "options": {"elasticity": "joints_and_links"}}
+    )
+    with pytest.raises(RequestError, match="joints only"):
+        Parts.of(store).jobs["pair"].create(request, None)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"links": ["joint_2"]}, {"link_penalty": 0.1}, {"elasticity": "coupled_joints", "links": ["joint_2"]}],
+)
+def test_options_of_links_go_with_links(options):
+    with pytest.raises(ValidationError, match="needs an elasticity"):
+        RunOptions.model_validate(options)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"loss": "absolute"}, "huber"),
+        ({"elasticity": "automatic", "loss": "huber"}, "omit `loss`"),
+        ({"elasticity": "automatic", "link_penalty": 0.1}, "automatic"),
+    ],
+)
+def test_losses_go_with_what_takes_them(options, text):
+    with pytest.raises(ValidationError, match=text):
+        RunOptions.model_validate(options)
+
+
+def test_the_command_shows_links_and_selection(monkeypatch, tmp_path, document):
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("NO_COLOR", "1")
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps(document))
+    command = ["identify", str(path), "--elasticity", "joints_and_links", "--links", "joint_2,joint_3"]
+    shown = CliRunner().invoke(app, [*command, "--link-penalty", "0.001", "--details"])
+    assert shown.exit_code == 0, shown.output
+    for text in ("link behind joint_2", "unexplained", "held-out", "coupled joints", "certified"):
+        assert text in shown.stdout
+    assert "link behind joint_4" not in shown.stdout
+    printed = CliRunner().invoke(app, [*command, "--link-penalty", "0.001", "--json"])
+    run = Run.model_validate_json(printed.stdout)
+    assert [link.joint for link in run.result.links.links] == ["joint_2", "joint_3"]

@@ -1,0 +1,201 @@
+"""Maps as jobs, as downloads and as a command."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from support.in_process import Client
+from typer.testing import CliRunner
+
+from jointstiff.service.cli.app import app
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
+
+CAMPAIGN = simulate_campaign(default_arm(), configurations=20, load="pull", seed=2)
+AREA = {
+    "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.9]],
+    "grid": [3, 3, 2],
+    "place": [0.0, 0.0, 0.25],
+    "turns": 2,
+    "force": [0.0, 500.0, -800.0],
+}
+
+
+@pytest.fixture(scope="module")
+def store():
+    with Store.open("sqlite://") as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def client(store):
+    return Client(store)
+
+
+def posted(client, path, document):
+    answer = client.request("POST", f"/v1/{path}", json=document)
+    assert answer.status_code == 201, answer.text
+    return answer.json()
+
+
+@pytest.fixture(scope="module")
+def run_id(client):
+    robot = posted(client, "robots", CAMPAIGN["robot"])["id"]
+    set_id = posted(client, "measurement-sets", CAMPAIGN["measurement_set"] | {"robot_id": robot})["id"]
+    return posted(client, "runs", {"measurement_set_id": set_id, "method": "partial_pose"})["id"]
+
+
+@pytest.fixture(scope="module")
+def made(client, run_id):
+    return posted(client, "maps", AREA | {"run_id": run_id, "name": "plate"})
+
+
+def rows_of(client, found):
+    text = client.get(f"/v1/maps/{found['id']}/map.csv").text
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+class TestSummary:
+    def test_says_how_many_places_and_which_is_worst(self, client, made):
+        result, rows = made["result"], rows_of(client, made)
+        assert made["state"] == "succeeded"
+        assert result["places"] == len(rows) == 18
+        assert result["counts"]["reached"] == sum(row["status"] == "reached" for row in rows) > 10
+        assert sum(result["counts"].values()) == 18
+        lengths = [float(row["deflection [m]"]) for row in rows if row["deflection [m]"]]
+        assert result["worst"]["deflection"] == pytest.approx(max(lengths))
+        assert result["stiffest"]["deflection"] == pytest.approx(min(lengths))
+        assert result["quantiles"][3] == {"share": 0.5, "deflection": pytest.approx(np.median(lengths))}
+        assert result["model_error_postures"] == 20
+        assert "own weight" in result["remarks"][0]
+
+    def test_is_listed(self, client, made):
+        listed = client.get("/v1/maps", params={"name": "plate"}).json()["items"]
+        assert [each["id"] for each in listed] == [made["id"]]
+        assert listed[0]["run_id"] == made["request"]["run_id"]
+
+    def test_its_worst_place_is_predicted_alike(self, client, made, run_id):
+        worst = made["result"]["worst"]
+        asked = {
+            "run_id": run_id,
+            "units": {"length": "m", "angle": "rad", "force": "N"},
+            "load_point": AREA["place"],
+            "cases": [{"joints": worst["joints"], "force": AREA["force"]}],
+        }
+        case = client.request("POST", "/v1/deflections", json=asked).json()["cases"][0]
+        assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
+        assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
+        radius = worst["with_model_error"][1] - worst["deflection"]
+        assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
+
+
+class TestDownloads:
+    def test_npz_has_the_same_numbers(self, client, made):
+        answer = client.get(f"/v1/maps/{made['id']}/map.npz")
+        with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
+            headers, table, status = list(found["headers"]), found["table"], found["status"]
+        rows = rows_of(client, made)
+        assert ["status", *headers] == list(rows[0])
+        assert status.tolist() == [row["status"] for row in rows]
+        for row, numbers in zip(rows, table, strict=True):
+            read = [float(row[header] or "nan") for header in headers]
+            np.testing.assert_allclose(read, numbers, rtol=1e-9)
+        assert table[1, 2] != table[0, 2]  # z runs fastest
+
+    def test_of_no_map(self, client):
+        assert client.get("/v1/maps/none/map.csv").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "message"),
+    [
+        ({"run_id": "none"}, "run_id", "no run"),
+        ({"area": [[2.0, 0, 0], [1.0, 1, 1]]}, "area", "exceeds"),
+        ({"grid": [1000, 1000, 1]}, "grid", "1,000,000 places exceed 100,000"),
+        ({"grid": [300, 300, 1], "turns": 4}, "grid", "360,000 places times"),
+        ({"force": [0, 0, 0]}, "force", "no load"),
+        ({"force": [0, 0, 0], "moment": [0, 0, 9]}, "direction", "along which direction"),
+        ({"tool_axis": [0, 0, 0]}, "tool_axis", "no length"),
+        ({"directions": [[0, 0, 1], [0, 0, 0]]}, "directions[1]", "no length"),
+        ({"limits": {"joint_9": [0, 1]}}, "limits.joint_9", "no joint"),
+        ({"limits": {"joint_1": [1, 0]}}, "limits.joint_1", "least angle"),
+        ({"near": [0.0, 1.0]}, "near", "2 angles"),
+    ],
+)
+def test_refused_with_place_and_remedy(client, run_id, changes, where, message):
+    answer = client.request("POST", "/v1/maps", json=AREA | {"run_id": run_id} | changes)
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert problem["where"] == where
+    assert message in problem["detail"]
+    assert problem["remedy"]
+
+
+def test_a_run_of_elastic_links_maps_as_it_predicts(client, run_id):
+    asked = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
+    options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
+    elastic = posted(client, "runs", options)["id"]
+    made = posted(client, "maps", AREA | {"run_id": elastic})
+    assert "first order" in made["result"]["remarks"][0]
+    worst = made["result"]["worst"]
+    cases = [{"joints": worst["joints"], "force": AREA["force"]}]
+    units = {"length": "m", "angle": "rad", "force": "N"}
+    stated = {"run_id": elastic, "units": units, "load_point": AREA["place"], "cases": cases}
+    case = client.request("POST", "/v1/deflections", json=stated).json()["cases"][0]
+    assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
+    assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
+    radius = worst["with_model_error"][1] - worst["deflection"]
+    assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
+    low, high = worst["readings_only"]
+    assert low < worst["deflection"] < high < worst["with_model_error"][1]
+
+
+def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
+    whole = posted(client, "maps", AREA | {"run_id": run_id})
+    monkeypatch.setattr("jointstiff.service.kinds.map.work.POSES_A_STEP", 10)
+    stepped = posted(client, "maps", AREA | {"run_id": run_id})
+    assert stepped["progress"] == {"done": 18, "total": 18, "unit": "places", "activity": "mapping"}
+    assert whole["progress"] is None
+    assert stepped["result"] == whole["result"]
+    assert stepped["provenance"]["input_hash"] == whole["provenance"]["input_hash"]
+
+
+def test_a_step_is_kept_as_text(store, made):
+    work: MapWork = Parts.of(store).jobs["map"].work(made["id"])
+    part = work.compute((0, 5))
+    again = work.decode(work.encode(part))
+    for name, column in vars(part).items():
+        np.testing.assert_array_equal(getattr(again, name), column)
+
+
+class TestCommand:
+    def test_writes_the_table(self, tmp_path):
+        campaign, request = tmp_path / "c.json", tmp_path / "r.json"
+        campaign.write_text(json.dumps(CAMPAIGN))
+        request.write_text(json.dumps(AREA))
+        table, arrays = tmp_path / "map.csv", tmp_path / "map.npz"
+        shown = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(table)])
+        assert shown.exit_code == 0, shown.output
+        assert "places reached" in shown.output
+        assert "worst place" in shown.output
+        assert len(table.read_text().splitlines()) == 19
+        again = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(table)])
+        assert again.exit_code == 2
+        made = CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", str(arrays), "--json"])
+        assert made.exit_code == 0, made.output
+        assert np.load(arrays, allow_pickle=False)["table"].shape == (18, 22)
+
+    def test_refuses_with_place_and_remedy(self, tmp_path):
+        campaign, request = tmp_path / "c.json", tmp_path / "r.json"
+        campaign.write_text(json.dumps(CAMPAIGN))
+        request.write_text(json.dumps(AREA | {"force": [0, 0, 0]}))
+        refused = CliRunner().invoke(app, ["map", str(campaign), str(request)])
+        assert refused.exit_code == 2
+        assert "map.force" in refused.output
+        assert CliRunner().invoke(app, ["map", str(campaign), str(request), "-o", "m.txt"]).exit_code == 2

@@ -1,0 +1,165 @@
+"""Long runs without an engine: the service's side of them, and what a worker does with them."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+from pydantic import ValidationError
+from support.jobs import request, runs_of, stored_set
+
+from jointstiff.service.jobs import life as module
+from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.kinds.run.resampling import ResamplingWork
+from jointstiff.service.problems.errors import NotFoundError, OtherVersionError, TooManyJobsError
+from jointstiff.service.store.records import IdempotencyKey
+from jointstiff.service.store.store import Store
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def enqueued():
+    return []
+
+
+@pytest.fixture
+def runs(store, enqueued):
+    """Runs whose long ones are enqueued to a list instead of an engine."""
+    return runs_of(store, lambda _connection, kind, run_id: enqueued.append((kind, run_id)))
+
+
+def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, enqueued):
+    set_id = stored_set(store)
+    key = IdempotencyKey("key", "hash")
+    first, second = (runs.create(request(set_id), key) for _ in range(2))
+    assert first.id == second.id
+    assert enqueued == [("run", first.id)]
+    assert runs.current(first.id).state == "queued"
+
+    def broken(_connection, _kind, _run_id):
+        raise RuntimeError("the engine is not there")
+
+    with pytest.raises(RuntimeError, match="not there"):
+        runs_of(store, broken).create(request(set_id), IdempotencyKey("other", "hash"))
+    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == enqueued[-1][1]
+
+
+def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enqueued):
+    set_id = stored_set(store)
+    run = runs.create(request(set_id), None)
+    work = runs.work(run.id)
+    spans = [(0, 1), (1, 170), (170, 300)]
+    computed = {span: work.encode(work.compute(span)) for span in reversed(spans)}
+    runs.start(run.id)
+    for span in [*spans, spans[1]]:  # one of them twice, as an engine may
+        runs.log.report(run.id, *span)
+    assert runs.current(run.id).state == "running"
+    assert runs.current(run.id).progress.done == 300
+    runs.conclude(run.id, [computed[span] for span in spans])
+    at_once = runs_of(store).create(request(set_id), None)
+    assert runs.current(run.id).result == runs.current(at_once.id).result
+    assert runs.current(run.id).result.resampling.repetitions == 300
+    assert runs.current(run.id).provenance.ended_at is not None
+
+
+def test_a_run_ends_once(store, runs):
+    run = runs.create(request(stored_set(store)), None)
+    runs.log.report(run.id, 0, 120)
+    cancelled = runs.cancel(run.id)
+    assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
+    work = runs.work(run.id)
+    runs.conclude(run.id, [work.encode(work.compute((0, 300)))])
+    runs.fail(run.id, RuntimeError("late"))
+    assert runs.current(run.id) == cancelled
+    assert runs.cancel(run.id) == cancelled
+
+
+def test_a_failure_of_the_steps_is_the_end_of_the_run(store, runs):
+    run = runs.create(request(stored_set(store)), None)
+    runs.fail(run.id, UnsupportedMethodError("no", where="method", remedy="another"))
+    failed = runs.current(run.id)
+    assert failed.state == "failed"
+    assert (failed.error.detail, failed.error.where) == ("no", "method")
+
+
+def test_refused_before_anything_is_stored(store, runs, enqueued):
+    set_id = stored_set(store, targets={"P10": (0.1, 0.1, 0.0)})
+    with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
+        runs.create(request(set_id, method="complete_pose"), None)
+    with pytest.raises(RequestError, match="a draw of 13 configurations exceeds the set's 12") as refused:
+        runs.create(request(set_id, resampling={"size": 13}), None)
+    assert refused.value.where == "resampling.size"
+    for option in (
+        {"loss": "huber"},
+        {"complementary_stiffness": "included"},
+        {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}},
+        {"stiffness_order": [["joint_2", "joint_5"]]},
+    ):
+        with pytest.raises(UnsupportedMethodError, match="resampling") as refused:
+            runs.create(request(set_id, **option), None)
+        assert refused.value.where == "resampling"
+    assert enqueued == []
+
+
+def test_unknown_runs(runs):
+    for look in (runs.current, runs.document, runs.cancel):
+        with pytest.raises(NotFoundError):
+            look("nothing")
+
+
+def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
+    prepared = Parts.of(store).sets.prepared(stored_set(store))
+    options = request("x", resampling={"size": 8, "repetitions": 100_000})
+    spans = ResamplingWork(prepared, options, options.resampling).steps()
+    assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
+    assert (spans[0][0], spans[-1][1]) == (0, 100_000)
+    assert len(spans) > 2
+
+
+def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OPEN", 2)
+    set_id = stored_set(store)
+    first, _ = (runs.create(request(set_id), None) for _ in range(2))
+    with pytest.raises(TooManyJobsError, match="are queued or running"):
+        runs.create(request(set_id), None)
+    runs.cancel(first.id)
+    runs.create(request(set_id), None)
+    assert len(enqueued) == 3
+
+
+def test_a_run_does_not_begin_before_it_was_posted_nor_end_before_it_began(tmp_path):
+    """The clock was set back by centuries after the post."""
+    path = tmp_path / "jointstiff.db"
+    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
+        runs = runs_of(store, lambda *_: None)
+        run = runs.create(request(stored_set(store)), None).id
+        other.execute(
+            "UPDATE jobs SET document = json_set(document, '$.provenance.created_at', '2999-01-01T00:00:00Z')"
+        )
+        other.commit()
+        runs.start(run)
+        runs.cancel(run)
+        times = runs.current(run).provenance
+        assert times.created_at <= times.started_at <= times.ended_at
+
+
+def test_a_run_that_another_version_stored_is_refused_with_a_remedy(tmp_path):
+    path = tmp_path / "jointstiff.db"
+    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
+        runs = runs_of(store, lambda *_: None)
+        run = runs.create(request(stored_set(store)), None).id
+        other.execute("UPDATE jobs SET document = replace(document, 'provenance', 'origin')")
+        other.commit()
+        with pytest.raises(OtherVersionError, match="post the run again"):
+            runs.current(run)
+        other.execute("UPDATE jobs SET document = substr(document, 1, 500)")
+        other.commit()
+        with pytest.raises(ValidationError):  # damage is no version
+            runs.current(run)
