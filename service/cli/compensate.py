@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jointstiff.service.cli.answers import failed, refuse_existing, refused
-from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
+from jointstiff.service.cli.options import (
+    AsJson,
+    CampaignFile,
+    LoadPoint,
+    Overwrite,
+    RunFile,
+    Vector,
+    vector_of,
+)
 
 if TYPE_CHECKING:
     from jointstiff.schemas.program import Program
@@ -30,9 +38,6 @@ class AxesChoice(StrEnum):
     ROBOT = "robot"
     TOOL = "tool"
     BASE = "base"
-
-
-_Vector = tuple[float, float, float] | None
 
 
 def compensate(
@@ -56,9 +61,14 @@ def compensate(
     accuracy_option: Annotated[
         AccuracyChoice, typer.Option(help="The controller's own accuracy option while the program runs.")
     ],
-    force: Annotated[_Vector, typer.Option(metavar="X Y Z", help="Force on the tool [N].")] = None,
+    force: Annotated[
+        Vector | None, typer.Option(parser=vector_of, metavar="X,Y,Z[N]", help="Force on the tool, in N.")
+    ] = None,
     moment: Annotated[
-        _Vector, typer.Option(metavar="X Y Z", help="Moment on the tool about the load point [N.m].")
+        Vector | None,
+        typer.Option(
+            parser=vector_of, metavar="X,Y,Z[N.m]", help="Moment on the tool about the load point, in N.m."
+        ),
     ] = None,
     axes: Annotated[AxesChoice | None, typer.Option(help="Axes of both; robot if absent.")] = None,
     loads: Annotated[
@@ -70,10 +80,7 @@ def compensate(
             help="CSV of the load at each point, in place of --force.",
         ),
     ] = None,
-    load_point: Annotated[
-        _Vector,
-        typer.Option(metavar="X Y Z", help="Where it acts, flange frame [m]; the tool's centre if absent."),
-    ] = None,
+    load_point: LoadPoint = None,
     tool: Annotated[
         list[str] | None,
         typer.Option(

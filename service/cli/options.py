@@ -2,12 +2,64 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, NamedTuple
 
 import typer
+
+FAR: Final = 5.0
+"""Distance of a load point from the flange beyond which its unit is in doubt, in m."""
+
+
+class Vector(NamedTuple):
+    """Three numbers of one option."""
+
+    x: float
+    y: float
+    z: float
+
+
+def vector_of(text: str) -> Vector:
+    """Return `X,Y,Z` as three numbers.
+
+    Raises:
+        typer.BadParameter: it is no such text.
+    """
+    try:
+        return Vector(*(float(part) for part in text.split(",")))
+    except (TypeError, ValueError):
+        raise typer.BadParameter(f"'{text}' must be three numbers, such as 0,0,120.5") from None
+
+
+def point_of(text: str) -> Vector:
+    """Return `X,Y,Z` in millimetres as a point in metres; ask about one that no tool reaches.
+
+    Raises:
+        typer.BadParameter: it is no such text, or further than 5 m from the flange and nobody confirms it.
+    """
+    point = Vector(*(1e-3 * number for number in vector_of(text)))
+    distance = math.hypot(*point)
+    if not distance <= FAR:
+        question = f"'{text}' in mm is {distance:g} m from the flange"
+        asked = math.isfinite(distance) and sys.stdin.isatty()
+        if not (asked and typer.confirm(f"{question}. Is that right?", default=False, err=True)):
+            raise typer.BadParameter(f"{question}; give X,Y,Z in mm, such as 0,0,120.5")
+    return point
+
+
+LoadPoint = Annotated[
+    Vector | None,
+    typer.Option(
+        "--load-point",
+        parser=point_of,
+        metavar="X,Y,Z[mm]",
+        help="Point where the force acts, in the flange frame, in mm.",
+    ),
+]
 
 CampaignFile = Annotated[
     Path,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from jointstiff.service.cli.options import AsJson
+from jointstiff.service.cli.options import AsJson, LoadPoint
 
 
 class CriterionChoice(StrEnum):
@@ -48,6 +48,7 @@ def plan(
     criterion: Annotated[CriterionChoice | None, typer.Option(help="What to make least.")] = None,
     load: Annotated[PlannedLoadChoice | None, typer.Option(help="Needs --force.")] = None,
     force: Annotated[float | None, typer.Option(min=0.0, help="Size of the load, in newtons.")] = None,
+    load_point: LoadPoint = None,
     campaign: Annotated[
         Path | None, typer.Option(dir_okay=False, metavar="FILE", help="Write a campaign to fill in there.")
     ] = None,
@@ -73,6 +74,7 @@ def plan(
         "readings": readings,
         "criterion": None if criterion is None else criterion.value,
         "load": None if load is None else {"kind": load.value, "force": force},
+        "load_point": load_point,
     }
     given = {name: value for name, value in chosen.items() if value is not None}
     try:

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-from jointstiff.service.cli.options import AsJson, CampaignFile, Overwrite, RunFile
+from jointstiff.service.cli.options import (
+    AsJson,
+    CampaignFile,
+    LoadPoint,
+    Overwrite,
+    RunFile,
+    Vector,
+    point_of,
+)
 
 if TYPE_CHECKING:
     from jointstiff.schemas.run.run import Run
@@ -22,10 +30,6 @@ _Table = Annotated[
         help="CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], …",
     ),
 ]
-_Point = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option(metavar="X Y Z", help="Where the forces act, flange frame [m], if the table does not say."),
-]
 
 
 def predict(
@@ -33,10 +37,14 @@ def predict(
     postures: _Table,
     *,
     run: RunFile = None,
-    load_point: _Point = None,
+    load_point: LoadPoint = None,
     place: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Whose deflection is asked for [m]; the load point if absent."),
+        Vector | None,
+        typer.Option(
+            parser=point_of,
+            metavar="X,Y,Z[mm]",
+            help="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
+        ),
     ] = None,
     confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
     output: Annotated[

@@ -214,7 +214,7 @@ class TestTables:
         (tmp_path / "campaign.json").write_text(json.dumps(campaign))
         (tmp_path / "postures.csv").write_text(TABLE)
         files = [str(tmp_path / name) for name in ("campaign.json", "postures.csv", "out.csv")]
-        point = ["--load-point", "0", "0", "0.12"]
+        point = ["--load-point", "0,0,120"]
         done = CliRunner().invoke(app, ["predict", *files[:2], *point, "-o", files[2]])
         assert done.exit_code == 0, done.output
         (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))

@@ -50,7 +50,8 @@ def test_a_program_and_its_report(folder):
     ("arguments", "words"),
     [
         ([], "state the load"),
-        (["--force", "0", "0", "-500"], "TOOL_DATA[1]"),
+        (["--force", "0,0,-500"], "TOOL_DATA[1]"),
+        (["--options", "options.json", "--load-point", "0,0,6000"], "6 m from the flange"),
         (["--options", "campaign.json"], "unknown field"),
         (["--options", "path.src"], "no JSON object"),
         (["--options", "options.json", "--accuracy-option", "compensates_load"], "twice"),
