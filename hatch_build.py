@@ -22,7 +22,8 @@ PACKAGE_FILES = {
 }
 """Files of the package itself; its folders are `tool.hatch.build.targets.wheel.sources`."""
 
-NOT_SOURCES = {"node_modules", "dist"}
+NOT_SOURCES = {"node_modules", "dist", "schema.d.ts"}
+"""Not bundled: libraries, output, and types, which `scripts/api-types` makes for tsc alone."""
 
 
 class PageBuildHook(BuildHookInterface):  # type: ignore[type-arg]

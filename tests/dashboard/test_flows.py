@@ -340,19 +340,3 @@ def test_deleted_comparisons_and_pairs_are_found_and_restored(visit, api, stored
     restore.click()
     expect(page.get_by_text("Nothing deleted")).to_be_visible()
     assert api.get(f"{path}/{made}").json()["state"] == "succeeded"
-
-
-def test_a_print_is_a_document_of_all_parts(visit, stored):
-    visited = visit("desktop")
-    visited.go(f"#/runs/{stored.run}")
-    page = visited.page
-    page.get_by_role("table", name="Joint stiffness").wait_for()
-    page.emulate_media(media="print")
-    for heading in (
-        "Joint stiffness",
-        "Deflection before and after compensation",
-        "Residuals",
-        "Goodness of fit",
-    ):
-        expect(page.get_by_role("heading", name=heading, exact=True)).to_be_visible()
-    assert page.locator("button:visible").count() == 0

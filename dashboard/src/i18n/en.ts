@@ -447,7 +447,6 @@ export const en = {
     away: "No connection to the service; trying again. Computed results are kept.",
     failed: "This run failed",
     repeat: "Repeat",
-    print: "Print",
     share: "Copy link",
     shared: "Link copied",
     delete: "Delete",

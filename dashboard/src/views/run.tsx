@@ -8,7 +8,6 @@ import { JobActions } from "../components/job_actions";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
-import { usePrinting } from "../state/printing";
 import { storedRobot, storedSet } from "../state/stored";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
@@ -83,11 +82,6 @@ function Head({ context: { run, set, robot } }: { context: RunContext }) {
           <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
             {text.run.repeat}
           </button>
-          {run.result && (
-            <button type="button" class="button print" onClick={() => print()}>
-              {text.run.print}
-            </button>
-          )}
         </JobActions>
       </div>
       {repeat.problem && <ProblemNote problem={repeat.problem} />}
@@ -107,7 +101,6 @@ function Body({
   ended: () => void;
 }) {
   const { run } = context;
-  const printing = usePrinting();
   if (goesOn(run.state))
     return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
   if (run.state === "cancelled") return <Cancelled progress={run.progress} />;
@@ -128,15 +121,7 @@ function Body({
   return (
     <>
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
-      {printing ? (
-        <>
-          <StiffnessPart context={context} result={run.result} />
-          <h2 class="printed">{views.deflection}</h2>
-          <DeflectionPart context={context} result={run.result} at={null} />
-          <h2 class="printed">{views.evidence}</h2>
-          <EvidencePart context={context} result={run.result} />
-        </>
-      ) : part === "deflection" ? (
+      {part === "deflection" ? (
         <DeflectionPart context={context} result={run.result} at={query.get("at")} />
       ) : part === "robot" ? (
         <RobotPart context={context} result={run.result} query={query} />
