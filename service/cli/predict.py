@@ -48,16 +48,17 @@ def predict(
     ] = None,
     confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Level of the intervals.")] = 0.95,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the table there.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write all numbers there, as CSV.")
     ] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
-    from jointstiff.service.kinds.deflection.tables import prediction_csv
+    from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.tables.terminal import console
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
@@ -73,13 +74,14 @@ def predict(
         )
     except CampaignError as error:
         raise refused(error.problem) from error
-    text = result.model_dump_json(indent=2) if as_json else prediction_csv(result).rstrip()
     for remark in result.remarks:
         typer.echo(remark, err=True)
-    if output is None:
-        typer.echo(text)
+    if output is not None:
+        write_text(output, prediction_csv(result))
+    if as_json:
+        typer.echo(result.model_dump_json(indent=2))
     else:
-        write_text(output, text)
+        console().print(prediction_report(result))
 
 
 def _run(path: Path | None) -> Run | None:

@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
@@ -14,6 +14,9 @@ from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptio
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.comparison.csv_table import guarded
 from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")
 _VECTORS: Final = {
@@ -144,6 +147,43 @@ def _case(row: list[str], columns: list[_Column], line: int, delimiter: str) -> 
         field: [values[k] for k in sorted(values)] if isinstance(values, dict) else values
         for field, values in case.items()
     }
+
+
+def prediction_report(result: DeflectionResult) -> RenderableType:
+    """Lay out predictions for people: a row for each case, in mm and N/mm, then the remarks."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    percent = f"{100 * result.confidence:g} %"
+    table = Table(
+        title="Deflections in R0, with the expanded uncertainty U from the readings alone",
+        caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
+        title_justify="left",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    table.add_column("case")
+    for heading in ("x ± U [mm]", "y ± U [mm]", "z ± U [mm]", "model error [mm]", "stiffness [N/mm]"):
+        table.add_column(Text(heading), justify="right", no_wrap="±" in heading)
+    for case in result.cases:
+        ends = [(None, None)] * 3 if case.readings_only is None else case.readings_only.displacement
+        cells = ["—"] * 3
+        if case.displacement is not None:
+            cells = [
+                f"{1e3 * value:.3f}" + ("" if low is None or high is None else f" ± {500 * (high - low):.3f}")
+                for value, (low, high) in zip(case.displacement, ends, strict=True)
+            ]
+        radius = None if case.with_model_error is None else case.with_model_error.radius
+        along = None if case.compliance is None else case.compliance.along
+        stiffness = None if along is None else along.lateral_free
+        cells.append("—" if radius is None else f"{1e3 * radius:.3f}")
+        cells.append("—" if stiffness is None else f"{1e-3 * stiffness:.0f}")
+        table.add_row(Text(case.label), *cells)
+    remarks = [Text(f"{case.label}: {'; '.join(case.remarks)}") for case in result.cases if case.remarks]
+    return Group(table, *remarks)
 
 
 def prediction_csv(result: DeflectionResult) -> str:

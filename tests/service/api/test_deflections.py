@@ -222,6 +222,11 @@ class TestTables:
         found = [1e-3 * float(row[f"displacement {axis} [mm]"]) for axis in "xyz"]
         np.testing.assert_allclose(found, truth(), atol=3e-5)
         assert float(row["displacement z readings only low [mm]"]) < 1e3 * found[2]
+        printed = " ".join(done.output.split())
+        assert printed.count("± U [mm]") == 3
+        assert "[N/mm]" in printed
+        assert f"{1e3 * found[2]:.3f} ± " in printed
+        assert max(map(len, done.output.splitlines())) <= 80
         missing = CliRunner().invoke(app, ["predict", *files[:2]])
         assert missing.exit_code == 2
         assert "load_point" in missing.output
