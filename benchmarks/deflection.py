@@ -20,7 +20,6 @@ from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import leave_postures_out
-from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
 from jointstiff.solver.readings.measurements import Measurements
@@ -62,9 +61,9 @@ def _coverage(designs: int, draws: int) -> Section:
     truth_model = JointModel(robot, arm.compliances, None, _POSITIVE)
     for k, (_, measurements) in enumerate(interior_campaigns(designs, draws)):
         cases = load_cases(arm, CASES, k)
-        truth = predict_deflections(truth_model, cases, confidence=0.95)
+        truth = truth_model.deflect(cases)
         model = JointModel.of(robot, way.estimate(robot, measurements), _POSITIVE)
-        ends = predict_deflections(model, cases, confidence=0.95).interval
+        ends = model.deflect(cases).interval(0.95)
         if ends is None:
             raise RuntimeError("sigma is given, so there is an interval")
         exact = np.concatenate([truth.displacement, truth.rotation], axis=1)
@@ -89,10 +88,10 @@ def _compliance(count: int) -> Section:
     arm = default_arm()
     cases = load_cases(arm, count, 0)
     model = JointModel(default_robot(arm), arm.compliances, None, _POSITIVE)
-    found = predict_deflections(model, cases, confidence=0.95)
+    found = model.deflect(cases)
     exact = (4.0 * _differences(arm, cases, 60.0) - _differences(arm, cases, 120.0)) / 3.0
     size = np.abs(exact).max(axis=(1, 2))
-    rows = found.posture.jacobian(cases.place)
+    rows = found.jacobian
     plain = (rows * model.compliance) @ rows.transpose(0, 2, 1)
     errors = [
         float((np.abs(matrix[:, :3, :3] - exact).max(axis=(1, 2)) / size).max())
@@ -141,9 +140,10 @@ def _split(robot: Robot, measurements: Measurements, seed: int) -> tuple[float, 
     error = leave_postures_out(robot, fitted, settings, estimate, model)
     place = held.position[:, 0]  # in the flange frame, as all readings of the set are deflections
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
-    found = predict_deflections(model, cases, confidence=0.9)
-    bound, read = error.bound(model, found.posture, 0.9), held.deflection[:, 0]
-    with_error, of_readings = bound.interval(found), found.interval
+    found = model.deflect(cases)
+    bound, read = error.bound(cases, found.leverage, 0.9), held.deflection[:, 0]
+    of_readings = found.interval(0.9)
+    with_error = bound.interval(found.displacement, of_readings)
     if of_readings is None:
         raise RuntimeError("sigma comes from the residuals, so there is an interval")
     return (

@@ -17,7 +17,7 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.deflection.models import to_elastic_predictor
+from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.program.points import Corrections
 from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
@@ -28,7 +28,6 @@ from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
-from jointstiff.solver.deflection.forward import ElasticForward
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
@@ -264,7 +263,7 @@ def _beams(count: int) -> Section:
     stored = campaigns.identify(campaign, campaign.run).result
     if stored is None or stored.model is None or stored.model.elastic is None:
         raise RuntimeError("no elastic model")
-    links, _ = to_elastic_predictor(robot, stored.model, stored.model.elastic)
+    links, _ = to_forward_model(robot, stored.model)
     generator = np.random.default_rng(7)
     low, high = ARM.limits.T
     joints = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, 6))
@@ -272,7 +271,7 @@ def _beams(count: int) -> Section:
     force = 1500.0 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     place = np.tile(TOOL, (count, 1))
     wanted = LoadCases(joints, force, np.zeros_like(force), place, place.copy())
-    found = compensate(ElasticForward(links), wanted, CorrectionLimits(1.0, 1.0))
+    found = compensate(links, wanted, CorrectionLimits(1.0, 1.0))
     goal, loaded = (
         each[:, 0] for each in elastic_deflections(beam_arm(ARM), joints, force, place, TOOL[None])
     )

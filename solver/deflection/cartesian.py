@@ -9,8 +9,6 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.loaded import LoadedPosture
 
 _SINGULAR: Final = 1e-12
 """Eigenvalue beside the greatest, in equilibrated compliances, that is rounding."""
@@ -41,21 +39,6 @@ class CartesianCompliance:
     #: (B, 6, n) and (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``
     by_joint: tuple[FloatArray, FloatArray]
     covariance: FloatArray | None  #: (n, n) of the compliances [(rad/(N·m))²]; None if unknown
-
-    @classmethod
-    def of(cls, model: JointModel, posture: LoadedPosture) -> CartesianCompliance:
-        """Compute the compliance at the places of the load cases."""
-        jacobian = posture.jacobian(posture.cases.place)
-        softened = posture.softened
-        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
-        stiffened = np.eye(model.robot.n) + posture.stiffness @ (softened * model.compliance)
-        left, right = jacobian @ softened, jacobian @ stiffened.transpose(0, 2, 1)
-        return cls(
-            matrix=(left * model.compliance) @ jacobian.transpose(0, 2, 1),
-            symmetric=(posture.cases.moment == 0.0).all(axis=1),
-            by_joint=(left, right),
-            covariance=None if model.likelihood is None else model.covariance,
-        )
 
     @property
     def translation(self) -> FloatArray:

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.forward import Bent, ForwardModel
+from jointstiff.solver.deflection.balance import rotation_vector
+from jointstiff.solver.deflection.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import rotation_vector
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -74,9 +74,7 @@ def compensate(
     """
     limits = CorrectionLimits() if limits is None else limits
     ramp = ramp_shares(model.robot, wanted, limits.ramp) if ramp is None else ramp
-    parts = [
-        _compensate_block(model, _rows(wanted, block), limits, ramp[block]) for block in _blocks(len(wanted))
-    ]
+    parts = [_compensate_block(model, wanted[block], limits, ramp[block]) for block in _blocks(len(wanted))]
     return Compensation(
         *(
             np.concatenate([getattr(part, name) for part in parts])
@@ -91,16 +89,15 @@ def _compensate_block(
     robot = model.robot
     goal = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
     still = _Places.of(wanted, goal)
-    bare = model.bent(wanted, goal)
+    bare = model.deflect(wanted, goal)
     uncorrected = still.off(bare)
-    unseen, readings = bare.readings()
-    if unseen.any():
+    if bare.unseen.any():
         raise RequestError(
             "the load twists a joint of which the readings say nothing",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty, leverage = uncertainties(readings, uncorrected[:, :3])
+    uncertainty = bare.deviation_along(unit_vectors(uncorrected[:, :3]))
     uncertain = uncertainty > np.linalg.norm(uncorrected[:, :3], axis=1)
     share = np.where(uncertain, 0.0, ramp)
     under = Configurations(robot, model.command(wanted, goal, share))
@@ -113,10 +110,10 @@ def _compensate_block(
     return Compensation(
         commanded=robot.joint_map.controller_angles(under.q),
         correction=correction,
-        residual=still.off(model.bent(wanted, under, near=goal)),
+        residual=still.off(model.deflect(wanted, under, near=goal)),
         uncorrected=uncorrected,
         uncertainty=uncertainty,
-        leverage=leverage,
+        leverage=bare.leverage,
         share=share * cap,
         uncertain=uncertain,
         capped=cap < 1.0,
@@ -128,33 +125,17 @@ class _Places:
     """Places (m, 3) in R0 [m] and axes (m, 3, 3) of the flange."""
 
     place: FloatArray
-    rotation: FloatArray
+    axes: FloatArray
 
     @classmethod
     def of(cls, cases: LoadCases, here: Configurations) -> _Places:
         """Return the places of rigid postures."""
         return cls(here.to_base(cases.place[:, None])[:, 0], here.flange_rotation)
 
-    def off(self, there: _Places | Bent) -> FloatArray:
+    def off(self, there: _Places | Deflection) -> FloatArray:
         """Return displacements [m] and rotation vectors [rad] (m, 6) from here to there."""
-        turned = rotation_vector(there.rotation @ self.rotation.transpose(0, 2, 1))
+        turned = rotation_vector(there.axes @ self.axes.transpose(0, 2, 1))
         return np.concatenate([there.place - self.place, turned], axis=1)
-
-
-def uncertainties(readings: FloatArray | None, deflection: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return standard uncertainties (m,), (m,) [m]: along the deflection, and the greatest of any direction.
-
-    Args:
-        readings: (m, 3, p) H, H Hᵀ the covariance [m²]; None if it is unknown.
-        deflection: (m, 3) [m].
-    """
-    if readings is None:
-        return np.full(len(deflection), np.nan), np.zeros(len(deflection))
-    size = np.linalg.norm(deflection, axis=1, keepdims=True)
-    along = deflection / np.where(size > 0.0, size, 1.0)
-    uncertainty = np.linalg.norm((along[:, None] @ readings)[:, 0], axis=1)
-    greatest = np.linalg.eigvalsh(readings @ readings.transpose(0, 2, 1))[:, -1]
-    return uncertainty, np.sqrt(np.maximum(greatest, 0.0))
 
 
 def _cap(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
@@ -179,12 +160,12 @@ def residuals(model: ForwardModel, wanted: LoadCases, commanded: FloatArray) -> 
     robot = model.robot
     found = np.empty((len(wanted), 6))
     for block in _blocks(len(wanted)):
-        cases = _rows(wanted, block)
+        cases = wanted[block]
         goal, under = (
             Configurations(robot, robot.joint_map.model_angles(angles))
             for angles in (cases.joints, commanded[block])
         )
-        found[block] = _Places.of(cases, goal).off(model.bent(cases, under, near=goal))
+        found[block] = _Places.of(cases, goal).off(model.deflect(cases, under, near=goal))
     return found
 
 
@@ -213,13 +194,3 @@ def _since_start(loaded: BoolArray, steps: FloatArray) -> FloatArray:
 def _blocks(count: int) -> Iterator[slice]:
     for start in range(0, count, _BLOCK):
         yield slice(start, start + _BLOCK)
-
-
-def _rows(cases: LoadCases, block: slice) -> LoadCases:
-    return LoadCases(
-        cases.joints[block].copy(),
-        cases.force[block].copy(),
-        cases.moment[block].copy(),
-        cases.load_point[block].copy(),
-        cases.place[block].copy(),
-    )

@@ -7,27 +7,27 @@ units. The cone is left out. What the readings leave open is bounded by how much
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy import special
 from scipy.linalg import solve_triangular
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.semidefinite.symmetric import diagonal
+from jointstiff.solver.deflection.balance import rotation_vector
 from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel, greatest_deviation
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import LoadedPosture
-from jointstiff.solver.deflection.model_error import ModelError, merged_steps
-from jointstiff.solver.deflection.prediction import Deflection
+from jointstiff.solver.deflection.model_error import ModelError, measured_loads, with_scores
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.cross_validation import FoldFit, Folds
 from jointstiff.solver.links.estimate import Companion, ElasticEstimate
 from jointstiff.solver.links.places import ElasticPlaces, elastic_residuals
 from jointstiff.solver.links.regressor import ElasticColumns
 from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.regression.pose import skew
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -38,20 +38,24 @@ _JOINT_PRIOR: Final = 10.0
 """Prior standard deviation of a joint's compliance, in units of what would explain all deflections."""
 _LEAST_PRIOR: Final = 1e-6
 """Likewise of an entry at the least, where no element bends."""
+_STEPS: Final = 20
+_REACHED: Final = 1e-12
+"""Distance [m] and angle [rad] from the wanted pose that is rounding."""
+_DAMPING: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticPredictor:
-    """A robot whose links bend."""
+class ElasticPredictor(ForwardModel):
+    """Elastic joints and links, to first order in the load at the unloaded posture."""
 
-    robot: Robot  #: n joints
+    first_order = True
+
     columns: ElasticColumns  #: of the richest model
     kept: IndexArray  #: (p,) columns that the model has
     entries: FloatArray  #: (p,) compliances
     #: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown
     root: FloatArray | None
     seen: BoolArray  #: (n,) joints that the readings saw
-    degrees_of_freedom: float | None  #: of sigma; None for one that was given
 
     @classmethod
     def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
@@ -66,15 +70,8 @@ class ElasticPredictor:
             elastic.entries[kept],
             root,
             ~np.isnan(elastic.compliance),
-            companion.degrees_of_freedom,
+            degrees_of_freedom=companion.degrees_of_freedom,
         )
-
-    def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
-        probability = 0.5 * (1.0 + confidence)
-        if self.degrees_of_freedom is None:
-            return float(special.ndtri(probability))
-        return float(special.stdtrit(self.degrees_of_freedom, probability))
 
     @cached_property
     def compliances(self) -> FloatArray:
@@ -88,48 +85,124 @@ class ElasticPredictor:
         load = cases.force, cases.moment, cases.load_point
         return ElasticPlaces.of(self.robot, self.columns, unloaded, load, cases.place)
 
-    def unseen(self, places: ElasticPlaces) -> BoolArray:
-        """(B, n) joints that the load twists and of which the readings say nothing."""
-        twisted = np.abs(places.jacobian * places.torque[:, None]).max(axis=1) > 0.0
-        return np.asarray(twisted & ~self.seen)
-
-    def half(self, places: ElasticPlaces) -> FloatArray | None:
-        """(B, 6, p) H, H Hᵀ the covariance of displacement and rotation; None where it is unknown."""
-        return None if self.root is None else np.asarray(places.rows[..., self.kept] @ self.root)
-
-    def predict(self, cases: LoadCases, confidence: float) -> Deflection:
-        """Predict displacements and rotations, with intervals from the readings alone, and compliance."""
-        unloaded = Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
-        places = self.places(cases, unloaded)
-        value = places.deflection(self.compliances)
-        covariance = interval = None
-        half = self.half(places)
-        if half is not None:
-            covariance = half @ half.transpose(0, 2, 1)
-            spread = self.quantile(confidence) * np.linalg.norm(half, axis=-1)
-            interval = value[..., None] + spread[..., None] * np.array([-1.0, 1.0])
-        n = self.robot.n
-        nothing = np.zeros((len(cases), 6, n))
-        return Deflection(
-            displacement=value[:, :3],
-            rotation=value[:, 3:],
-            interval=interval,
-            covariance=covariance,
-            unseen=self.unseen(places),
-            compliance=CartesianCompliance(
-                places.compliance(self.compliances),
-                np.ones(len(cases), dtype=np.bool_),
-                (nothing, nothing),
-                None,
-            ),
-            posture=LoadedPosture.of(self.robot, np.zeros(n), cases),
+    def deflect(
+        self,
+        cases: LoadCases,
+        unloaded: Configurations | None = None,
+        near: Configurations | None = None,  # noqa: ARG002  # nothing is balanced
+    ) -> ElasticDeflection:
+        """Bend links and joints at the unloaded posture."""
+        return self._deflect(
+            cases, self.unloaded(cases) if unloaded is None else unloaded, np.ones(len(cases))
         )
 
-    def leverage(self, deflection: Deflection) -> FloatArray:
-        """(B,) greatest standard uncertainty of a displacement in any direction [m]."""
-        if deflection.covariance is None:
-            return np.zeros(len(deflection.displacement))
-        return _greatest(deflection.covariance[:, :3, :3])
+    def _deflect(self, cases: LoadCases, unloaded: Configurations, share: FloatArray) -> ElasticDeflection:
+        """Take a share (B,) of the deflection."""
+        places = self.places(cases, unloaded)
+        moved = share[:, None] * places.deflection(self.compliances)
+        still = unloaded.to_base(cases.place[:, None])[:, 0]
+        return ElasticDeflection(
+            model=self,
+            cases=cases,
+            displacement=moved[:, :3],
+            rotation=moved[:, 3:],
+            place=still + moved[:, :3],
+            axes=rotations(moved[:, 3:]) @ unloaded.flange_rotation,
+            places=places,
+        )
+
+    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+        """Follow Newton's method to the posture whose bent place is the goal.
+
+        The answer of the deflection to the posture is left out of the slope: each step gains three digits.
+
+        Raises:
+            RequestError: the place is at a singular posture, or too far.
+        """
+        target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
+        for _ in range(_STEPS):
+            bent = self._deflect(wanted, Configurations(self.robot, q), share)
+            turned = rotation_vector(goal.flange_rotation @ bent.axes.transpose(0, 2, 1))
+            off = np.concatenate([target - bent.place, turned], axis=1)
+            if (np.abs(off) <= _REACHED).all():
+                return q
+            jacobian = bent.places.jacobian
+            normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
+            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, off[..., None]))[..., 0]
+        raise RequestError(
+            "no posture near it brings the loaded tool there",
+            where=f"cases[{int(np.argmax(np.abs(off).max(axis=1)))}]",
+            remedy="move the part away from the singularity, or leave the load out here",
+        )
+
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return the displacements (B, 3) of the places [m]."""
+        return self.places(cases, unloaded).deflection(self.compliances)[:, :3]
+
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) turn the flange beyond what is linear."""
+        turned = self.places(cases, unloaded).deflection(self.compliances)[:, 3:]
+        return np.asarray(np.linalg.norm(turned, axis=1) > LARGEST_TURN)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticDeflection(Deflection):
+    """Deflections by elastic joints and links."""
+
+    model: ElasticPredictor
+    places: ElasticPlaces  #: kinematics and loads of the elements
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """(B, 6, p) by the entries that the model has: see `Deflection`."""
+        return self.places.rows[..., self.model.kept]
+
+    @cached_property
+    def half(self) -> FloatArray | None:
+        """(B, 6, p) H, H Hᵀ the covariance of displacement and rotation; None if it is unknown."""
+        return None if self.model.root is None else np.asarray(self.rows @ self.model.root)
+
+    @property
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing."""
+        twisted = np.abs(self.places.jacobian * self.places.torque[:, None]).max(axis=1) > 0.0
+        return np.asarray(twisted & ~self.model.seen)
+
+    @property
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, of unknown uncertainty."""
+        nothing = np.zeros((len(self.cases), 6, self.model.robot.n))
+        symmetric = np.ones(len(self.cases), dtype=np.bool_)
+        return CartesianCompliance(
+            self.places.compliance(self.model.compliances), symmetric, (nothing, nothing), None
+        )
+
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings say something of all joints: see `Deflection`."""
+        known = np.full(len(direction), self.model.seen.all())
+        return known, known
+
+    def interval(self, confidence: float) -> FloatArray | None:
+        """Return intervals (B, 6, 2) of the normal distribution: see `Deflection`."""
+        if self.half is None:
+            return None
+        value = np.concatenate([self.displacement, self.rotation], axis=1)
+        spread = self.model.quantile(confidence) * np.linalg.norm(self.half, axis=-1)
+        return np.asarray(value[..., None] + spread[..., None] * np.array([-1.0, 1.0]))
+
+    def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
+        """Return intervals (B, 2) of the normal distribution: see `Deflection`."""
+        value = np.einsum("bi,bi->b", direction, self.displacement)
+        spread = self.model.quantile(confidence) * self.deviation_along(direction)
+        return np.asarray(value[:, None] + spread[:, None] * np.array([-1.0, 1.0]))
+
+
+def rotations(vectors: FloatArray) -> FloatArray:
+    """Return the rotations (B, 3, 3) of rotation vectors (B, 3) [rad] (Rodrigues)."""
+    turn = skew(vectors)
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None] / np.pi  # in half turns, as `sinc` takes it
+    rotation: FloatArray = np.eye(3) + np.sinc(angle) * turn + 0.5 * np.sinc(0.5 * angle) ** 2 * (turn @ turn)
+    return rotation
 
 
 def _root(companion: Companion, entries: FloatArray) -> FloatArray:
@@ -162,38 +235,19 @@ def folds_left_out(
     Raises:
         RequestError: nothing loads the robot.
     """
-    force, moment = (np.linalg.norm(v, axis=1) for v in (measurements.force, measurements.moment))
-    units = float(force.max()), float(moment.max())
-    if not any(units):
-        raise RequestError("it takes two postures under load", remedy="measure more postures")
-    summary = ModelError(0, np.zeros(0), np.zeros(0), *units, 0.0, 0.0)
-    greatest = float(summary.load_size(measurements.force, measurements.moment).max())
-    summary = replace(summary, force=greatest * units[0], moment=greatest * units[1])
-    load = summary.load_size(measurements.force, measurements.moment)
+    summary, load = measured_loads(measurements)
     _, index = np.unique(measurements.joints, axis=0, return_inverse=True)
-    scores, postures, leverages = [], [], []
+    scores, postures, leverages = [], [], [np.zeros(1)]
     for indices, fit in zip(folds.held_out, fits, strict=True):
         part = measurements[indices]
         residual, rows = elastic_residuals(robot, part, folds.columns, fit.compliances[0])
         observation = indices[np.nonzero(part.present)[0]]
         loaded = load[observation] > 0.0
-        root = np.sqrt(load[observation][loaded])
-        scores.append(np.linalg.norm(residual[loaded], axis=1) / root)
+        size = load[observation][loaded]
+        scores.append(np.linalg.norm(residual[loaded], axis=1) / np.sqrt(size))
         postures.append(index.reshape(-1)[observation[loaded]])
         if model.root is not None:
-            half = rows[loaded][..., model.kept] @ model.root
-            leverages.append(_greatest(half @ half.transpose(0, 2, 1)) / load[observation][loaded])
-    posture, score = np.concatenate(postures), np.concatenate(scores)
-    steps, share = merged_steps(posture, np.where(np.isnan(score), np.inf, score))
-    return replace(
-        summary,
-        postures=len(np.unique(posture)),
-        score=steps,
-        share=share,
-        least_load=float(load[load > 0.0].min()),
-        leverage=float(np.concatenate(leverages).max()) if leverages else 0.0,
+            leverages.append(greatest_deviation(rows[loaded][..., model.kept] @ model.root) / size)
+    return with_scores(
+        summary, load, np.concatenate(postures), np.concatenate(scores), np.concatenate(leverages)
     )
-
-
-def _greatest(covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[..., -1], 0.0)))

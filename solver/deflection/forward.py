@@ -1,91 +1,55 @@
-"""Forward models of the loaded robot, as compensation needs them (docs/method.md section 13)."""
+"""Forward models: where a load takes the tool, and what the readings say of it (method.md §9).
+
+Prediction, maps and programs ask a `ForwardModel`, and nothing else tells joints from elastic links.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar, Final
 
 import numpy as np
+from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import (
-    LARGEST_DEFLECTION,
-    load_and_stiffness,
-    no_balance,
-    refuse_unbalanced,
-    require_stable,
-    rotation_vector,
-    solved,
-)
-from jointstiff.solver.deflection.own_weight import OwnWeight
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links.places import ElasticPlaces
-from jointstiff.solver.regression.pose import skew
-from jointstiff.solver.regression.regressor import joint_torque
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
-_STEPS: Final = 20
-_LAST_STEP: Final = 5e-7
-"""Step of Newton's method [rad or m] that is taken to first order: what it leaves is its square."""
-_WEIGHT_STEPS: Final = 8
-"""Steps in which the own weight of the commanded posture settles; each gains three digits."""
-_REACHED: Final = 1e-12
-"""Distance [m] and angle [rad] from the wanted pose that is rounding."""
-_DAMPING: Final = 1e-12
+LARGEST_TURN: Final = 0.25
+"""Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
 
 
-class Bent(Protocol):
-    """B loaded places."""
+@dataclass(frozen=True, eq=False)
+class ForwardModel(ABC):
+    """A model of the loaded robot."""
 
-    @property
-    def place(self) -> FloatArray:
-        """(B, 3) in R0 [m]."""
-        ...
+    first_order: ClassVar[bool]
+    """Whether it is linear in the load, without own weight and complementary stiffness."""
 
-    @property
-    def rotation(self) -> FloatArray:
-        """(B, 3, 3) axes of the flange in R0."""
-        ...
+    robot: Robot  #: n joints
+    #: of a sigma that comes from residuals; None for one that was given
+    degrees_of_freedom: float | None = field(default=None, kw_only=True)
 
-    def readings(self) -> tuple[BoolArray, FloatArray | None]:
-        """Return what the readings say of the displacements.
-
-        Returns:
-            (B,) whether a load twists a joint of which they say nothing, and (B, 3, p) H, where H Hᵀ is the
-            covariance of the displacement [m²]; None where it is unknown.
-        """
-        ...
-
-
-class ForwardModel(Protocol):
-    """A model that says where a load takes the tool, and what to command against it."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot, n joints."""
-        ...
-
-    def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
-        ...
-
-    def bent(self, cases: LoadCases, unloaded: Configurations, near: Configurations | None = None) -> Bent:
-        """Return where loads take the places.
+    @abstractmethod
+    def deflect(
+        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+    ) -> Deflection:
+        """Bend the robot.
 
         Args:
             cases: B load cases.
-            unloaded: their kinematics without the load.
-            near: kinematics near the loaded postures.
+            unloaded: their kinematics without the load; None computes them.
+            near: kinematics near the loaded postures; None starts at the unloaded ones.
 
         Raises:
             RequestError: a load finds no stable balance.
         """
-        ...
 
+    @abstractmethod
     def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
         """Return angles (B, n) of the model [rad] under which a share of the deflection ends at the goal.
 
@@ -97,204 +61,120 @@ class ForwardModel(Protocol):
         Raises:
             RequestError: there are none.
         """
-        ...
 
+    @abstractmethod
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return displacements (B, 3) of the places, to first order in the load [m]."""
 
-@dataclass(frozen=True, eq=False)
-class JointForward:
-    """Elastic joints: the exact balance of springs, load and own weight."""
+    @abstractmethod
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) are beyond what the model describes."""
 
-    model: JointModel  #: elastic joints
-    #: of the links; None leaves it out, as the controller's zero has it in already
-    weight: OwnWeight | None = None
-
-    @property
-    def robot(self) -> Robot:
-        """The robot, n joints."""
-        return self.model.robot
+    def unloaded(self, cases: LoadCases) -> Configurations:
+        """Return the kinematics of load cases without their loads."""
+        return Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
         """Return half the width of a two-sided interval in standard uncertainties."""
-        return self.model.quantile(confidence)
-
-    def bent(
-        self, cases: LoadCases, unloaded: Configurations, near: Configurations | None = None
-    ) -> BentJoints:
-        """Balance springs and loads by Newton's method, the last step to first order.
-
-        Raises:
-            RequestError: a load finds no stable balance near the unloaded posture.
-        """
-        robot, compliance, q = self.robot, self.model.compliance, unloaded.q
-        rest = self._own(q, unloaded)[0]
-        loaded = unloaded if near is None else near
-        for _ in range(_STEPS):
-            deflection = loaded.q - q
-            torque, stiffness = load_and_stiffness(cases, loaded)
-            own, own_stiffness = self._own(loaded.q, loaded)
-            torque, stiffness = torque + own - rest, stiffness + own_stiffness
-            slope = np.eye(robot.n) - compliance[:, None] * stiffness
-            step = solved(slope, compliance * torque - deflection)
-            deflection = deflection + step
-            if (np.abs(step) <= _LAST_STEP).all():
-                require_stable(deflection, slope)
-                return BentJoints.of(self.model, cases, loaded, (torque, slope, step))
-            refuse_unbalanced(np.asarray(~(np.abs(deflection) <= 2.0 * LARGEST_DEFLECTION).all(axis=1)))
-            loaded = Configurations(robot, q + deflection)
-        raise no_balance(int(np.argmax(np.abs(step).max(axis=1))))
-
-    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
-        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
-        theta = goal.q
-        torque = load_torque(wanted, goal)
-        step = share[:, None] * self.model.compliance
-        commanded: FloatArray = theta - step * torque
-        if self.weight is None:
-            return commanded
-        own = self._own(theta, goal)[0]
-        for _ in range(_WEIGHT_STEPS):
-            rest = self._own(commanded, Configurations(self.robot, commanded))[0]
-            commanded = theta - step * (torque + own - rest)
-        return commanded
-
-    def _own(self, q: FloatArray, here: Configurations) -> tuple[FloatArray | float, FloatArray | float]:
-        return (0.0, 0.0) if self.weight is None else self.weight.torque_and_stiffness(self.robot, q, here)
-
-
-@dataclass(frozen=True, eq=False)
-class BentJoints:
-    """B loaded places of a robot whose joints bend."""
-
-    place: FloatArray  #: (B, 3) in R0 [m]
-    rotation: FloatArray  #: (B, 3, 3) axes of the flange in R0
-    _model: JointModel
-    _jacobian: FloatArray
-    _torque: FloatArray
-    _slope: FloatArray
-
-    @classmethod
-    def of(
-        cls,
-        model: JointModel,
-        cases: LoadCases,
-        loaded: Configurations,
-        balance: tuple[FloatArray, FloatArray, FloatArray],
-    ) -> BentJoints:
-        """Take the last step, with torques (B, n), slope (B, n, n) and step (B, n) [rad] of the balance."""
-        torque, slope, step = balance
-        place = loaded.to_base(cases.place[:, None])
-        jacobian = np.concatenate([loaded.jacobian_at(place)[:, 0], loaded.angular_jacobian], axis=1)
-        moved = (jacobian @ step[..., None])[..., 0]
-        turned = loaded.flange_rotation + skew(moved[:, 3:]) @ loaded.flange_rotation
-        return cls(place[:, 0] + moved[:, :3], turned, model, jacobian, torque, slope)
-
-    def readings(self) -> tuple[BoolArray, FloatArray | None]:
-        """Return what the readings say of the displacements: see `Bent`."""
-        transposed = self._slope.transpose(0, 2, 1)
-        answer = np.linalg.solve(transposed, self._jacobian.transpose(0, 2, 1)).transpose(0, 2, 1)
-        rows = answer * self._torque[:, None]  # ∂(displacement, rotation)/∂c
-        unseen: BoolArray = np.asarray(self._model.unseen(rows).any(axis=1))
-        return unseen, None if self._model.likelihood is None else rows[:, :3] @ self._model.root
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticForward:
-    """Elastic joints and links, to first order in the load at the unloaded posture."""
-
-    model: ElasticPredictor  #: what predicts
-
-    @property
-    def robot(self) -> Robot:
-        """The robot, n joints."""
-        return self.model.robot
-
-    def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
-        return self.model.quantile(confidence)
-
-    def bent(
-        self,
-        cases: LoadCases,
-        unloaded: Configurations,
-        near: Configurations | None = None,  # noqa: ARG002  # nothing is balanced
-    ) -> BentLinks:
-        """Return where loads take the places."""
-        places = self.model.places(cases, unloaded)
-        return BentLinks.of(self.model, places, cases, unloaded, np.ones(len(cases)))
-
-    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
-        """Follow Newton's method to the posture whose bent place is the goal.
-
-        The answer of the deflection to the posture is left out of the slope: each step gains three digits.
-
-        Raises:
-            RequestError: the place is at a singular posture, or too far.
-        """
-        target, robot = goal.to_base(wanted.place[:, None])[:, 0], self.robot
-        q = goal.q
-        for _ in range(_STEPS):
-            here = Configurations(robot, q)
-            places = self.model.places(wanted, here)
-            bent = BentLinks.of(self.model, places, wanted, here, share)
-            off = np.concatenate(
-                [
-                    target - bent.place,
-                    rotation_vector(goal.flange_rotation @ bent.rotation.transpose(0, 2, 1)),
-                ],
-                axis=1,
+        if not 0.0 < confidence < 1.0:
+            raise RequestError(
+                f"the confidence is {confidence}", where="confidence", remedy="give it between 0 and 1"
             )
-            if (np.abs(off) <= _REACHED).all():
-                return q
-            jacobian = places.jacobian
-            normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, off[..., None]))[..., 0]
-        raise RequestError(
-            "no posture near it brings the loaded tool there",
-            where=f"cases[{int(np.argmax(np.abs(off).max(axis=1)))}]",
-            remedy="move the part away from the singularity, or leave the load out here",
-        )
+        probability = 0.5 * (1.0 + confidence)
+        if self.degrees_of_freedom is None:
+            return float(special.ndtri(probability))
+        return float(special.stdtrit(self.degrees_of_freedom, probability))
 
 
 @dataclass(frozen=True, eq=False)
-class BentLinks:
-    """B loaded places of a robot whose links bend."""
+class Deflection(ABC):
+    """Deflections of B load cases by a forward model, axes of R0."""
 
-    place: FloatArray  #: (B, 3) in R0 [m]
-    rotation: FloatArray  #: (B, 3, 3) axes of the flange in R0
-    _model: ElasticPredictor
-    _places: ElasticPlaces
+    model: ForwardModel  #: model with p compliances
+    cases: LoadCases  #: loads and places
+    displacement: FloatArray  #: (B, 3) of the places [m]
+    rotation: FloatArray  #: (B, 3) rotation vectors of the flange [rad]
+    place: FloatArray  #: (B, 3) loaded places in R0 [m]
+    axes: FloatArray  #: (B, 3, 3) axes of the flange in R0, under load
 
-    @classmethod
-    def of(
-        cls,
-        model: ElasticPredictor,
-        places: ElasticPlaces,
-        cases: LoadCases,
-        unloaded: Configurations,
-        share: FloatArray,
-    ) -> BentLinks:
-        """Move the unloaded places by a share (B,) of their deflection."""
-        moved = share[:, None] * places.deflection(model.compliances)
-        still = unloaded.to_base(cases.place[:, None])[:, 0]
-        rotation = rotations(moved[:, 3:]) @ unloaded.flange_rotation
-        return cls(still + moved[:, :3], rotation, model, places)
+    @property
+    @abstractmethod
+    def rows(self) -> FloatArray:
+        """(B, 6, p) ``∂(displacement, rotation)/∂c`` [m, then rad, / (rad/(N·m))]."""
 
-    def readings(self) -> tuple[BoolArray, FloatArray | None]:
-        """Return what the readings say of the displacements: see `Bent`."""
-        unseen: BoolArray = np.asarray(self._model.unseen(self._places).any(axis=1))
-        half = self._model.half(self._places)
-        return unseen, None if half is None else half[:, :3]
+    @property
+    @abstractmethod
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing.
+
+        Where there is one, no number holds.
+        """
+
+    @property
+    @abstractmethod
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, in the loaded postures."""
+
+    @abstractmethod
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings say how places answer to forces along directions (B, 3), and across.
+
+        A joint of which they say nothing may answer to other forces than the load.
+        """
+
+    @abstractmethod
+    def interval(self, confidence: float) -> FloatArray | None:
+        """Return intervals (B, 6, 2) of displacement, then rotation, from the readings alone.
+
+        They respect the constraints of the fit; None where no uncertainty is known.
+        """
+
+    @abstractmethod
+    def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
+        """Return intervals (B, 2) of displacements along unit vectors (B, 3) [m]; NaN if unknown."""
+
+    @property
+    @abstractmethod
+    def half(self) -> FloatArray | None:
+        """(B, 6, p) H, H Hᵀ the covariance of displacement and rotation; None if it is unknown."""
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """(B, 6, 6) from the readings alone, without constraints; None if it is unknown."""
+        return None if self.half is None else np.asarray(self.half @ self.half.transpose(0, 2, 1))
+
+    def deviation_along(self, direction: FloatArray) -> FloatArray:
+        """Return standard uncertainties (B,) of displacements along unit vectors [m]; NaN if unknown."""
+        if self.half is None:
+            return np.full(len(direction), np.nan)
+        return np.asarray(np.linalg.norm((direction[:, None] @ self.half[:, :3])[:, 0], axis=1))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """(B,) greatest standard uncertainty of a displacement in any direction [m]; zero if unknown."""
+        return np.zeros(len(self.cases)) if self.half is None else greatest_deviation(self.half[:, :3])
+
+    def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
+        """Return standard uncertainties of the displacements' lengths by source, ``√(uᵀ A C_k Aᵀ u)``.
+
+        Args:
+            covariances: (K, p, p) of the compliances, by source [(rad/(N·m))²].
+
+        Returns:
+            (B, K) [m]; zero where nothing moves.
+        """
+        row = np.einsum("bi,bip->bp", unit_vectors(self.displacement), self.rows[:, :3])
+        variance = np.einsum("bp,kpq,bq->bk", row, covariances, row)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def load_torque(cases: LoadCases, here: Configurations) -> FloatArray:
-    """Return the torques (B, n) [N·m] of the loads in given postures."""
-    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
-    return joint_torque(here, jacobian, cases.force, cases.moment)
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Return the directions of vectors (B, 3); zero where there is none."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-def rotations(vectors: FloatArray) -> FloatArray:
-    """Return the rotations (B, 3, 3) of rotation vectors (B, 3) [rad] (Rodrigues)."""
-    turn = skew(vectors)
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None] / np.pi  # in half turns, as `sinc` takes it
-    rotation: FloatArray = np.eye(3) + np.sinc(angle) * turn + 0.5 * np.sinc(0.5 * angle) ** 2 * (turn @ turn)
-    return rotation
+def greatest_deviation(half: FloatArray) -> FloatArray:
+    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances."""
+    greatest = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
+    return np.asarray(np.sqrt(np.maximum(greatest, 0.0)))

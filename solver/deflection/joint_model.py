@@ -1,4 +1,4 @@
-"""Elastic joints as a model that predicts: compliances, and what is known of their errors."""
+"""Elastic joints as a forward model: compliances, what is known of their errors, and the exact balance."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.constraints import Constraints
-from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.deflection.balance import Balance, balance, rotation_vector
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.forward import LARGEST_TURN, Deflection, ForwardModel
+from jointstiff.solver.deflection.load_cases import LoadCases
+from jointstiff.solver.deflection.own_weight import OwnWeight
+from jointstiff.solver.errors import SolverError
 from jointstiff.solver.fitting.likelihood import Likelihood
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.profile import profile_row_ends, range_on_box
 from jointstiff.solver.observability.identifiability import Spectrum
+from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
+from jointstiff.solver.regression.pose import skew
+from jointstiff.solver.regression.regressor import joint_torque
+from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
 _UNSEEN: Final = 1e-9
@@ -25,20 +33,25 @@ _BLOCK: Final = 500
 """Rows whose ends are found together: each takes some matrices of n × n numbers."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding of a position [m]: no reading is better."""
+_WEIGHT_STEPS: Final = 8
+"""Steps in which the own weight of the commanded posture settles; each gains three digits."""
+_SOFTEST: Final = 0.5
+"""Share of the joints' stiffness that the load may take away; more is no load of a process."""
 
 
 @dataclass(frozen=True, eq=False)
-class JointModel:
-    """A robot with elastic joints."""
+class JointModel(ForwardModel):
+    """Elastic joints: the exact balance of springs, load and own weight."""
 
-    robot: Robot  #: n joints
+    first_order = False
+
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where nothing is known
     #: of the compliances that were seen, before any constraint, in SI units; None where no uncertainty is
     #: known
     likelihood: Likelihood | None
     constraints: Constraints  #: on all n compliances
-    #: of a sigma that comes from residuals; None for one that was given
-    degrees_of_freedom: float | None = None
+    #: of the links; None leaves it out, as the controller's zero has it in already
+    weight: OwnWeight | None = None
 
     @classmethod
     def of(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
@@ -51,7 +64,7 @@ class JointModel:
                 likelihood.joints, likelihood.centre, sigma**2 * likelihood.covariance, rows
             )
         freedom = None if estimate.sigma_given else estimate.degrees_of_freedom
-        return cls(robot, estimate.compliance, likelihood, constraints, freedom)
+        return cls(robot, estimate.compliance, likelihood, constraints, degrees_of_freedom=freedom)
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -66,6 +79,60 @@ class JointModel:
         """(n, n) matrix whose product with its transpose is the covariance."""
         values, vectors = np.linalg.eigh(self.covariance)
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    def deflect(
+        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+    ) -> JointDeflection:
+        """Balance springs and loads.
+
+        Raises:
+            RequestError: a load finds no stable balance near the unloaded posture.
+        """
+        unloaded = self.unloaded(cases) if unloaded is None else unloaded
+        found = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
+        loaded, place = found.loaded, cases.place[:, None]
+        reached = loaded.to_base(place)
+        jacobian = np.concatenate([loaded.jacobian_at(reached)[:, 0], loaded.angular_jacobian], axis=1)
+        moved = (jacobian @ found.step[..., None])[..., 0]
+        axes = loaded.flange_rotation + skew(moved[:, 3:]) @ loaded.flange_rotation
+        return JointDeflection(
+            model=self,
+            cases=cases,
+            displacement=(reached - unloaded.to_base(place))[:, 0] + moved[:, :3],
+            rotation=rotation_vector(axes @ unloaded.flange_rotation.transpose(0, 2, 1)),
+            place=reached[:, 0] + moved[:, :3],
+            axes=axes,
+            balance=found,
+            jacobian=jacobian,
+        )
+
+    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
+        step = share[:, None] * self.compliance
+        torque = _load_torque(wanted, goal)[1]
+        commanded: FloatArray = goal.q - step * torque
+        if self.weight is None:
+            return commanded
+        own = self.weight.torque_and_stiffness(self.robot, goal.q, goal)[0]
+        for _ in range(_WEIGHT_STEPS):
+            under = Configurations(self.robot, commanded)
+            rest = self.weight.torque_and_stiffness(self.robot, commanded, under)[0]
+            commanded = goal.q - step * (torque + own - rest)
+        return commanded
+
+    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+        """Return ``J diag(c) τ`` (B, 3) [m]."""
+        turned = self.compliance * _load_torque(cases, unloaded)[1]
+        jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
+        return np.asarray((jacobian @ turned[..., None])[..., 0])
+
+    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+        """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
+        jacobian, torque = _load_torque(cases, unloaded)
+        stiffness = np.abs(wrench_stiffness(unloaded, jacobian, cases.force, cases.moment))
+        softening = self.compliance * np.einsum("bij->bi", stiffness)  # each row's sum, faster than `sum`
+        turned = np.abs(self.compliance * torque) > LARGEST_TURN
+        return np.asarray(((softening > _SOFTEST) | turned).any(axis=1))
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:
@@ -90,17 +157,6 @@ class JointModel:
         counts = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)
         joints = (counts[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
         return np.asarray(joints)
-
-    def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
-        if not 0.0 < confidence < 1.0:
-            raise RequestError(
-                f"the confidence is {confidence}", where="confidence", remedy="give it between 0 and 1"
-            )
-        probability = 0.5 * (1.0 + confidence)
-        if self.degrees_of_freedom is None:
-            return float(special.ndtri(probability))
-        return float(special.stdtrit(self.degrees_of_freedom, probability))
 
     def ends(self, rows: FloatArray, confidence: float) -> FloatArray | None:
         """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
@@ -163,3 +219,84 @@ class JointModel:
             return np.zeros(len(part))
         variance: FloatArray = ((part @ self.likelihood.covariance) * part).sum(axis=1)
         return variance
+
+
+@dataclass(frozen=True, eq=False)
+class JointDeflection(Deflection):
+    """Deflections by elastic joints; rows and compliance are of the loaded posture."""
+
+    model: JointModel
+    balance: Balance  #: balance of springs and loads
+    jacobian: FloatArray  #: (B, 6, n) of the places [m/rad, then rad/rad], in the loaded posture
+
+    @cached_property
+    def softened(self) -> FloatArray:
+        """(B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ."""
+        return np.asarray(np.linalg.inv(self.balance.slope))
+
+    @cached_property
+    def _answer(self) -> FloatArray:
+        return self.jacobian @ self.softened
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: see `Deflection`."""
+        return np.asarray(self._answer * self.balance.torque[:, None])
+
+    @cached_property
+    def half(self) -> FloatArray | None:
+        """(B, 6, n) H, H Hᵀ the covariance of displacement and rotation; None if it is unknown."""
+        return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
+
+    @property
+    def unseen(self) -> BoolArray:
+        """(B, n) joints that the load twists and of which the readings say nothing."""
+        return self.model.unseen(self.rows)
+
+    @property
+    def compliance(self) -> CartesianCompliance:
+        """Cartesian compliance at the places, in the loaded postures."""
+        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
+        c, K = self.model.compliance, self.balance.stiffness
+        stiffened = np.eye(self.model.robot.n) + K @ (self.softened * c)
+        return CartesianCompliance(
+            matrix=(self._answer * c) @ self.jacobian.transpose(0, 2, 1),
+            symmetric=(self.cases.moment == 0.0).all(axis=1),
+            by_joint=(self._answer, self.jacobian @ stiffened.transpose(0, 2, 1)),
+            covariance=None if self.model.likelihood is None else self.model.covariance,
+        )
+
+    def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the readings determine the joints that answer: see `Deflection`."""
+        linear = self.jacobian[:, :3]
+        along = np.square(np.einsum("bi,bij->bj", direction, linear))
+        across = np.maximum(np.einsum("bij,bij->bj", linear, linear) - along, 0.0)
+        unknown_along, unknown_across = (
+            self.model.unseen(rows[:, None]).any(axis=1) for rows in (along, across)
+        )
+        return np.asarray(~unknown_along), np.asarray(~unknown_across)
+
+    def interval(self, confidence: float) -> FloatArray | None:
+        """Return intervals (B, 6, 2) under the constraints: see `Deflection`."""
+        ends = self.model.ends(self.rows.reshape(-1, self.model.robot.n), confidence)
+        if ends is None:
+            return None  # aᵀc is linear, the balance is not: shift the ends to where the value is
+        value = np.concatenate([self.displacement, self.rotation], axis=1)
+        return np.asarray(
+            ends.reshape(*value.shape, 2) + (value - self.rows @ self.model.compliance)[..., None]
+        )
+
+    def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
+        """Return what the bounds leave of intervals (B, 2): see `Deflection`."""
+        rows = np.einsum("bi,bij->bj", direction, self.rows[:, :3])
+        free = self.model.free_ends(rows, confidence)
+        if free is None:
+            return np.full((len(direction), 2), np.nan)
+        value = np.einsum("bi,bi->b", direction, self.displacement)
+        return np.asarray(free + (value - rows @ self.model.compliance)[:, None])
+
+
+def _load_torque(cases: LoadCases, here: Configurations) -> tuple[FloatArray, FloatArray]:
+    """Return J_v (B, 3, n) of the load points [m/rad], and the torques (B, n) [N·m] in given postures."""
+    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
+    return jacobian, joint_torque(here, jacobian, cases.force, cases.moment)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
 
@@ -42,3 +42,7 @@ class LoadCases:
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def __getitem__(self, index: IndexArray | slice) -> LoadCases:
+        """Return some of the cases."""
+        return LoadCases(*(getattr(self, field.name)[index].copy() for field in fields(self)))

@@ -1,4 +1,4 @@
-"""The task of a map: tool, orientations to choose from, process wrench and limits."""
+"""The task of a map: tool, orientations, process wrench and limits; and the postures that they allow."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.model import Robot
 
 _FULL_TURN: Final = 2.0 * np.pi
 
@@ -82,3 +84,43 @@ def _frame_about(axis: FloatArray) -> FloatArray:
             first = across / size
             return np.stack([first, np.cross(axis, first), axis], axis=1)
     raise RequestError("a direction has no length", where="directions", remedy="give unit vectors")
+
+
+def postures_within_limits(
+    robot: Robot, task: MapTask, inverse: InverseKinematics, places: FloatArray
+) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray]:
+    """Return place, orientation and angles (K,), (K,), (K, n) of all postures within limits.
+
+    Last come the places (S,) that some posture reaches, limits or not.
+    """
+    fan, count = task.fan, len(task.fan)
+    poses = np.zeros((len(places), count, 4, 4))
+    poses[..., 3, 3] = 1.0
+    poses[..., :3, :3] = fan.rotation
+    poses[..., :3, 3] = places[:, None] - fan.rotation @ task.place
+    angles = robot.joint_map.controller_angles(inverse.branches(poses.reshape(-1, 4, 4)))
+    pose, branch = np.nonzero(np.isfinite(angles).all(axis=2))
+    joints = _turned(angles[pose, branch], robot, task)
+    place, orientation = np.divmod(pose, count)
+    kept = ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
+    model_angles = robot.joint_map.model_angles(joints)
+    kept &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
+    return place[kept], orientation[kept], joints[kept], np.unique(place)
+
+
+def _turned(angles: FloatArray, robot: Robot, task: MapTask) -> FloatArray:
+    """Return controller's angles (K, n), model's angles turned fully towards the limits or what is near.
+
+    A joint that the map couples to others is turned in the model, where a full turn is one.
+    """
+    joint_map, limits = robot.joint_map, robot.limits
+    q = joint_map.model_angles(angles)
+    if task.near is None:
+        near = np.clip(0.0, limits[:, 0], limits[:, 1])
+    else:
+        near = joint_map.model_angles(task.near[None])[0]
+    q = q + _FULL_TURN * np.round((near - q) / _FULL_TURN)
+    with np.errstate(invalid="ignore"):
+        up = np.where(q < limits[:, 0], np.ceil((limits[:, 0] - q) / _FULL_TURN), 0.0)
+        down = np.where(q > limits[:, 1], np.ceil((q - limits[:, 1]) / _FULL_TURN), 0.0)
+    return joint_map.controller_angles(q + _FULL_TURN * (up - down))

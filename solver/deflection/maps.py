@@ -8,27 +8,17 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.deflection.compensation import uncertainties
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.joint_model import JointModel
-from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import LoadedPosture
-from jointstiff.solver.deflection.map_postures import chosen_postures, postures_within_limits
-from jointstiff.solver.deflection.map_task import MapTask
-from jointstiff.solver.deflection.model_error import ModelError, ModelErrorBound
-from jointstiff.solver.regression.complementary_stiffness import wrench_stiffness
-from jointstiff.solver.regression.regressor import joint_torque
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.deflection.forward import ForwardModel, unit_vectors
+from jointstiff.solver.deflection.map_task import MapTask, postures_within_limits
+from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.robot.inverse import InverseKinematics
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
 
 _REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED = range(5)
-_SOFTEST: Final = 0.5
-"""Share of the joints' stiffness that the load may take away; more is no load of a process."""
-_LARGEST_TURN: Final = 0.25
-"""Greatest deflection of a joint [rad]; likewise."""
+_TIE: Final = 1e-9
+"""Relative difference of two deflections that is rounding: wrists turned over bend alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +73,7 @@ class DeflectionMap:
 
 
 def map_places(
-    model: JointModel | ElasticPredictor,
+    model: ForwardModel,
     error: ModelError | None,
     task: MapTask,
     inverse: InverseKinematics,
@@ -91,12 +81,11 @@ def map_places(
 ) -> DeflectionMap:
     """Map some places.
 
-    The posture is chosen by the deflection that is linear in the load, ``J diag(c) τ``; all numbers
-    of the chosen posture are of the exact balance of springs and load, as predictions are. Where links bend,
-    both are linear in the load.
+    The posture is chosen by the deflection that is linear in the load; all numbers of the chosen posture are
+    the forward model's, as predictions are.
 
     Args:
-        model: elastic joints, or links as well.
+        model: model of the loaded robot.
         error: of the model; None where it has none.
         task: tool, wrench and limits.
         inverse: kinematics of the same robot.
@@ -105,25 +94,34 @@ def map_places(
     robot, found = model.robot, DeflectionMap.empty(len(places), model.robot.n)
     place, orientation, joints, solved = postures_within_limits(robot, task, inverse, places)
     found.status[solved] = _JOINT_LIMITS
-    best = chosen_postures(model, task, place, orientation, joints)
-    if len(best):
-        loaded = map_postures(model, error, task, orientation[best], joints[best])
-        for name, column in vars(loaded).items():
-            getattr(found, name)[place[best]] = column
+    if not len(joints):
+        return found
+    home = np.zeros(robot.n) if task.near is None else task.near
+    size = far = np.abs(joints - home).max(axis=1, initial=0.0)
+    if task.near is None:
+        cases = task.cases(orientation, joints)
+        size = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
+    with np.errstate(divide="ignore"):
+        rank = np.round(np.log(size) / _TIE)  # what differs by rounding is a tie
+    order = np.lexsort((orientation, far, rank, place))
+    best = order[np.unique(place[order], return_index=True)[1]]  # one posture of each place
+    loaded = map_postures(model, error, task, orientation[best], joints[best])
+    for name, column in vars(loaded).items():
+        getattr(found, name)[place[best]] = column
     return found
 
 
 def map_postures(
-    model: JointModel | ElasticPredictor,
+    model: ForwardModel,
     error: ModelError | None,
     task: MapTask,
     orientation: IndexArray,
     joints: FloatArray,
 ) -> DeflectionMap:
-    """Return what a map says of postures, by the exact balance of springs and load, or the elastic model.
+    """Return what a map says of postures.
 
     Args:
-        model: elastic joints, or links as well.
+        model: model of the loaded robot.
         error: of the model; None where it has none.
         task: tool and wrench.
         orientation: (P,) index of the fan.
@@ -131,130 +129,45 @@ def map_postures(
     """
     found = DeflectionMap.empty(len(joints), model.robot.n)
     found.orientation[:], found.joints[:] = orientation, joints
-    if isinstance(model, ElasticPredictor):
-        _fill_elastic(found, model, error, task)
-        return found
-    overloaded = _overloaded(model, task.cases(orientation, joints))
-    found.status[:] = np.where(overloaded, _OVERLOADED, _REACHED)
-    if not overloaded.all():
-        calm = task.cases(orientation[~overloaded], joints[~overloaded])
-        _fill(found, model, error, task, LoadedPosture.of(model.robot, model.compliance, calm))
-    return found
-
-
-def _overloaded(model: JointModel, cases: LoadCases) -> BoolArray:
-    """Return the cases (R,) whose load is beyond what springs of joints are a model of."""
-    here = Configurations(model.robot, model.robot.joint_map.model_angles(cases.joints))
-    jacobian = here.jacobian_at(here.to_base(cases.load_point[:, None]))[:, 0]
-    torque = joint_torque(here, jacobian, cases.force, cases.moment)
-    stiffness = np.abs(wrench_stiffness(here, jacobian, cases.force, cases.moment))
-    softening = model.compliance * np.einsum("bij->bi", stiffness)  # each row's sum, faster than `sum`
-    soft, turned = softening > _SOFTEST, np.abs(model.compliance * torque) > _LARGEST_TURN
-    return np.asarray((soft | turned).any(axis=1))
-
-
-def _fill(
-    found: DeflectionMap, model: JointModel, error: ModelError | None, task: MapTask, posture: LoadedPosture
-) -> None:
-    """Write the numbers of loaded postures (R,) into the places of a map that are reached."""
-    where, moved = np.flatnonzero(found.reached), posture.displacement
-    jacobian = posture.jacobian(posture.cases.place)[:, :3]
-    answer = jacobian @ posture.softened
-    rows = answer * posture.torque[:, None]  # ∂(displacement)/∂c
-    translation = (answer * model.compliance) @ jacobian.transpose(0, 2, 1)  # C_tt
-    seen = ~model.unseen(rows).any(axis=1)
-    found.status[where[~seen]] = _UNSEEN
-    length = np.linalg.norm(moved, axis=1)
-    ends, with_error, extrapolation = _intervals(model, error, task, posture, rows, length)
-    along, across = _along_and_across(
-        model, translation, jacobian, task.fan.direction[found.orientation[where]]
-    )
+    cases = task.cases(orientation, joints)
+    unloaded = model.unloaded(cases)
+    overloaded = model.overloaded(cases, unloaded)
+    if overloaded.any():
+        found.status[overloaded] = _OVERLOADED
+        orientation, joints = orientation[~overloaded], joints[~overloaded]
+        if not len(joints):
+            return found
+        cases = task.cases(orientation, joints)
+        unloaded = model.unloaded(cases)
+    bent = model.deflect(cases, unloaded)
+    unseen, direction = bent.unseen.any(axis=1), task.fan.direction[orientation]
+    found.status[~overloaded] = np.where(unseen, _UNSEEN, _REACHED)
+    translation = bent.compliance.translation
+    known_along, known_across = bent.compliance_known(direction)
+    along = np.einsum("bi,bij,bj->b", direction, translation, direction)
+    length = np.linalg.norm(bent.displacement, axis=1)
+    readings = bent.interval_along(unit_vectors(bent.displacement), task.confidence)
+    readings = np.maximum(readings, 0.0)
+    with_model_error, extrapolation = np.full((len(joints), 2), np.nan), np.full(len(joints), np.nan)
+    if error is not None:
+        bound = error.bound(cases, bent.leverage, task.confidence)
+        half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
+        held = np.where(np.isnan(half)[:, None], np.nan, readings)
+        with_model_error[:, 0] = np.fmin(np.maximum(length - half, 0.0), held[:, 0])
+        with_model_error[:, 1] = np.fmax(length + half, held[:, 1])
+        extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
+        extrapolation = np.where(np.isfinite(extrapolation), extrapolation, np.inf)
+    reached = found.reached
     for column, value in (
-        (found.displacement, moved),
-        (found.along, along),
-        (found.across, across),
-        (found.readings, ends),
-        (found.with_model_error, with_error),
+        (found.displacement, bent.displacement),
+        (found.along, np.where(known_along, along, np.nan)),
+        (found.across, np.where(known_across, _greatest_across(translation, direction), np.nan)),
+        (found.readings, readings),
+        (found.with_model_error, with_model_error),
         (found.extrapolation, extrapolation),
     ):
-        column[where[seen]] = value[seen]
-
-
-def _fill_elastic(
-    found: DeflectionMap, model: ElasticPredictor, error: ModelError | None, task: MapTask
-) -> None:
-    """Write the numbers of postures (P,) by the elastic model, to first order in the load."""
-    robot, cases = model.robot, task.cases(found.orientation, found.joints)
-    places = model.places(cases, Configurations(robot, robot.joint_map.model_angles(found.joints)))
-    moved, translation = places.deflection(model.compliances), places.compliance(model.compliances)
-    overloaded = np.linalg.norm(moved[:, 3:], axis=1) > _LARGEST_TURN
-    unseen = model.unseen(places).any(axis=1)
-    found.status[:] = np.where(overloaded, _OVERLOADED, np.where(unseen, _UNSEEN, _REACHED))
-    found.displacement[:] = moved[:, :3]
-    length = found.length
-    direction = task.fan.direction[found.orientation]
-    if model.seen.all():  # an unknown joint may answer to other forces than the load
-        found.along[:] = np.einsum("bi,bij,bj->b", direction, translation[:, :3, :3], direction)
-        found.across[:] = _greatest_across(translation[:, :3, :3], direction)
-    half = model.half(places)
-    uncertainty, leverage = uncertainties(None if half is None else half[:, :3], moved[:, :3])
-    spread = model.quantile(task.confidence) * uncertainty[:, None] * np.array([-1.0, 1.0])
-    found.readings[:] = np.maximum(length[:, None] + spread, 0.0)
-    if error is not None:
-        bound = error.bound_of(cases, leverage, task.confidence)
-        found.with_model_error[:], found.extrapolation[:] = _with_model_error(bound, length, found.readings)
-    for column in vars(found).values():
-        if column.dtype.kind == "f" and column is not found.joints:
-            column[~found.reached] = np.nan
-
-
-def _intervals(
-    model: JointModel,
-    error: ModelError | None,
-    task: MapTask,
-    posture: LoadedPosture,
-    rows: FloatArray,
-    length: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return intervals (R, 2) of the length from readings and with model error [m]; extrapolation (R,)."""
-    unknown = np.full((len(length), 2), np.nan)
-    along = posture.displacement / np.where(length > 0.0, length, 1.0)[:, None]
-    linear = np.einsum("bi,bij->bj", along, rows)
-    free = model.free_ends(linear, task.confidence)
-    ends = unknown if free is None else free + (length - linear @ model.compliance)[:, None]
-    ends = np.maximum(ends, 0.0)
-    if error is None:
-        return ends, unknown, unknown[:, 0]
-    return ends, *_with_model_error(error.bound(model, posture, task.confidence), length, ends)
-
-
-def _with_model_error(
-    bound: ModelErrorBound, length: FloatArray, ends: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return intervals (R, 2) of the length with model error [m], and extrapolation (R,)."""
-    half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
-    lower = np.fmin(np.maximum(length - half, 0.0), np.where(np.isnan(half), np.nan, ends[:, 0]))
-    upper = np.fmax(length + half, np.where(np.isnan(half), np.nan, ends[:, 1]))
-    extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
-    return np.stack([lower, upper], axis=1), np.where(np.isfinite(extrapolation), extrapolation, np.inf)
-
-
-def _along_and_across(
-    model: JointModel, translation: FloatArray, jacobian: FloatArray, direction: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return compliance along and across directions (R, 3), both (R,) [m/N].
-
-    A joint of which the readings say nothing answers to other forces than the load: then they are unknown.
-    """
-    along = np.square(np.einsum("bi,bij->bj", direction, jacobian))
-    across = np.maximum(np.einsum("bij,bij->bj", jacobian, jacobian) - along, 0.0)
-    known = (~model.unseen(rows[:, None]).any(axis=1) for rows in (along, across))
-    numbers = (
-        np.einsum("bi,bij,bj->b", direction, translation, direction),
-        _greatest_across(translation, direction),
-    )
-    first, second = (np.where(k, number, np.nan) for k, number in zip(known, numbers, strict=True))
-    return first, second
+        column[reached] = value[~unseen]
+    return found
 
 
 def _greatest_across(translation: FloatArray, direction: FloatArray) -> FloatArray:

@@ -17,10 +17,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.deflection.forward import greatest_deviation
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
-from jointstiff.solver.deflection.loaded import LoadedPosture
-from jointstiff.solver.deflection.prediction import Deflection, compliance_rows
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import LeftOut
@@ -52,15 +51,14 @@ class ModelErrorBound:
     #: read; above 1 it is extrapolated. Both widen the ball.
     leverage_ratio: FloatArray
 
-    def interval(self, deflection: Deflection) -> FloatArray:
-        """(B, 3, 2) of the displacements: the balls, and what the readings alone leave open [m]."""
+    def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
+        """(B, 3, 2) of displacements (B, 3) [m]: the balls, and what the readings (B, 6, 2) leave open."""
         half = self.radius[:, None, None] * np.array([-1.0, 1.0])
-        ends: FloatArray = deflection.displacement[..., None] + half
-        if deflection.interval is None:
+        ends: FloatArray = displacement[..., None] + half
+        if of_readings is None:
             return ends
-        of_readings = deflection.interval[:, :3]
-        lower = np.minimum(ends[..., 0], of_readings[..., 0])
-        return np.stack([lower, np.maximum(ends[..., 1], of_readings[..., 1])], axis=-1)
+        lower = np.minimum(ends[..., 0], of_readings[:, :3, 0])
+        return np.stack([lower, np.maximum(ends[..., 1], of_readings[:, :3, 1])], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +95,12 @@ class ModelError:
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
-    def bound(self, model: JointModel, posture: LoadedPosture, confidence: float) -> ModelErrorBound:
-        """Return the bound at predicted places.
+    def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
+        """Return the bound at predicted places whose displacements have a leverage (B,) [m].
 
         Within the campaign's loads it grows with the root of the load: what is not modelled is part elastic,
         part friction. An extrapolated load or posture widens it in proportion.
         """
-        rows = compliance_rows(posture)[:, :3]
-        return self.bound_of(posture.cases, _leverage(rows, model.covariance), confidence)
-
-    def bound_of(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
-        """Return the bound in load cases whose displacements have a leverage (B,) [m]: see `bound`."""
         load = self.load_size(cases.force, cases.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(
@@ -138,10 +131,10 @@ def leave_postures_out(
         RequestError: no posture can be left out.
         JointstiffError: as the refits do.
     """
-    force, moment = (np.linalg.norm(v, axis=1) for v in (measurements.force, measurements.moment))
-    groups, postures = _postures(measurements, (force > 0.0) | (moment > 0.0))
+    summary, load = measured_loads(measurements)
+    groups, postures = _postures(measurements, load > 0.0)
     if len(groups) < 2:
-        raise RequestError("it takes two postures under load", remedy="measure more postures")
+        raise _too_few()
     if estimate.covariance is None:
         raise RequestError(
             "no uncertainty of the readings is known", remedy="measure more, or state the noise"
@@ -151,11 +144,6 @@ def leave_postures_out(
     plain = replace(settings, loss="squared", complementary_stiffness=False, prior=None, order=())
     blocks = blocks_of_identified(robot, measurements, plain, estimate.characteristic_length)
     fits = _fits_without(blocks, groups, plain)
-    units = float(force.max()), float(moment.max())
-    summary = ModelError(0, np.zeros(0), np.zeros(0), *units, 0.0, 0.0)
-    greatest = float(summary.load_size(measurements.force, measurements.moment).max())
-    summary = replace(summary, force=greatest * units[0], moment=greatest * units[1])
-    load = summary.load_size(measurements.force, measurements.moment)
     observation = np.nonzero(measurements.present)[0]  # of each reading
     left_out = np.full(len(measurements), -1, dtype=np.intp)
     for p, group in enumerate(groups):
@@ -166,16 +154,46 @@ def leave_postures_out(
     predicted = np.einsum("rv,vir->ir", compliance, blocks.regressor[..., read])
     length = np.linalg.norm(blocks.deflection[:, read] - predicted, axis=0)
     length /= np.sqrt(load[observation[read]])
-    score, share = merged_steps(posture, np.where(np.isnan(length), np.inf, length))
+    # Leverages of all readings under load, also of postures that stay in every fit.
+    loaded = load[observation] > 0.0
+    half = blocks.regressor[..., loaded].transpose(2, 1, 0) @ model.root[blocks.visible]
+    leverage = greatest_deviation(half) / load[observation][loaded]
+    found = with_scores(summary, load, posture, length, leverage)
+    return replace(found, left_out=LeftOut(fits, postures))
+
+
+def measured_loads(measurements: Measurements) -> tuple[ModelError, FloatArray]:
+    """Return a model error without scores, whose greatest load has size 1, and the sizes (N,) of the loads.
+
+    Raises:
+        RequestError: nothing loads the robot.
+    """
+    force, moment = (np.linalg.norm(v, axis=1).max() for v in (measurements.force, measurements.moment))
+    if not (force or moment):
+        raise _too_few()
+    summary = ModelError(0, np.zeros(0), np.zeros(0), float(force), float(moment), 0.0, 0.0)
+    greatest = float(summary.load_size(measurements.force, measurements.moment).max())
+    summary = replace(summary, force=greatest * float(force), moment=greatest * float(moment))
+    return summary, summary.load_size(measurements.force, measurements.moment)
+
+
+def with_scores(
+    summary: ModelError, load: FloatArray, posture: IndexArray, score: FloatArray, leverage: FloatArray
+) -> ModelError:
+    """Return a model error with the scores (R,) of readings in postures (R,); NaN where undetermined."""
+    steps, share = merged_steps(posture, np.where(np.isnan(score), np.inf, score))
     return replace(
         summary,
         postures=len(np.unique(posture)),
-        score=score,
+        score=steps,
         share=share,
         least_load=float(load[load > 0.0].min()),
-        leverage=_greatest_leverage(blocks, load[observation], model),
-        left_out=LeftOut(fits, postures),
+        leverage=float(leverage.max()),
     )
+
+
+def _too_few() -> RequestError:
+    return RequestError("it takes two postures under load", remedy="measure more postures")
 
 
 def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -220,18 +238,3 @@ def _fits_without(blocks: GramBlocks, groups: list[IndexArray], settings: Settin
         others = np.array([np.delete(everything, groups[p]) for p in same])
         compliance[same] = fit_subsets(blocks, others, settings.bounds).compliance
     return compliance
-
-
-def _leverage(rows: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(...) greatest standard uncertainty of a displacement in any direction, of rows (..., 3, n) [m]."""
-    spread = rows @ covariance @ np.swapaxes(rows, -1, -2)
-    greatest = np.linalg.eigvalsh(spread)[..., -1]
-    return np.asarray(np.sqrt(np.maximum(greatest, 0.0)), dtype=np.float64)
-
-
-def _greatest_leverage(blocks: GramBlocks, load: FloatArray, model: JointModel) -> float:
-    """Return the greatest leverage over the size of its load (R,), of the readings under load."""
-    loaded = load > 0.0
-    rows = blocks.regressor[..., loaded].transpose(2, 1, 0)
-    covariance = model.covariance[np.ix_(blocks.visible, blocks.visible)]
-    return float((_leverage(rows, covariance) / load[loaded]).max())

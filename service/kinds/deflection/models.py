@@ -19,6 +19,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.deflection.elastic import ElasticPredictor
+from jointstiff.solver.deflection.forward import ForwardModel
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import ModelError
@@ -67,35 +68,6 @@ def _stored_error(error: ModelError) -> StoredModelError:
     )
 
 
-def to_joint_model(robot: Robot, stored: IdentifiedModel) -> tuple[JointModel, ModelError | None]:
-    """Return the model of a run, ready to predict.
-
-    Raises:
-        RequestError: it is of another robot.
-    """
-    if stored.elastic is not None:
-        raise RequestError(
-            "the run lets links or coupling bend, and this computation is by joints alone",
-            where="run_id",
-            remedy="identify the set again with elasticity joints; deflections are predicted by either run",
-        )
-    _require_same_joints(robot, stored)
-    likelihood = None
-    if stored.covariance:
-        joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
-        root = None if stored.information_root is None else np.array(stored.information_root)
-        likelihood = Likelihood(joints, np.array(stored.estimate), np.array(stored.covariance), root)
-    lower, upper = (_bound(getattr(stored, name), limit) for name, limit in _LIMITS.items())
-    model = JointModel(
-        robot,
-        np.array(stored.compliance),
-        likelihood,
-        Constraints(Bounds(lower, upper), tuple(stored.order)),
-        stored.degrees_of_freedom,
-    )
-    return model, None if stored.error is None else _model_error(stored.error)
-
-
 def to_elastic_model(model: ElasticPredictor, error: ModelError | JointstiffError) -> IdentifiedModel:
     """Return an elastic model as it is stored with its run."""
     names, n = model.robot.joint_names, model.robot.n
@@ -124,15 +96,29 @@ def to_elastic_model(model: ElasticPredictor, error: ModelError | JointstiffErro
     )
 
 
-def to_elastic_predictor(
-    robot: Robot, stored: IdentifiedModel, part: ElasticPart
-) -> tuple[ElasticPredictor, ModelError | None]:
-    """Return the elastic model of a run, ready to predict.
+def to_forward_model(
+    robot: Robot, stored: IdentifiedModel, weight: OwnWeight | None = None
+) -> tuple[ForwardModel, ModelError | None]:
+    """Return the model of a run, ready to predict.
+
+    Args:
+        robot: that was measured.
+        stored: model of the run.
+        weight: own weight of the links, which only elastic joints take; None leaves it out.
 
     Raises:
         RequestError: it is of another robot.
     """
-    _require_same_joints(robot, stored)
+    if list(robot.joint_names) != stored.joints:
+        raise RequestError(
+            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            where="run_id",
+            remedy="give the robot that was measured",
+        )
+    error = None if stored.error is None else _model_error(stored.error)
+    part = stored.elastic
+    if part is None:
+        return _joint_model(robot, stored, weight), error
     count = len(part.columns)
     root: FloatArray | None = None
     if part.covariance_root:
@@ -145,18 +131,26 @@ def to_elastic_predictor(
         np.array(part.entries),
         root,
         np.isin(np.array(robot.joint_names), stored.seen),
-        stored.degrees_of_freedom,
+        degrees_of_freedom=stored.degrees_of_freedom,
     )
-    return model, None if stored.error is None else _model_error(stored.error)
+    return model, error
 
 
-def _require_same_joints(robot: Robot, stored: IdentifiedModel) -> None:
-    if list(robot.joint_names) != stored.joints:
-        raise RequestError(
-            f"the run is of a robot with the joints {', '.join(stored.joints)}",
-            where="run_id",
-            remedy="give the robot that was measured",
-        )
+def _joint_model(robot: Robot, stored: IdentifiedModel, weight: OwnWeight | None) -> JointModel:
+    likelihood = None
+    if stored.covariance:
+        joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+        root = None if stored.information_root is None else np.array(stored.information_root)
+        likelihood = Likelihood(joints, np.array(stored.estimate), np.array(stored.covariance), root)
+    lower, upper = (_bound(getattr(stored, name), limit) for name, limit in _LIMITS.items())
+    return JointModel(
+        robot,
+        np.array(stored.compliance),
+        likelihood,
+        Constraints(Bounds(lower, upper), tuple(stored.order)),
+        weight,
+        degrees_of_freedom=stored.degrees_of_freedom,
+    )
 
 
 def _model_error(stored: StoredModelError) -> ModelError:

@@ -8,65 +8,62 @@ import numpy as np
 
 from jointstiff.schemas import deflection as messages
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.joint_model import JointModel
+from jointstiff.solver.deflection.cartesian import CartesianCompliance
+from jointstiff.solver.deflection.forward import Deflection
 from jointstiff.solver.deflection.model_error import ModelErrorBound
-from jointstiff.solver.deflection.prediction import Deflection
 
 
 def to_case_results(
-    model: JointModel | ElasticPredictor,
     deflection: Deflection,
     bound: ModelErrorBound | None,
+    confidence: float,
     directions: FloatArray,
     labels: Sequence[str],
     budgets: Sequence[messages.DeflectionBudget | None],
 ) -> list[messages.CaseResult]:
     """Return each case; one that twists a joint of which nothing is known has its reason instead."""
-    bounds = None if bound is None else bound.interval(deflection)
-    stiffnesses = _stiffnesses(deflection, directions)
-    return [
-        _case(model, deflection, bound, bounds, stiffnesses[b], b, label).model_copy(
-            update={} if deflection.unseen[b].any() else {"budget": budgets[b]}
+    intervals, compliance, unseen = deflection.interval(confidence), deflection.compliance, deflection.unseen
+    bounds = None if bound is None else bound.interval(deflection.displacement, intervals)
+    stiffnesses = _stiffnesses(compliance, directions)
+    names = deflection.model.robot.joint_names
+    results = []
+    for b, label in enumerate(labels):
+        if unseen[b].any():
+            results.append(_without_numbers(label, [names[j] for j in np.flatnonzero(unseen[b])]))
+            continue
+        readings = None
+        if intervals is not None:
+            interval = intervals[b].tolist()
+            readings = messages.ReadingsInterval(
+                displacement=tuple(interval[:3]), rotation=tuple(interval[3:])
+            )
+        results.append(
+            messages.CaseResult(
+                label=label,
+                displacement=tuple(deflection.displacement[b].tolist()),
+                rotation=tuple(deflection.rotation[b].tolist()),
+                readings_only=readings,
+                with_model_error=_with_model_error(bound, bounds, b),
+                compliance=_compliance(compliance, stiffnesses[b], b),
+                remarks=[] if bound is None else _extrapolation(bound, b),
+                budget=budgets[b],
+            )
         )
-        for b, label in enumerate(labels)
-    ]
+    return results
 
 
-def _case(
-    model: JointModel | ElasticPredictor,
-    deflection: Deflection,
-    bound: ModelErrorBound | None,
-    bounds: FloatArray | None,
-    stiffness: messages.DirectionalStiffness | None,
-    b: int,
-    label: str,
-) -> messages.CaseResult:
-    unseen = np.flatnonzero(deflection.unseen[b])
-    if len(unseen):
-        names = ", ".join(model.robot.joint_names[j] for j in unseen)
-        reason = f"the load twists {names}, of which the readings of the run say nothing: no number holds"
-        return messages.CaseResult(
-            label=label,
-            displacement=None,
-            rotation=None,
-            readings_only=None,
-            with_model_error=None,
-            compliance=None,
-            remarks=[reason],
-        )
-    interval = None if deflection.interval is None else deflection.interval[b].tolist()
-    readings = None
-    if interval is not None:
-        readings = messages.ReadingsInterval(displacement=tuple(interval[:3]), rotation=tuple(interval[3:]))
+def _without_numbers(label: str, unseen: Sequence[str]) -> messages.CaseResult:
+    reason = (
+        f"the load twists {', '.join(unseen)}, of which the readings of the run say nothing: no number holds"
+    )
     return messages.CaseResult(
         label=label,
-        displacement=tuple(deflection.displacement[b].tolist()),
-        rotation=tuple(deflection.rotation[b].tolist()),
-        readings_only=readings,
-        with_model_error=_with_model_error(bound, bounds, b),
-        compliance=_compliance(deflection, stiffness, b),
-        remarks=[] if bound is None else _extrapolation(bound, b),
+        displacement=None,
+        rotation=None,
+        readings_only=None,
+        with_model_error=None,
+        compliance=None,
+        remarks=[reason],
     )
 
 
@@ -101,9 +98,9 @@ def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
 
 
 def _stiffnesses(
-    deflection: Deflection, directions: FloatArray
+    compliance: CartesianCompliance, directions: FloatArray
 ) -> list[messages.DirectionalStiffness | None]:
-    compliance, known = deflection.compliance, ~np.isnan(directions[:, 0])
+    known = ~np.isnan(directions[:, 0])
     u = np.where(known[:, None], directions, [1.0, 0.0, 0.0])
     columns = zip(
         u,
@@ -131,9 +128,8 @@ def _stiffnesses(
 
 
 def _compliance(
-    deflection: Deflection, stiffness: messages.DirectionalStiffness | None, b: int
+    found: CartesianCompliance, stiffness: messages.DirectionalStiffness | None, b: int
 ) -> messages.CartesianCompliance:
-    found = deflection.compliance
     matrix, worst = found.matrix[b], found.worst
     blocks = {
         name: tuple(map(tuple, matrix[rows, columns].tolist()))

@@ -11,8 +11,7 @@ import numpy as np
 from jointstiff.schemas.map import MapOptions, MapResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.kinds.deflection.models import to_elastic_predictor, to_joint_model
-from jointstiff.service.kinds.deflection.work import FIRST_ORDER, model_of, no_bound, remarks_of
+from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.map.places import (
     map_columns,
     map_csv,
@@ -22,8 +21,6 @@ from jointstiff.service.kinds.map.places import (
     to_places,
 )
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
-from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.maps import DeflectionMap, map_places
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.robot.inverse import InverseKinematics
@@ -57,12 +54,7 @@ class MapWork(SteppedWork[DeflectionMap]):
         self._robot, self._run, self._request = robot, run, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._stored = model_of(run)
-        self._model: JointModel | ElasticPredictor
-        if self._stored.elastic is None:
-            self._model, self._error = to_joint_model(robot, self._stored)
-        else:
-            self._model, self._error = to_elastic_predictor(robot, self._stored, self._stored.elastic)
+        self._model, self._error = forward_model(robot, run)
         self._task, self._places = to_map_task(request, robot), to_places(request)
         try:
             self._inverse = InverseKinematics(robot)
@@ -105,10 +97,7 @@ class MapWork(SteppedWork[DeflectionMap]):
             self._places,
             found,
             model_error_postures=0 if error is None else error.postures,
-            remarks=[
-                *(remarks_of(run, weighed=False) if self._stored.elastic is None else [FIRST_ORDER]),
-                *no_bound(error, self._stored.no_error, self._request.confidence),
-            ],
+            remarks=remarks_of(run, self._model, error, self._request.confidence, weighed=False),
         )
 
     def csv(self) -> str:
@@ -127,7 +116,7 @@ class MapWork(SteppedWork[DeflectionMap]):
         return map_columns(self._request, self._robot, self._places, self._table)
 
     def _blocks(self) -> tuple[Span, ...]:
-        poses = POSES_A_STEP if self._stored.elastic is None else POSES_A_STEP // _ELASTIC
+        poses = POSES_A_STEP // _ELASTIC if self._model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.fan))
         return tuple(
             (start, min(start + size, len(self._places))) for start in range(0, len(self._places), size)

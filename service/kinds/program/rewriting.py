@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,10 +11,9 @@ from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.notation import Orientation
 from jointstiff.service.programs.program import Program
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import residuals
 from jointstiff.solver.deflection.forward import ForwardModel
-from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
@@ -77,7 +75,7 @@ def certified(
     commanded = _commanded(path, written, found, inverse)
     residual = found.residual
     if len(found.points):
-        residual = residuals(model, cases_at(path.cases, found.points), commanded)
+        residual = residuals(model, path.cases[found.points], commanded)
     goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints))
     old, new = path.program.targets, written.targets
     return WrittenPoints(
@@ -111,14 +109,3 @@ def _commanded(
         reason, remedy = "the corrected target is not reached", "move the part away from the singularity"
         raise ProgramError([path.fault(int(found.points[row]), reason, remedy) for row in lost])
     return commanded
-
-
-def cases_at(cases: LoadCases, points: IndexArray) -> LoadCases:
-    """Return some of the cases."""
-    return replace(
-        cases,
-        **{
-            name: getattr(cases, name)[points].copy()
-            for name in ("joints", "force", "moment", "load_point", "place")
-        },
-    )

@@ -13,29 +13,20 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, ProgramRequest, ProgramResult
-from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.deflection.models import to_elastic_predictor, to_joint_model, to_own_weight
-from jointstiff.service.kinds.deflection.work import (
-    FIRST_ORDER,
-    model_of,
-    no_bound,
-    refuse_masses,
-    remarks_of,
-)
+from jointstiff.service.kinds.deflection.models import to_own_weight
+from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.path import ProgramPath, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
-from jointstiff.service.kinds.program.rewriting import cases_at, certified, rewritten
+from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate, ramp_shares
-from jointstiff.solver.deflection.forward import ElasticForward, ForwardModel, JointForward
-from jointstiff.solver.deflection.model_error import ModelError
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
@@ -73,9 +64,8 @@ class ProgramWork(SteppedWork[Corrections]):
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
-        self._stored = model_of(run)
         with as_request_errors():
-            self._model, self._error = _forward_model(robot, run, self._stored, request)
+            self._model, self._error = forward_model(robot, run, to_own_weight(request, robot))
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
@@ -121,7 +111,7 @@ class ProgramWork(SteppedWork[Corrections]):
         if not len(points):
             return _NONE
         try:
-            cases = cases_at(path.cases, points)
+            cases = path.cases[points]
             found = compensate(self._model, cases, self._limits(), self._ramp[points])
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
@@ -130,7 +120,7 @@ class ProgramWork(SteppedWork[Corrections]):
             raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
         bound = None
         if self._error is not None:
-            bound = self._error.bound_of(cases, found.leverage, self._request.confidence)
+            bound = self._error.bound(cases, found.leverage, self._request.confidence)
         return Corrections.of(points, found, bound)
 
     def encode(self, part: Corrections) -> str:
@@ -199,31 +189,19 @@ class ProgramWork(SteppedWork[Corrections]):
     def _remarks(self, found: Corrections) -> list[str]:
         left = [f"line {remark.line}: {remark.text}" for remark in self._program.left_alone]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
-        elastic, weighed = isinstance(self._model, ElasticForward), bool(self._request.masses)
-        model = [FIRST_ORDER] if elastic else remarks_of(self._run, weighed=weighed)
-        bound = no_bound(self._error, self._stored.no_error, self._request.confidence)
+        remarks = remarks_of(
+            self._run,
+            self._model,
+            self._error,
+            self._request.confidence,
+            weighed=bool(self._request.masses),
+        )
         beyond = int((found.extrapolation > 1.0).sum())
         if beyond:
-            bound.append(
+            remarks.append(
                 f"{beyond} points are beyond the loads or postures of the campaign: they extrapolate"
             )
-        return [*model, *bound, *left[:_MAX_REMARKS], *more]
-
-
-def _forward_model(
-    robot: Robot, run: Run, stored: IdentifiedModel, request: ProgramRequest
-) -> tuple[ForwardModel, ModelError | None]:
-    """Return the model of a run that predicts the loaded robot, and its error.
-
-    Raises:
-        RequestError: masses are given where links bend, or they do not fit the robot.
-    """
-    if stored.elastic is None:
-        joints, error = to_joint_model(robot, stored)
-        return JointForward(joints, to_own_weight(request, robot)), error
-    refuse_masses(run, request.masses)
-    elastic, error = to_elastic_predictor(robot, stored, stored.elastic)
-    return ElasticForward(elastic), error
+        return [*remarks, *left[:_MAX_REMARKS], *more]
 
 
 def without_contents(document: str) -> str:

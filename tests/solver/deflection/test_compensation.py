@@ -15,7 +15,6 @@ from jointstiff.solver.convex.constraints import Constraints
 from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.deflection.compensation import CorrectionLimits, compensate
 from jointstiff.solver.deflection.elastic import ElasticPredictor
-from jointstiff.solver.deflection.forward import ElasticForward, JointForward
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.links.cross_validation import Folds, Plan
@@ -28,7 +27,7 @@ from jointstiff.solver.robot.urdf import read_urdf
 
 ARM = default_arm()
 ROBOT = Robot(read_urdf(urdf_text(ARM), BASE_LINK, FLANGE_LINK))
-MODEL = JointForward(JointModel(ROBOT, ARM.compliances, None, Constraints(Bounds.positive(6))))
+MODEL = JointModel(ROBOT, ARM.compliances, None, Constraints(Bounds.positive(6)))
 COUNT = 40
 
 
@@ -120,9 +119,7 @@ def links():
     columns = ElasticColumns(6, tuple(range(6)))
     folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), Plan(folds=3, weights=(1e-4,)))
     model = ElasticModel("joints_and_links", columns)
-    return ElasticForward(
-        ElasticPredictor.of(robot, estimate_elastic(robot, measurements, folds, model, 1e-4))
-    )
+    return ElasticPredictor.of(robot, estimate_elastic(robot, measurements, folds, model, 1e-4))
 
 
 def exact_beams(joints, cases):
@@ -158,7 +155,7 @@ def test_a_share_is_left(links):
 def test_the_place_follows_from_rows_and_from_blocks_alike(links):
     wanted = path()
     unloaded = Configurations(ROBOT, ROBOT.joint_map.model_angles(wanted.joints))
-    places = links.model.places(wanted, unloaded)
+    places = links.places(wanted, unloaded)
     np.testing.assert_allclose(
-        places.deflection(links.model.compliances), places.rows @ links.model.compliances, atol=1e-15
+        places.deflection(links.compliances), places.rows @ links.compliances, atol=1e-15
     )

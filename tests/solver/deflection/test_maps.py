@@ -16,7 +16,6 @@ from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.map_task import MapTask, ToolFan, tool_rotations
 from jointstiff.solver.deflection.maps import STATUSES, DeflectionMap, map_places
-from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.robot.inverse import InverseKinematics
 
 ARM = default_arm()
@@ -130,7 +129,7 @@ def test_compliance_and_intervals_are_those_of_a_prediction():
     every = np.ones((len(AREA), 1))
     force = asked.fan.force[found.orientation]
     cases = LoadCases(found.joints, force, 0.0 * force, every * asked.load_point, every * TOOL)
-    predicted = predict_deflections(model, cases, confidence=0.95)
+    predicted = model.deflect(cases)
     np.testing.assert_allclose(found.displacement, predicted.displacement, rtol=1e-9)
     direction = asked.fan.direction[found.orientation]
     np.testing.assert_allclose(found.along, predicted.compliance.along(direction), rtol=1e-9)

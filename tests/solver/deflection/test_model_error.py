@@ -14,7 +14,6 @@ from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
-from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify
@@ -94,7 +93,7 @@ def test_a_force_where_only_moments_were_measured_has_no_bound():
     twisted = replace(noisy(), moment=noisy().force, force=np.zeros_like(noisy().force))
     model, error = left_out(ROBOT, twisted)
     cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, np.array(plan.load_points))
-    bound = error.bound(model, predict_deflections(model, cases, confidence=0.9).posture, 0.9)
+    bound = error.bound(cases, model.deflect(cases).leverage, 0.9)
     assert np.isinf(bound.radius).all()
     assert bound.unmeasured == "force"
 
@@ -104,21 +103,21 @@ def test_extrapolation_widens_and_is_named():
     plan = DESIGN.experiment
     place = np.array(plan.load_points)
     cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, place)
-    inside = error.bound(model, predict_deflections(model, cases, confidence=0.9).posture, 0.9)
+    inside = error.bound(cases, model.deflect(cases).leverage, 0.9)
     np.testing.assert_allclose(inside.load_ratio, 1.0, rtol=1e-5)
     stronger = replace(cases, force=3.0 * cases.force)
-    outside = error.bound(model, predict_deflections(model, stronger, confidence=0.9).posture, 0.9)
+    outside = error.bound(stronger, model.deflect(stronger).leverage, 0.9)
     np.testing.assert_allclose(outside.load_ratio, 3.0, rtol=1e-5)
     assert (outside.radius >= 2.99 * inside.radius).all()
     weaker = replace(cases, force=0.1 * cases.force)
-    below = error.bound(model, predict_deflections(model, weaker, confidence=0.9).posture, 0.9)
+    below = error.bound(weaker, model.deflect(weaker).leverage, 0.9)
     np.testing.assert_allclose(below.radius, inside.radius, rtol=1e-3)  # all loads of the campaign are equal
     far = replace(cases, place=place + np.array([0.0, 0.0, 5.0]))
-    bound = error.bound(model, predict_deflections(model, far, confidence=0.9).posture, 0.9)
+    bound = error.bound(far, model.deflect(far).leverage, 0.9)
     assert (bound.leverage_ratio > 1.0).any()
     assert (bound.radius > 1.5 * inside.radius).any()
     turned = replace(cases, moment=np.full(cases.moment.shape, 10.0))
-    unknown = error.bound(model, predict_deflections(model, turned, confidence=0.9).posture, 0.9)
+    unknown = error.bound(turned, model.deflect(turned).leverage, 0.9)
     assert np.isinf(unknown.radius).all()
 
 
@@ -131,12 +130,13 @@ def test_held_out_postures_of_a_real_robot():
         fitted, rest = measurements[np.sort(order[:20])], measurements[np.sort(order[20:])]
         model, error = left_out(robot, fitted, confidence=0.9)
         cases = LoadCases(rest.joints, rest.force, rest.moment, rest.load_point, rest.position[:, 0].copy())
-        found = predict_deflections(model, cases, confidence=0.9)
+        found = model.deflect(cases)
         read = rest.deflection[:, 0]
-        bound = error.bound(model, found.posture, 0.9)
+        bound = error.bound(cases, found.leverage, 0.9)
         held.append(np.linalg.norm(read - found.displacement, axis=1) <= bound.radius)
-        readings.append((found.interval[:, :3, 0] <= read) & (read <= found.interval[:, :3, 1]))
-        ends = bound.interval(found)
-        assert (ends[..., 0] <= found.interval[:, :3, 0]).all()
+        of_readings = found.interval(0.9)
+        readings.append((of_readings[:, :3, 0] <= read) & (read <= of_readings[:, :3, 1]))
+        ends = bound.interval(found.displacement, of_readings)
+        assert (ends[..., 0] <= of_readings[:, :3, 0]).all()
     assert np.mean(held) >= 0.85
     assert np.mean(readings) < 0.6  # what is not said by readings alone

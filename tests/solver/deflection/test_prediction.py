@@ -15,7 +15,6 @@ from jointstiff.solver.convex.problem import Bounds
 from jointstiff.solver.deflection.joint_model import JointModel
 from jointstiff.solver.deflection.load_cases import LoadCases
 from jointstiff.solver.deflection.own_weight import OwnWeight
-from jointstiff.solver.deflection.prediction import predict_deflections
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.dh import DhRow, dh_chain
@@ -64,13 +63,13 @@ def rotation_between(first, second):
 @pytest.mark.parametrize("moment", [0.0, 200.0])
 def test_displacement_and_rotation_are_those_of_the_exact_balance(moment):
     load = cases(moment=moment)
-    found = predict_deflections(exact_model(), load, confidence=0.95)
+    found = exact_model().deflect(load)
     still = np.zeros((COUNT, 3))
     before, axes = exact_pose(load, still, still, load.load_point)
     after, turned = exact_pose(load, load.force, load.moment, load.load_point)
     np.testing.assert_allclose(found.displacement, after - before, rtol=0, atol=2e-14)
     np.testing.assert_allclose(found.rotation, rotation_between(axes, turned), rtol=0, atol=2e-14)
-    assert found.interval is None
+    assert found.interval(0.95) is None
     assert not found.unseen.any()
 
 
@@ -79,7 +78,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
     """At the load point, where a further force is part of the same dead wrench."""
     load = cases(moment=moment)
     load = replace(load, place=load.load_point)
-    found = predict_deflections(exact_model(), load, confidence=0.95).compliance
+    found = exact_model().deflect(load).compliance
 
     def differences(step: float) -> np.ndarray:
         columns = []
@@ -107,7 +106,7 @@ def test_compliance_is_the_difference_of_exact_balances(moment):
 def test_the_three_stiffnesses_are_what_their_names_say():
     """Springs that block what each blocks, tried out on the compliance; and their order."""
     load = cases()
-    found = predict_deflections(exact_model(), load, confidence=0.95).compliance
+    found = exact_model().deflect(load).compliance
     u = load.force / np.linalg.norm(load.force, axis=1, keepdims=True)
     free, lateral, rotation = (
         f(u)
@@ -132,7 +131,7 @@ def test_the_three_stiffnesses_are_what_their_names_say():
 
 def test_rigid_joints_have_a_compliance_and_no_endless_numbers():
     rigid = replace(ARM, stiffnesses=np.where([0, 1, 1, 0, 1, 0], ARM.stiffnesses, np.inf))
-    found = predict_deflections(exact_model(rigid), cases(), confidence=0.95).compliance
+    found = exact_model(rigid).deflect(cases()).compliance
     assert np.isfinite(found.matrix).all()
     u = np.tile([1.0, 0.0, 0.0], (COUNT, 1))
     assert np.isfinite(found.stiffness_lateral_free(u)).all()
@@ -149,7 +148,7 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     tool = posture.point_to_base(load.load_point)
     centre[5] = np.swapaxes(rotation[0, 5], 0, 1) @ (tool[0] - origin[0, 5])
     weight = OwnWeight(mass, centre)
-    found = predict_deflections(exact_model(), load, confidence=0.95, weight=weight)
+    found = replace(exact_model(), weight=weight).deflect(load)
     pull = np.broadcast_to([0.0, 0.0, -40.0 * 9.80665], (COUNT, 3))
     still = np.zeros((COUNT, 3))
     # The same springs, whose rest is where the weight alone keeps the robot in q: q₀ = q − c ∘ g(q).
@@ -157,14 +156,14 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     loaded = rest + equilibrium(ARM, rest, load.force + pull, still, load.load_point)
     expected = ARM.posture(loaded).point_to_base(load.place) - posture.point_to_base(load.place)
     np.testing.assert_allclose(found.displacement, expected, rtol=0, atol=2e-14)
-    without = predict_deflections(exact_model(), load, confidence=0.95)
+    without = exact_model().deflect(load)
     assert np.abs(without.displacement - found.displacement).max() > 1e-7
 
 
 def test_a_load_without_balance_is_refused():
     load = cases()
     with pytest.raises(RequestError, match="balance"):
-        predict_deflections(exact_model(), replace(load, force=1e7 * load.force), confidence=0.95)
+        exact_model().deflect(replace(load, force=1e7 * load.force))
 
 
 @pytest.mark.parametrize("across", [0.0, 1.0])
@@ -177,7 +176,7 @@ def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     still = np.zeros((2, 3))
     load = LoadCases(np.zeros((2, 1)), force, still, still, still)
     with pytest.raises(RequestError, match="balance") as caught:
-        predict_deflections(model, load, confidence=0.95)
+        model.deflect(load)
     assert caught.value.where == "cases[1]"
 
 
@@ -196,21 +195,21 @@ class TestIdentified:
 
     def test_intervals_hold_the_truth(self):
         load = cases(seed=3)
-        truth = predict_deflections(exact_model(), load, confidence=0.95)
+        truth = exact_model().deflect(load)
         truth = np.concatenate([truth.displacement, truth.rotation], axis=1)
         held = []
         for measurements in self.design.measured(150, seed=5):
-            ends = predict_deflections(self.model(measurements), load, confidence=0.95).interval
+            ends = self.model(measurements).deflect(load).interval(0.95)
             held.append((ends[..., 0] <= truth) & (truth <= ends[..., 1]))
         assert 0.92 <= np.mean(held) <= 0.975
 
     def test_free_intervals_are_plus_and_minus(self):
         load = cases()
-        found = predict_deflections(self.model(positive=False), load, confidence=0.9)
+        found = self.model(positive=False).deflect(load)
         deviation = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
         value = np.concatenate([found.displacement, found.rotation], axis=1)
         expected = value[..., None] + 1.6448536 * deviation[..., None] * np.array([-1, 1])
-        np.testing.assert_allclose(found.interval, expected, rtol=1e-6)
+        np.testing.assert_allclose(found.interval(0.9), expected, rtol=1e-6)
 
     def test_constraints_cut_intervals_and_hold_the_joints_own(self):
         """Beside a row that is one joint's deflection alone, the interval is that joint's."""
@@ -234,20 +233,20 @@ class TestIdentified:
         readings = [ARM.posture(q).targets_to_base(points) for q in (plan.joints, loaded)]
         model = self.model(replace(self.design.measurements(*readings, sigma=SIGMA), force=down))
         load = cases()
-        assert predict_deflections(model, load, confidence=0.95).unseen[:, 0].all()
+        assert model.deflect(load).unseen[:, 0].all()
         dead = replace(load, force=np.broadcast_to([0.0, 0.0, -900.0], (COUNT, 3)))
-        assert not predict_deflections(model, dead, confidence=0.95).unseen.any()
+        assert not model.deflect(dead).unseen.any()
 
     def test_the_worst_direction_is_uncertain_as_the_readings_make_it(self):
         load = cases()
         found = [
-            predict_deflections(self.model(m), load, confidence=0.95).compliance.worst
+            self.model(m).deflect(load).compliance.worst
             for m in self.design.measured(150, seed=2)  # a ratio of 1 scatters by 0.06: 0.2 off is seen
         ]
         spread = np.std([worst.compliance for worst in found], axis=0)
         stated = np.mean([worst.compliance_uncertainty for worst in found], axis=0)
         np.testing.assert_allclose(spread / stated, 1.0, atol=0.2)
-        truth = predict_deflections(exact_model(), load, confidence=0.95).compliance.worst.direction
+        truth = exact_model().deflect(load).compliance.worst.direction
         cosine = [np.abs((worst.direction * truth).sum(axis=1)) for worst in found]
         angle = np.sqrt(np.mean(np.square(np.arccos(np.minimum(cosine, 1.0))), axis=0))
         stated = np.mean([worst.direction_uncertainty for worst in found], axis=0)

@@ -519,16 +519,16 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
         lever = (held_out.position[:, t] - origin)[:, None]
         place = (lever @ configurations.flange_rotation)[:, 0]
         cases = LoadCases(held_out.joints, held_out.force, held_out.moment, held_out.load_point, place)
-        deflection = predictor.predict(cases, 0.95)
+        deflection = predictor.deflect(cases)
         # The readings' own noise widens the intervals that are to hold them.
         noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.sqrt(np.diagonal(deflection.covariance, 0, 1, 2)))
         apart = np.abs(deflection.displacement - held_out.deflection[:, t])
         held.append(apart <= 1.96 * noise[:, :3])
-        bound = error.bound_of(cases, predictor.leverage(deflection), 0.9)
+        bound = error.bound(cases, deflection.leverage, 0.9)
         inside.append(np.linalg.norm(apart, axis=1) <= bound.radius)
     assert np.mean(held) > 0.9
     assert np.mean(inside) > 0.8
     at_load = LoadCases(held_out.joints, held_out.force, 0.0 * held_out.moment, place, place)
-    same = predictor.predict(at_load, 0.95)
+    same = predictor.deflect(at_load)
     moved = np.einsum("bij,bj->bi", same.compliance.matrix[:, :3, :3], held_out.force)
     np.testing.assert_allclose(moved, same.displacement, atol=1e-12)
