@@ -41,7 +41,6 @@ from benchmarks import (
     links,
     maps,
     memory,
-    paths,
     plan,
     plan_promise,
     plan_sizes,
@@ -82,7 +81,6 @@ RUNNERS: dict[str, Callable[..., list[Section]]] = {
     "faults": faults.run,
     "coverage": coverage.run,
     "deflection": deflection.run,
-    "paths": paths.run,
     "maps": maps.run,
     "programs": programs.run,
     "exports": exports.run,
@@ -111,7 +109,6 @@ STUDIES = frozenset(
     {
         "coverage",
         "deflection",
-        "paths",
         "programs",
         "exports",
         "reports",

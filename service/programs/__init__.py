@@ -1,4 +1,4 @@
-"""Robot programs: bytes in, targets out, and the same bytes with other numbers (docs/method.md section 13).
+"""Robot programs: bytes in, targets out, and the same bytes with other numbers (docs/method.md section 12).
 
 formats        the format by the file's name; which reader takes it
 ├── krl  fanuc  rapid  ur  table          one module a format

@@ -1,4 +1,4 @@
-"""Notation of a target: its numbers to a pose in SI units, and back (docs/method.md section 13)."""
+"""Notation of a target: its numbers to a pose in SI units, and back (docs/method.md section 12)."""
 
 from __future__ import annotations
 

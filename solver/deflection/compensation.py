@@ -1,4 +1,4 @@
-"""Command that brings the loaded tool to where it is wanted (docs/method.md section 13).
+"""Command that brings the loaded tool to where it is wanted (docs/method.md section 12).
 
 The wanted posture is the *loaded* one. Its torques are known before any command is, so no iteration is
 needed for joints: ``q_cmd = θ − c ∘ τ(θ)``. The mirror of a deflection that is computed at the wanted
