@@ -3,140 +3,92 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import platform
 import sys
-from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 import benchmarks
-from benchmarks import (
-    access,
-    assessment,
-    attacks,
-    budget,
-    coverage,
-    deflection,
-    durability,
-    efficiency,
-    elastic_campaigns,
-    exactness,
-    exports,
-    fanuc,
-    faults,
-    geometry,
-    geometry_real,
-    hostile_requests,
-    importing,
-    in_process,
-    integrity,
-    invariance,
-    large,
-    links,
-    maps,
-    memory,
-    plan,
-    plan_promise,
-    plan_sizes,
-    post,
-    programs,
-    replication,
-    reports,
-    resampling,
-    robustness,
-    small,
-    start,
-    trend,
-    workers,
-)
-from benchmarks.report import Part, Section, print_figures, print_section
 
-RUNNERS: dict[str, Callable[..., list[Section]]] = {
+if TYPE_CHECKING:
+    from benchmarks.report import Section
+
+__all__ = ["BENCHMARKS", "Benchmark"]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A name of the command line: its function, and when it runs."""
+
+    module: str  # below `benchmarks`
+    what: str
+    function: str = "run"
+    always: bool = False  # runs when no benchmark is named
+    in_parts: bool = False  # `--part 2/4` runs the second of four parts
+
+
+BENCHMARKS = {
     # Memory before large, which leaves this process big.
-    "small": small.run,
-    "resampling": resampling.run,
-    "post": post.run,
-    "in_process": in_process.run,
-    "memory": memory.run,
-    "start": start.run,
-    "large": large.run,
-    "plan": plan.run,
-    "plan_figaroh": plan.run_figaroh_section,
-    "plan_sizes": plan_sizes.run,
-    "plan_lists": plan_sizes.run_lists,
-    "plan_promise": plan_promise.run,
-    "plan_nuisance": plan_promise.run_nuisance,
-    "exactness": exactness.run,
-    "workers": workers.run,
-    "durability": durability.run,
-    "access": access.run,
-    "attacks": attacks.run,
-    "hostile": hostile_requests.run,
-    "faults": faults.run,
-    "coverage": coverage.run,
-    "deflection": deflection.run,
-    "maps": maps.run,
-    "programs": programs.run,
-    "exports": exports.run,
-    "reports": reports.run,
-    "efficiency": efficiency.run,
-    "robustness": robustness.run,
-    "fanuc": fanuc.run,
-    "budget": budget.run,
-    "replication": replication.run,
-    "invariance": invariance.run,
-    "geometry": geometry.run,
-    "geometry_worn": geometry_real.run_worn,
-    "geometry_ur5": geometry_real.run_ur5,
-    "integrity": integrity.run,
-    "importing": importing.run,
-    "assessment": assessment.run,
-    "links": links.run,
-    "links_fanuc": links.run_fanuc,
-    "links_coverage": elastic_campaigns.run_coverage,
-    "links_answered": elastic_campaigns.run_answered,
-    "trend": trend.run,
+    "small": Benchmark("performance.small", "19 configurations", always=True),
+    "resampling": Benchmark("performance.resampling", "1,000 times 10 of 19", always=True),
+    "post": Benchmark("performance.post", "a run over HTTP", always=True),
+    "in_process": Benchmark("performance.in_process", "a run beside the bare numerical core", always=True),
+    "memory": Benchmark("performance.memory", "up to 1,000,000 configurations", always=True),
+    "start": Benchmark("performance.start", "commands beside bare imports, idle memory", always=True),
+    "large": Benchmark("performance.large", "100,000 configurations", always=True),
+    "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
+    "plan_figaroh": Benchmark("performance.plan", "optimal designs beside FIGAROH", "run_figaroh_section"),
+    "plan_sizes": Benchmark("performance.plan_sizes", "1e5 and 1e6 candidates"),
+    "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
+    "access": Benchmark("performance.access", "the cost of a key; half a minute"),
+    "workers": Benchmark("performance.workers", "two beside one, answers meanwhile, cancelling; 4 minutes"),
+    "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
+    "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
+    "efficiency": Benchmark("studies.efficiency", "beside the Cramér-Rao bound"),
+    "robustness": Benchmark("studies.robustness", "gross errors"),
+    "budget": Benchmark("studies.budget", "uncertainty budgets beside Monte Carlo; 5 minutes"),
+    "deflection": Benchmark("studies.deflection", "predicted deflections beside exact equilibria"),
+    "fanuc": Benchmark("studies.fanuc", "ten of thirty real configurations"),
+    "replication": Benchmark("studies.replication", "the paper's study; docs/replication.md"),
+    "invariance": Benchmark("studies.invariance", "docs/no-characteristic-length.md"),
+    "assessment": Benchmark("studies.assessment", "verdicts on planted mistakes and clean sets; 10 minutes"),
+    "integrity": Benchmark("studies.integrity", "mistakes found and named"),
+    "importing": Benchmark("studies.importing", "files of readings, as written and mutated; docs/import.md"),
+    "links": Benchmark("studies.links", "elastic links; docs/elastic-links.md; some minutes"),
+    "links_fanuc": Benchmark("studies.links", "held out on the real set", "run_fanuc", in_parts=True),
+    "links_coverage": Benchmark(
+        "studies.elastic_campaigns", "intervals on clean beams", "run_coverage", in_parts=True
+    ),
+    "links_answered": Benchmark(
+        "studies.elastic_campaigns", "clean beams are answered", "run_answered", in_parts=True
+    ),
+    "plan_lists": Benchmark("performance.plan_sizes", "efficiency of lists; docs/plan.md", "run_lists"),
+    "plan_promise": Benchmark("studies.plan_promise", "plans carried out; docs/plan.md"),
+    "plan_nuisance": Benchmark(
+        "studies.plan_promise", "elastic links as nuisance; docs/plan.md", "run_nuisance"
+    ),
+    "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
+    "exports": Benchmark("studies.exports", "a run in MuJoCo beside C·τ; docs/exports.md"),
+    "reports": Benchmark("studies.reports", "size, time and bytes; docs/report.md"),
+    "geometry": Benchmark("studies.geometry", "coverage of sweeps; docs/geometry.md"),
+    "geometry_worn": Benchmark("studies.geometry_real", "gears and sag", "run_worn", in_parts=True),
+    "geometry_ur5": Benchmark("studies.geometry_real", "poses of a real UR5", "run_ur5"),
+    "trend": Benchmark("studies.trend", "false alarms and drifts; docs/trend.md"),
+    "attacks": Benchmark("attacks.attacks", "hostile bodies, connections, requests; half an hour"),
+    "hostile": Benchmark(
+        "attacks.hostile_requests",
+        "the 100,000 requests of `attacks`; a quarter of an hour",
+        in_parts=True,
+    ),
+    "faults": Benchmark("attacks.faults", "disks, locks, clocks, servers, workers; 10 minutes, as root"),
+    "durability": Benchmark("attacks.durability", "kill -9 of workers and services; 20 minutes"),
 }
-IN_PARTS = frozenset({"hostile", "geometry_worn", "links_fanuc", "links_coverage", "links_answered"})
-"""They take some minutes, and `--part 2/4` runs the second of four parts."""
-STUDIES = frozenset(
-    {
-        "coverage",
-        "deflection",
-        "programs",
-        "exports",
-        "reports",
-        "efficiency",
-        "robustness",
-        "fanuc",
-        "replication",
-        "invariance",
-        "links",
-        *IN_PARTS,
-        "assessment",
-        "integrity",
-        "importing",
-        "geometry",
-        "geometry_ur5",
-        "plan_lists",
-        "plan_promise",
-        "plan_nuisance",
-        "trend",
-    }
-)
-"""They prove numbers and compare no times."""
-BY_NAME = (
-    frozenset({"access", "attacks", "faults", "maps", "workers", "durability"})
-    | frozenset({"plan", "plan_figaroh", "plan_sizes"})
-    | STUDIES
-)
-"""They run only when they are asked for; most take long."""
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")
 _WIDTH = 130  # where the output is no terminal
 
@@ -144,17 +96,32 @@ _WIDTH = 130  # where the output is no terminal
 def main() -> None:
     """Run what is asked for and print what was found."""
     arguments = _arguments()
+    try:
+        from rich.console import Console
+
+        from benchmarks.report import Part, print_figures, print_section
+
+        machine = _machine()
+        functions = {}
+        for name in arguments.benchmarks:
+            benchmark = BENCHMARKS[name]
+            function = getattr(importlib.import_module(f"benchmarks.{benchmark.module}"), benchmark.function)
+            part = {"part": Part(*arguments.part)} if benchmark.in_parts else {}
+            functions[name] = partial(function, quick=arguments.quick, **part)
+    except ModuleNotFoundError as error:
+        sys.exit(
+            f"{error}. The benchmarks need the development set-up: "
+            "run scripts/setup requirements-dev.lock, then .venv/bin/python -m benchmarks"
+        )
     console = Console() if sys.stdout.isatty() else Console(width=_WIDTH)
-    machine = _machine()
     console.print(f"{machine['processors']} processors, load {machine['load']:.2f}; {machine['versions']}\n")
-    sections = []
-    for name in arguments.benchmarks:
+    sections: list[Section] = []
+    for name, function in functions.items():
         with Console(stderr=True).status(f"{name} …"):
-            part = {"part": arguments.part} if name in IN_PARTS else {}
-            found = RUNNERS[name](quick=arguments.quick, **part)
-        for section in found:
+            measured = function()
+        for section in measured:
             print_section(console, section)
-        sections += found
+        sections += measured
     figures = [figure for section in sections for figure in section.figures]
     print_figures(console, figures, judged=not arguments.quick)
     if arguments.json is not None:
@@ -163,36 +130,30 @@ def main() -> None:
 
 
 def _arguments() -> argparse.Namespace:
+    in_parts = ", ".join(name for name, each in BENCHMARKS.items() if each.in_parts)
+    lines = (f"  {name:<16}{'* ' if each.always else '  '}{each.what}" for name, each in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description=benchmarks.__doc__,
+        epilog="\n".join(("benchmarks (* runs when none is named):", *lines)),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "benchmarks",
-        nargs="*",
-        metavar="BENCHMARK",
-        help=f"{', '.join(RUNNERS)}; all but {', '.join(sorted(BY_NAME))} if none",
-    )
+    parser.add_argument("benchmarks", nargs="*", metavar="BENCHMARK", help="names from the list below")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: a smoke test, nothing is judged")
     parser.add_argument(
-        "--part",
-        type=_part,
-        default=Part(),
-        metavar="K/N",
-        help=f"the K-th of N parts of {', '.join(sorted(IN_PARTS))}",
+        "--part", type=_part, default=(1, 1), metavar="K/N", help=f"the K-th of N parts of {in_parts}"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there, too")
     arguments = parser.parse_args()
-    if unknown := set(arguments.benchmarks) - set(RUNNERS):
-        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(RUNNERS)}")
-    arguments.benchmarks = arguments.benchmarks or [name for name in RUNNERS if name not in BY_NAME]
+    if unknown := set(arguments.benchmarks) - set(BENCHMARKS):
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
+    arguments.benchmarks = arguments.benchmarks or [name for name, each in BENCHMARKS.items() if each.always]
     return arguments
 
 
-def _part(text: str) -> Part:
+def _part(text: str) -> tuple[int, int]:
     number, _, count = text.partition("/")
-    return Part(int(number), int(count))
+    return int(number), int(count)
 
 
 def _machine() -> dict[str, Any]:

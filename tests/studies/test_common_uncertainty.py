@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import binom
 from support.campaigns import estimate
 
-from benchmarks.budget import expanded_by_monte_carlo, expanded_by_product, wrong_campaigns
 from benchmarks.campaigns import default_robot
 from benchmarks.designs import SIGMA, planned_design
-from benchmarks.verdicts import Way, judge
+from benchmarks.studies.budget import expanded_by_monte_carlo, expanded_by_product, wrong_campaigns
+from benchmarks.studies.verdicts import Way, judge
 from jointstiff.simulator import TARGETS, default_arm, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting.likelihood import Likelihood

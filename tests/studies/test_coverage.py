@@ -1,6 +1,6 @@
 """Do the numbers hold what they promise? Simulated campaigns of exact springs, judged by their truth.
 
-Fast versions of `benchmarks.coverage`, `efficiency` and `robustness`; the full ones are slow. Shares are
+Fast versions of the benchmarks `coverage`, `efficiency` and `robustness`; the full ones are slow. Shares are
 judged by the binomial distribution: a sound interval fails one of these tests in some 10,000 seeds.
 """
 
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from benchmarks import coverage, efficiency, fanuc, invariance, replication, robustness
-from benchmarks.coverage import RIGID_SETS, interior_campaigns, rigid_campaigns
 from benchmarks.designs import SIGMA, planned_design
-from benchmarks.efficiency import Spread
 from benchmarks.report import Figure
-from benchmarks.robustness import KINDS, LOSSES, shifts
-from benchmarks.verdicts import METHODS, Way, judge
+from benchmarks.studies import coverage, efficiency, fanuc, invariance, replication, robustness
+from benchmarks.studies.coverage import RIGID_SETS, interior_campaigns, rigid_campaigns
+from benchmarks.studies.efficiency import Spread
+from benchmarks.studies.robustness import KINDS, LOSSES, shifts
+from benchmarks.studies.verdicts import METHODS, Way, judge
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, torques
 

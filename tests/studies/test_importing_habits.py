@@ -10,9 +10,9 @@ import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, values_of
 from support.shared_data import MISSING, SHARED
 
-from benchmarks.importing import outcome, tallies
 from benchmarks.mutations import MUTATIONS
 from benchmarks.spreadsheets import HABITS, campaign_of
+from benchmarks.studies.importing import outcome, tallies
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.errors import ImportFileError

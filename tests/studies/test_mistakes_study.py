@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks import integrity
 from benchmarks.campaigns import default_robot
-from benchmarks.mistakes import MISTAKES
+from benchmarks.studies import integrity
+from benchmarks.studies.mistakes import MISTAKES
 from jointstiff.simulator import default_arm
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night

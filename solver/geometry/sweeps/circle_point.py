@@ -4,7 +4,8 @@ All targets of a sweep share one axis (`circle_point_model`). How far each posit
 default, estimated from the readings (`angles="free"`), common to all targets: encoders and gears of a
 heavy robot are wrong by some 50 µrad, which at 2 m is five times the noise of a tracker, and the
 classical circle-point method does not trust them either. With perfect encoders `angles="controller"`
-would be the better estimate; `benchmarks/geometry.py` prints by how much, and what it costs with real ones.
+would be the better estimate; `python -m benchmarks geometry` prints by how much, and
+what it costs with real ones.
 """
 
 from __future__ import annotations

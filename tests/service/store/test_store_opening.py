@@ -137,7 +137,7 @@ def test_a_migration_locks_others_out_by_the_database_alone(
 @pytest.mark.process
 def test_processes_open_a_fresh_database_together(database_url: str) -> None:
     program = (
-        "import sys, time; from jointstiff.service.store import Store; print('ready', flush=True);"
+        "import sys, time; from jointstiff.service.store.store import Store; print('ready', flush=True);"
         "sys.stdin.readline(); Store.open(sys.argv[1]).close(); print('opened')"
     )
     processes = [

@@ -122,7 +122,7 @@ def test_extrapolation_widens_and_is_named():
 
 
 def test_held_out_postures_of_a_real_robot():
-    """FANUC: elastic links and no noise to speak of; 20 fitted, 10 held out (`benchmarks.deflection`)."""
+    """FANUC: elastic links and no noise to speak of; 20 fitted, 10 held out (benchmark `deflection`)."""
     robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
     held, readings = [], []
     for seed in range(12):

@@ -34,8 +34,8 @@ _CHILD = """
 import sys
 from time import perf_counter
 from pathlib import Path
-from benchmarks.reports import document_of, empty_pdf, measured
-from jointstiff.service.reports import report_pdf
+from benchmarks.studies.reports import document_of, empty_pdf, measured
+from jointstiff.service.reports.pdf import report_pdf
 document = document_of(Path(sys.argv[1])) if sys.argv[2] == "report" else None
 begin = perf_counter()
 content = report_pdf(document) if document else empty_pdf()

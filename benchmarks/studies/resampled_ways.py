@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.campaigns import default_robot
-from benchmarks.replicas import Imperfections, read
+from benchmarks.studies.replicas import Imperfections, read
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import Encoders
 from jointstiff.solver.arrays import FloatArray

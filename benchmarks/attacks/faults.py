@@ -22,11 +22,11 @@ from uuid import uuid4
 
 import httpx
 
+from benchmarks.attacks.restored import restored
+from benchmarks.attacks.worker_faults import worker_faults
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
-from benchmarks.restored import restored
 from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
-from benchmarks.worker_faults import worker_faults
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.campaigns import identify
 from jointstiff.service.workers.doctor import examine

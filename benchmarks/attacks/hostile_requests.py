@@ -16,11 +16,11 @@ from typing import Any, Final
 
 import httpx
 
+from benchmarks.attacks.urdf_mutations import corpus, damaged, judged, model_of
 from benchmarks.campaigns import small_campaign
 from benchmarks.mutations import mutated
 from benchmarks.report import Figure, Part, Section
 from benchmarks.spreadsheets import HABITS, campaign_of
-from benchmarks.urdf_mutations import corpus, damaged, judged, model_of
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.campaigns import large_campaign
-from benchmarks.peers import stacked_rows
+from benchmarks.performance.peers import stacked_rows
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import PackedCandidates

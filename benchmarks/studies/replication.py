@@ -11,9 +11,9 @@ from typing import get_args
 
 import numpy as np
 
-from benchmarks.replicas import SOURCES, STATED, avoided, read
 from benchmarks.report import Figure, Section
-from benchmarks.resampled_ways import (
+from benchmarks.studies.replicas import SOURCES, STATED, avoided, read
+from benchmarks.studies.resampled_ways import (
     DRAWN,
     FREE,
     POSITIVE,

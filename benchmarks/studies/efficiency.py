@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from benchmarks.coverage import interior_campaigns
 from benchmarks.designs import planned_design
 from benchmarks.report import Figure, Section
-from benchmarks.verdicts import METHODS, Verdicts, Way, judge
+from benchmarks.studies.coverage import interior_campaigns
+from benchmarks.studies.verdicts import METHODS, Verdicts, Way, judge
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import FloatArray
 

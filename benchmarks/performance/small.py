@@ -8,7 +8,13 @@ from itertools import count
 import numpy as np
 
 from benchmarks.campaigns import LARGE_NOISE, SIGMA, Campaign, default_settings, small_campaign
-from benchmarks.peers import bounded_least_squares, cvxpy_clarabel, proxqp, scipy_nnls, stacked_rows
+from benchmarks.performance.peers import (
+    bounded_least_squares,
+    cvxpy_clarabel,
+    proxqp,
+    scipy_nnls,
+    stacked_rows,
+)
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import BoolArray, FloatArray

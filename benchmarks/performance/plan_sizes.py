@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.candidate_pool import CRITERIA, Pool
+from benchmarks.performance.candidate_pool import CRITERIA, Pool
 from benchmarks.report import Figure, Section, seconds_text
 from benchmarks.timing import interleaved
 from jointstiff.solver.design.distinct import Distinct

@@ -73,7 +73,7 @@ def _values(peak: Peak) -> tuple[float, ...]:
 
 
 def _in_child(configurations: int) -> Peak:
-    command = [sys.executable, "-m", "benchmarks.memory", str(configurations)]
+    command = [sys.executable, "-m", "benchmarks.performance.memory", str(configurations)]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
     return Peak(**json.loads(done.stdout))
 

@@ -27,10 +27,10 @@ import httpx
 import numpy as np
 from fastapi.exceptions import RequestValidationError
 
-from benchmarks import hostile_requests
+from benchmarks.attacks import hostile_requests
+from benchmarks.attacks.hostile_bodies import bodies, imports, peak_of
+from benchmarks.attacks.many_posts import posts_at_once, queue_full
 from benchmarks.campaigns import small_campaign
-from benchmarks.hostile_bodies import bodies, imports, peak_of
-from benchmarks.many_posts import posts_at_once, queue_full
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, locked, post_campaign, postgresql
 from jointstiff.schemas.imports import ImportRequest

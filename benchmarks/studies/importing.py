@@ -24,7 +24,7 @@ from jointstiff.service.importing.reading import Imported, SourceFile, read_file
 __all__ = ["Tally", "outcome", "run", "tallies"]
 
 FILES = 20_000
-REAL = Path(__file__).parents[1] / "../shared/data/ur10_poses/measurements_iso_cubes.csv"
+REAL = Path(__file__).parents[3] / "shared/data/ur10_poses/measurements_iso_cubes.csv"
 _TOLERANCE = 1e-9
 """Relative to the largest number of a vector, of conversions between units."""
 

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 import httpx
 
 from benchmarks.campaigns import LARGE_NOISE, Campaign, default_settings, small_campaign
-from benchmarks.peers import cvxpy_clarabel, stacked_rows
+from benchmarks.performance.peers import cvxpy_clarabel, stacked_rows
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.identification import identify

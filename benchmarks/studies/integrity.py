@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.campaigns import default_robot, large_campaign
-from benchmarks.mistakes import MISTAKES, Mistake, Posted, clean_set, only_deflections
 from benchmarks.report import Figure, Section
+from benchmarks.studies.mistakes import MISTAKES, Mistake, Posted, clean_set, only_deflections
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.finding import Finding

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.designs import CONFIGURATIONS, FORCE, SIGMA, Design, planned_design, with_compliances
 from benchmarks.report import Figure, Section
-from benchmarks.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
+from benchmarks.studies.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray
 

@@ -25,7 +25,7 @@ from jointstiff.solver.robot.model import Robot
 
 __all__ = ["CAMPAIGN", "prepared", "run"]
 
-CAMPAIGN = Path(__file__).parents[2] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
+CAMPAIGN = Path(__file__).parents[3] / "shared" / "data" / "fanuc_r2000ic" / "campaign.json"
 DRAWN = 10
 PLANS = ((2_000, 2017), (100_000, 0))
 """Repetitions and seed: those that the figure is about, and many more."""

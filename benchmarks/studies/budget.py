@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.campaigns import default_robot
 from benchmarks.designs import SIGMA, Design, planned_design, with_compliances
 from benchmarks.report import Figure, Section
-from benchmarks.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
+from benchmarks.studies.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, deflections, linear_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.inference.budget import UncertaintyBudget

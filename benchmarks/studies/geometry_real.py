@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.geometry import sweeps_of
 from benchmarks.report import Figure, Part, Section
+from benchmarks.studies.geometry import sweeps_of
 from jointstiff.simulator.sweeps import HOME, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.arrays import FloatArray, IndexArray
@@ -28,7 +28,7 @@ __all__ = ["run_ur5", "run_worn"]
 GEAR, SAG = 60e-6, 30e-6  # rad, m
 HOMES = {"joints rest at the same angles in all sweeps": 0.0, "they rest up to 11° apart": 0.2}
 WITHIN = 3.0  # standard uncertainties
-POSES = Path(__file__).parents[2] / "shared" / "data" / "ur5_grid" / "3D_UR5_uncalibrated_grid_cleaned.csv"
+POSES = Path(__file__).parents[3] / "shared" / "data" / "ur5_grid" / "3D_UR5_uncalibrated_grid_cleaned.csv"
 FITTED = 800
 UR5 = (
     (0.0, np.pi / 2, 0.089159),

@@ -1,6 +1,6 @@
 """FIGAROH's optimisers of postures, run as released in an environment of their own.
 
-As a program, `python benchmarks/figaroh_peer.py ROWS.npy READINGS OUT.json`, it imports nothing of ours.
+As a program, `python figaroh_peer.py ROWS.npy READINGS OUT.json`, it imports nothing of ours.
 """
 
 from __future__ import annotations

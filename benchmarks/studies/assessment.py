@@ -17,10 +17,10 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot, default_settings, small_campaign
 from benchmarks.designs import Design
-from benchmarks.mistakes import MISTAKES, SIGMA, Posted, clean_set, only_deflections
 from benchmarks.report import Figure, Section, times_table
+from benchmarks.studies.mistakes import MISTAKES, SIGMA, Posted, clean_set, only_deflections
+from benchmarks.studies.verdicts import METHODS
 from benchmarks.timing import interleaved
-from benchmarks.verdicts import METHODS
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment
 from jointstiff.solver.arrays import FloatArray

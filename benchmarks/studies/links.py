@@ -14,8 +14,8 @@ import cvxpy as cp
 import numpy as np
 
 from benchmarks.campaigns import default_robot
-from benchmarks.fanuc import CAMPAIGN, prepared
 from benchmarks.report import Figure, Part, Section, times_table
+from benchmarks.studies.fanuc import CAMPAIGN, prepared
 from benchmarks.timing import interleaved
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import simulate_positions

@@ -8,8 +8,8 @@ from functools import partial
 import cvxpy as cp
 import numpy as np
 
-from benchmarks.candidate_pool import CRITERIA, READINGS, Pool
-from benchmarks.figaroh_peer import run_figaroh
+from benchmarks.performance.candidate_pool import CRITERIA, READINGS, Pool
+from benchmarks.performance.figaroh_peer import run_figaroh
 from benchmarks.report import Figure, Section, seconds_text, times_table
 from benchmarks.timing import interleaved
 from jointstiff.solver.arrays import FloatArray

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.campaigns import default_robot
-from benchmarks.coverage import interior_campaigns
-from benchmarks.fanuc import CAMPAIGN, prepared
 from benchmarks.report import Figure, Section
-from benchmarks.verdicts import Way
+from benchmarks.studies.coverage import interior_campaigns
+from benchmarks.studies.fanuc import CAMPAIGN, prepared
+from benchmarks.studies.verdicts import Way
 from jointstiff.simulator import LOAD_POINT, SpringArm, default_arm, equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.constraints import Constraints

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.campaigns import Campaign, default_settings, large_campaign
-from benchmarks.peers import (
+from benchmarks.performance.peers import (
     bare_pinocchio_loop,
     cvxpy_clarabel,
     numpy_qr_nnls,

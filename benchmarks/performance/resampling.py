@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks.campaigns import Campaign, small_campaign
-from benchmarks.peers import cvxpy_clarabel
+from benchmarks.performance.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.solver.arrays import FloatArray

@@ -1,0 +1,1 @@
+"""Attacks and faults: hostile clients, broken disks, dying processes."""

@@ -1,0 +1,1 @@
+"""Times and memory of Jointstiff beside its peers, beside a bare call, or beside itself at another size."""
