@@ -11,8 +11,6 @@ from pydantic import Field, model_validator
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
 from jointstiff.schemas.job import JobState
 from jointstiff.schemas.measurement.metadata import Moment
-from jointstiff.schemas.run.links import Elasticity
-from jointstiff.schemas.run.options import Method, Weighting
 
 MAX_PAGE = 100
 MAX_WAIT_SECONDS = 60
@@ -114,55 +112,3 @@ class SetQuery(ArchivableQuery):
 
     def _others(self) -> set[str]:
         return super()._others() | {"measured_from", "measured_to"}
-
-
-class RunQuery(JobQuery):
-    """Which runs."""
-
-    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-    method: Method | None = Field(default=None, description="Filter by method.")
-    weighting: Weighting | None = Field(default=None, description="Filter by weighting.")
-    elasticity: Elasticity | None = Field(default=None, description="Filter by elasticity.")
-
-
-class ComparisonQuery(JobQuery):
-    """Which comparisons."""
-
-    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-
-
-class PairQuery(JobQuery):
-    """Which pairs."""
-
-    first_set_id: Reference | None = Field(default=None, description="Filter by the first measurement set.")
-    second_set_id: Reference | None = Field(default=None, description="Filter by the second measurement set.")
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-
-
-class GeometryQuery(JobQuery):
-    """Which geometries."""
-
-    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
-    robot_id: Reference | None = Field(default=None, description="Filter by the robot of the nominal model.")
-
-
-class MapQuery(JobQuery):
-    """Which maps."""
-
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
-
-
-class ProgramQuery(JobQuery):
-    """Which compensated programs."""
-
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-
-
-class PlanQuery(JobQuery):
-    """Which plans."""
-
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
-    measurement_set_id: Reference | None = Field(default=None, description="Filter by measurement set.")

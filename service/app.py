@@ -45,7 +45,8 @@ from jointstiff.service.api.page import install_page
 from jointstiff.service.api.posture import Posture, PostureGuard
 from jointstiff.service.api.watch import Watch
 from jointstiff.service.jobs.life import Enqueue
-from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.store.store import Store
 from jointstiff.service.versions import JOINTSTIFF_VERSION

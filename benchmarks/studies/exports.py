@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
@@ -64,7 +65,7 @@ def _identified() -> ExportedModel:
     document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
     campaign = Campaign.model_validate_json(json.dumps(document))
     found = campaigns.identify(campaign, campaign.run)
-    return ExportedModel.of(found, campaigns.prepared_campaign(campaign).robot, campaign.robot.name)
+    return ExportedModel.of(found, prepare_robot(campaign.robot).robot, campaign.robot.name)
 
 
 def _differences(mujoco: Any, model: ExportedModel, q: FloatArray) -> list[float]:  # noqa: ANN401

@@ -17,6 +17,7 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.program import ProgramRequest
 from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.program.points import Corrections
 from jointstiff.service.kinds.program.rewriting import certified, rewritten
@@ -64,7 +65,7 @@ def exact_run() -> tuple[Robot, Run]:
     document = simulate_campaign(ARM, load="pull", configurations=12, sigma=0.0, noise=False, seed=1)
     document["run"] = {"method": "partial_pose", "complementary_stiffness": "included"}
     campaign = Campaign.model_validate_json(json.dumps(document))
-    return campaigns.prepared_campaign(campaign).robot, campaigns.identify(campaign, campaign.run)
+    return prepare_robot(campaign.robot).robot, campaigns.identify(campaign, campaign.run)
 
 
 def path(count: int) -> Array:
@@ -259,7 +260,7 @@ def _beams(count: int) -> Section:
         "link_penalty": 1e-4,
     }
     campaign = Campaign.model_validate_json(json.dumps(document))
-    robot = campaigns.prepared_campaign(campaign).robot
+    robot = prepare_robot(campaign.robot).robot
     stored = campaigns.identify(campaign, campaign.run).result
     if stored is None or stored.model is None or stored.model.elastic is None:
         raise RuntimeError("no elastic model")

@@ -16,6 +16,7 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
 from jointstiff.service.reports.document import Document
@@ -116,7 +117,7 @@ def document_of(folder: Path) -> Document:
     """Return the report of the run in a folder."""
     campaign = Campaign.model_validate_json((folder / "campaign.json").read_bytes())
     found = Run.model_validate_json((folder / "run.json").read_bytes())
-    robot = campaigns.prepared_campaign(campaign).robot
+    robot = prepare_robot(campaign.robot).robot
     model = ExportedModel.of(found, robot, campaign.robot.name)
     settings = LaboratorySettings(Laboratory(name="Metrology Lab", address=["Nantes"]))
     return run_document(RunSubject(model, campaign.measurement_set, settings), draft())

@@ -13,7 +13,7 @@ from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.exporting.formats import FORMATS, ModelFormat, export_model
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 
 _FILES: Final[dict[int | str, dict[str, Any]]] = {
     200: {

@@ -8,7 +8,7 @@ from jointstiff.schemas.health import Health
 from jointstiff.service.api.access import PUBLIC, VIEWER, AccessRoute
 from jointstiff.service.api.parts import problems
 from jointstiff.service.api.watch import Watch
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 router = APIRouter(tags=["health"], route_class=AccessRoute)

@@ -17,7 +17,7 @@ from jointstiff.service.api.examples import IMPORTS
 from jointstiff.service.api.forms import MAX_FILES
 from jointstiff.service.api.parts import PartsOf, json_response, problems
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.resources.imports import import_files
 from jointstiff.solver.errors import RequestError
 

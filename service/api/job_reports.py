@@ -12,10 +12,11 @@ from jointstiff.schemas.plan import Plan
 from jointstiff.service.api.access import VIEWER, AccessRoute
 from jointstiff.service.api.parts import PartsOf, problems
 from jointstiff.service.api.reports import REPORT_FILES, ReportFormat, report_answer
-from jointstiff.service.jobs.kinds import AnyKind
-from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.pair.csv_table import pair_csv
 from jointstiff.service.kinds.plan.tables import plan_csv
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.job import REPORTED_KINDS, job_document
 
 AnyJob = TypeVar("AnyJob", bound=Job)

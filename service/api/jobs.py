@@ -18,7 +18,7 @@ from jointstiff.schemas.query import JobQuery, WaitQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER, RequesterOf, asked_of
 from jointstiff.service.api.bodies import BodyRoute, Key
 from jointstiff.service.api.events import Followers
-from jointstiff.service.api.examples import JOBS, shown
+from jointstiff.service.api.examples import shown
 from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.parts import (
     DELETED,
@@ -29,8 +29,8 @@ from jointstiff.service.api.parts import (
     json_response,
     problems,
 )
-from jointstiff.service.jobs.kinds import AnyKind, Stepped
 from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
 from jointstiff.service.store.job_log import OPEN_STATES
 from jointstiff.service.store.records import JobRecord
@@ -76,7 +76,7 @@ def job_routes(kind: AnyKind) -> APIRouter:
     )
     for add in adds:
         add(router, kind, {"jobs": jobs, "job_id": identifier})
-    if isinstance(kind, Stepped):
+    if kind.stepped:
         _add_stepped(router, kind, {"jobs": jobs, "job_id": identifier})
     return router
 
@@ -93,7 +93,7 @@ def _typed(types: Mapping[str, Any]) -> Callable[[Route], Route]:
 
 
 def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> None:
-    body = Annotated[kind.request, shown(JOBS[kind.name])]  # type: ignore[name-defined]
+    body = Annotated[kind.request, shown(kind.examples)]  # type: ignore[name-defined]
 
     async def create_stepped(
         work: Work,
@@ -111,7 +111,7 @@ def _add_create(router: APIRouter, kind: AnyKind, types: Mapping[str, Any]) -> N
         record = await run_sync(jobs.create, body, key, asked_by, limiter=work)
         return created(kind.collection, record.id, kind.answered(record.document))
 
-    stepped = isinstance(kind, Stepped)
+    stepped = kind.stepped
     later = accepted(kind.message) | problems(429) if stepped else {}
     router.post(
         "",

@@ -12,7 +12,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.registry import KINDS
 
 SMALL_BYTES: Final = 64 * 1024
 """Largest body of an address without a limit of its own; parsed at once, in about a millisecond."""

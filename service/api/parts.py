@@ -8,7 +8,7 @@ from fastapi import Depends, Request, Response
 from pydantic import BaseModel
 
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 
 
 def _parts(request: Request) -> Parts:

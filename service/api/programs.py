@@ -13,17 +13,15 @@ from pydantic import Json
 from jointstiff.schemas.program import MAX_FILES, Program, ProgramForm, ProgramRequest, ProgramResult
 from jointstiff.service.api.access import OPERATOR, VIEWER
 from jointstiff.service.api.bodies import BodyRoute, KeyText, bound_key, large_bodies
-from jointstiff.service.api.examples import PROGRAMS
 from jointstiff.service.api.imports import BINARY, named_content
 from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answer
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.program.work import packed, unpacked
 from jointstiff.service.store.records import JobRecord
 from jointstiff.solver.errors import RequestError
 
-_EXAMPLE: Final = PROGRAMS["milling"]
-_KIND: Final = next(kind for kind in KINDS if kind.name == Program.kind)
+_EXAMPLE: Final = PROGRAM.examples["milling"]
 _FILES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The file.", "content": {"application/octet-stream": {}}}
 }
@@ -52,7 +50,7 @@ router = APIRouter(prefix="/v1/programs", tags=["programs"], route_class=BodyRou
 @router.post(
     "",
     dependencies=[OPERATOR],
-    description=_KIND.description,
+    description=PROGRAM.description,
     status_code=201,
     response_model=Program,
     responses=LOCATION | accepted(Program) | problems(400, 413, 415, 422, 429, 507),

@@ -15,7 +15,7 @@ from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.api.exports import exported_model
 from jointstiff.service.api.jobs import JobId
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.laboratory import LaboratorySettings

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from jointstiff.schemas.measurement.frame import ResolvedFrame
-from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, QualityWarning
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
 from jointstiff.service.conversion import robots
 from jointstiff.service.conversion.frames import in_base, stated_transform, to_resolved
@@ -158,3 +159,22 @@ def _chain_of_stranger(model: UrdfModel) -> KinematicChain:
         named = error.where in {"base", "flange"}
         place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
+
+
+def without(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
+    """Return the observations of a set but for those of some labels.
+
+    Raises:
+        RequestError: the set has no observation of such a label, or none remains.
+    """
+    unknown = set(labels) - {observation.label for observation in observations}
+    if unknown:
+        raise RequestError(
+            f"the set has no observation '{min(unknown)}'",
+            where="leave_out",
+            remedy="give labels of its observations",
+        )
+    kept = [observation for observation in observations if observation.label not in labels]
+    if not kept:
+        raise RequestError("all observations are left out", where="leave_out", remedy="leave some of them in")
+    return kept

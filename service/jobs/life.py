@@ -14,7 +14,8 @@ from sqlalchemy import Connection
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.job import Job, JobState, Requester
 from jointstiff.schemas.query import JobQuery
-from jointstiff.service.jobs.kinds import AnyKind
+from jointstiff.service.inputs.stored import Stored
+from jointstiff.service.jobs.records import record_of
 from jointstiff.service.kinds.execution import (
     carry_out,
     final_state,
@@ -22,6 +23,7 @@ from jointstiff.service.kinds.execution import (
     outcome_of,
     unexpected_failure,
 )
+from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.work import Work
 from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
@@ -66,7 +68,7 @@ class Jobs:
         self.deletions = resources.store.deletions(kind.resource)
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
         self._records = resources.store.jobs(kind.resource)
-        self._resources = resources
+        self._inputs = Stored(resources)
         self._enqueue = enqueue
 
     def create(
@@ -87,15 +89,15 @@ class Jobs:
         """
         if key is not None and (before := self._records.find(key)) is not None:
             return before
-        work: Work = self.kind.work(self._resources, request)
+        work = self.kind.work(self._inputs, request)
         job = new_job(self.kind.message, request, work, requested_by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
-            return self._records.add(self.kind.record(carry_out(job, work), work.robot_id), key)
+            return self._records.add(record_of(self.kind, carry_out(job, work), work.robot_id), key)
         if len(self.log.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self._records.add(
-            self.kind.record(job, work.robot_id),
+            record_of(self.kind, job, work.robot_id),
             key,
             lambda connection: enqueue(connection, self.kind.name, job.id),
         )
@@ -231,14 +233,14 @@ class Jobs:
             raise NotFoundError(self.kind.resource, job_id)
 
     def _read(self, record: JobRecord) -> Job:
-        return read_job(self.kind.message, record)
+        job: Job = read_job(self.kind.message, record)
+        return job
 
     def _work(self, job_id: str) -> Work:
-        work: Work = self.kind.work(self._resources, self.current(job_id).request)
-        return work
+        return self.kind.work(self._inputs, self.current(job_id).request)
 
     def _changes(self, job: Job, robot_id: str | None) -> dict[str, Any]:
-        record = self.kind.record(job, robot_id)
+        record = record_of(self.kind, job, robot_id)
         return {"state": record.state, "summary": record.summary, "document": record.document}
 
     def _end(

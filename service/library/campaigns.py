@@ -9,27 +9,27 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
-from uuid import uuid4
 
 from pydantic import BaseModel
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import Comparison, ComparisonOptions, ComparisonRequest
-from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job, Progress
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_robot, prepare_set
+from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
 from jointstiff.service.importing.file_types import file_type
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.execution import carry_out, new_job
-from jointstiff.service.kinds.run.work import run_work
-from jointstiff.service.kinds.work import Work
+from jointstiff.service.kinds.kind import AnyRequest, Kind
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
-from jointstiff.solver.errors import InputError, JointstiffError, RequestError
+from jointstiff.solver.errors import JointstiffError, RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.deflection import DeflectionResult
@@ -141,9 +141,9 @@ def identify(campaign: Campaign, options: RunOptions, on_progress: OnProgress | 
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    prepared = prepared_campaign(campaign)
-    request = RunRequest(measurement_set_id=uuid4().hex, **options.model_dump())
-    return carried_out(Run, request, lambda: run_work(prepared, request), on_progress)
+    inputs = FromFile()
+    request = RunRequest(measurement_set_id=add_campaign(inputs, campaign), **options.model_dump())
+    return carried_out(RUN, inputs, request, on_progress)
 
 
 def predict(campaign: Campaign, table: str, run: Run | None = None, **options: object) -> DeflectionResult:
@@ -161,48 +161,11 @@ def predict(campaign: Campaign, table: str, run: Run | None = None, **options: o
     from jointstiff.service.kinds.deflection.tables import read_load_cases
     from jointstiff.service.kinds.deflection.work import predict_by_run
 
-    run = model_run(campaign, run)
-    with as_campaign_error("robot"):
-        robot = _robot(campaign.robot.model_dump_json()).robot
+    inputs = FromFile()
+    found = inputs.run(add_model(inputs, campaign, run), "run_id")
     with as_campaign_error("prediction"):
-        cases = read_load_cases(table, robot.joint_names, **options)
-        return predict_by_run(robot, run, cases)
-
-
-def model_run(campaign: Campaign, run: Run | None) -> Run:
-    """Return the run of a campaign that predicts: the one given, or identified now, as the campaign says.
-
-    Raises:
-        CampaignError: robot or readings cannot be used, the run has failed, or is of another campaign.
-    """
-    if run is None:
-        run = identify(campaign, campaign.run)
-        if run.error is not None:
-            raise CampaignError(run.error)
-        return run
-    with as_campaign_error("prediction"):
-        _refuse_other_run(campaign, run)
-    return run
-
-
-def _refuse_other_run(campaign: Campaign, run: Run) -> None:
-    """Refuse a run whose robot and readings are not those of the campaign.
-
-    Raises:
-        CampaignError: robot or readings cannot be used.
-        RequestError: the run is of others.
-    """
-    from jointstiff.service.kinds.run.work import run_hash
-
-    measured = campaign.measurement_set
-    kept = [each for each in measured.observations if each.label not in run.request.leave_out]
-    used = campaign.model_copy(update={"measurement_set": measured.model_copy(update={"observations": kept})})
-    if not kept or run_hash(prepared_campaign(used), run.request) != run.provenance.input_hash:
-        raise RequestError(
-            f"the run '{run.id}' is of another robot or of other readings",
-            where="run_id",
-            remedy="give a run of this campaign, made by this version, or none to identify it now",
-        )
+        cases = read_load_cases(table, found.prepared.robot.joint_names, **options)
+        return predict_by_run(found.prepared.robot, found.run, cases)
 
 
 def compare(
@@ -218,11 +181,11 @@ def compare(
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    from jointstiff.service.kinds.comparison.work import ComparisonWork
+    from jointstiff.service.kinds.comparison import COMPARISON
 
-    prepared = prepared_campaign(campaign)
-    request = ComparisonRequest(measurement_set_id=uuid4().hex, **options.model_dump())
-    return carried_out(Comparison, request, lambda: ComparisonWork(prepared, request), on_progress)
+    inputs = FromFile()
+    request = ComparisonRequest(measurement_set_id=add_campaign(inputs, campaign), **options.model_dump())
+    return carried_out(COMPARISON, inputs, request, on_progress)
 
 
 def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
@@ -236,20 +199,15 @@ def pair(first: Campaign, second: Campaign, options: PairOptions) -> Pair:
     Raises:
         CampaignError: a robot, readings or the request cannot be used.
     """
-    from jointstiff.schemas.pair import Pair, PairRequest, PairSide
-    from jointstiff.service.kinds.pair.work import Side, pair_work
+    from jointstiff.schemas.pair import PairRequest, PairSide
+    from jointstiff.service.kinds.pair import PAIR
 
-    how = options.options_of_sides
+    inputs = FromFile()
     one, other = (
-        Side(name, uuid4().hex, prepared_campaign(campaign, f"{name}."), how)
+        PairSide(measurement_set_id=add_campaign(inputs, campaign, f"{name}."))
         for name, campaign in (("first", first), ("second", second))
     )
-    request = PairRequest(
-        first=PairSide(measurement_set_id=one.set_id),
-        second=PairSide(measurement_set_id=other.set_id),
-        **dict(options),
-    )
-    return carried_out(Pair, request, lambda: pair_work(one, other, request))
+    return carried_out(PAIR, inputs, PairRequest(first=one, second=other, **dict(options)))
 
 
 def find_geometry(request: GeometryRequest) -> Geometry:
@@ -261,43 +219,40 @@ def find_geometry(request: GeometryRequest) -> Geometry:
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    from jointstiff.schemas.geometry.message import Geometry
-    from jointstiff.service.kinds.geometry.work import as_request_errors, geometry_work
+    from jointstiff.service.kinds.geometry import GEOMETRY
 
-    try:
-        if request.robot_id is not None:
-            raise RequestError(
-                f"the stored robot '{request.robot_id}' cannot be used from a file",
-                remedy="give the robot document itself, as `robot` or with --robot",
-                where="robot_id",
-            )
-        nominal = None
-        if request.robot is not None:
-            with as_request_errors("robot"):
-                nominal = prepare_robot(request.robot).robot
-        work = geometry_work(request, nominal)
-        return carry_out(new_job(Geometry, request, work), work)
-    except JointstiffError as error:
-        raise CampaignError(problem_of(error)) from error
+    return carried_out(GEOMETRY, FromFile(), request, section="")
 
 
 def carried_out(
-    message: type[AnyJob], request: Message, work: Callable[[], Work], on_progress: OnProgress | None = None
+    kind: Kind[AnyJob, AnyRequest, Any],
+    inputs: Inputs,
+    request: AnyRequest,
+    on_progress: OnProgress | None = None,
+    section: str | None = None,
 ) -> AnyJob:
     """Carry out a job.
+
+    Args:
+        kind: its kind.
+        inputs: what the request names.
+        request: what is asked for.
+        on_progress: called with the progress of a job that takes steps.
+        section: of the file that is named in messages; the kind's name if None.
 
     Raises:
         CampaignError: the request cannot be used.
     """
-    with as_campaign_error(message.kind):
-        made = work()
-        return carry_out(new_job(message, request, made), made, on_progress)
+    with as_campaign_error(kind.name if section is None else section):
+        work = kind.work(inputs, request)
+        return carry_out(new_job(kind.message, request, work), work, on_progress)
 
 
-def prepared_campaign(campaign: Campaign, file: str = "") -> PreparedSet:
-    """Return robot and readings ready for computation.
+def add_campaign(inputs: FromFile, campaign: Campaign, file: str = "") -> str:
+    """Add robot and readings of a campaign to the inputs; return the id of the measurement set.
 
     Args:
+        inputs: to add to.
         campaign: robot and readings.
         file: which one of two, for messages.
 
@@ -307,7 +262,41 @@ def prepared_campaign(campaign: Campaign, file: str = "") -> PreparedSet:
     with as_campaign_error(f"{file}robot"):
         robot = _robot(campaign.robot.model_dump_json())
     with as_campaign_error(f"{file}measurement_set"):
-        return prepare_set(campaign.measurement_set, robot, uuid4().hex)
+        return inputs.add_set(campaign.measurement_set, robot)
+
+
+def add_model(inputs: FromFile, campaign: Campaign, run: Run | None) -> str:
+    """Add a campaign and the run of it that predicts to the inputs; return the id of the run.
+
+    Args:
+        inputs: to add to.
+        campaign: robot and readings.
+        run: of that campaign; identified now, as the campaign says, if None.
+
+    Raises:
+        CampaignError: robot or readings cannot be used, the run has failed, or is of another campaign.
+    """
+    from jointstiff.service.kinds.run.work import run_hash
+
+    set_id = add_campaign(inputs, campaign)
+    if run is None:
+        request = RunRequest(measurement_set_id=set_id, **campaign.run.model_dump())
+        run = carried_out(RUN, inputs, request)
+        if run.error is not None:
+            raise CampaignError(run.error)
+        return inputs.add_run(run, set_id)
+    with as_campaign_error("prediction"):
+        labels = {each.label for each in campaign.measurement_set.observations}
+        asked = run.request
+        if not set(asked.leave_out) < labels or run.provenance.input_hash != run_hash(
+            inputs.measured(set_id, "run_id", asked.leave_out), asked
+        ):
+            raise RequestError(
+                f"the run '{run.id}' is of another robot or of other readings",
+                where="run_id",
+                remedy="give a run of this campaign, made by this version, or none to identify it now",
+            )
+    return inputs.add_run(run, set_id)
 
 
 @lru_cache(maxsize=4)
@@ -321,7 +310,7 @@ def as_campaign_error(section: str) -> Iterator[None]:
     """Turn errors of the input into one that says in which section of the file."""
     try:
         yield
-    except (InputError, RequestError) as error:
+    except JointstiffError as error:
         problem = problem_of(error)
-        where = f"{section}.{problem.where}" if problem.where else section
-        raise CampaignError(problem.model_copy(update={"where": where})) from error
+        where = ".".join(part for part in (section, problem.where) if part)
+        raise CampaignError(problem.model_copy(update={"where": where or None})) from error

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from jointstiff.schemas.map import Map, MapOptions, MapRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.execution import carry_out, new_job
+from jointstiff.service.kinds.map import MAP
 from jointstiff.service.library.campaigns import (
     OnProgress,
-    carried_out,
-    model_run,
-    prepared_campaign,
+    add_model,
+    as_campaign_error,
     read_campaign,
     read_document,
 )
@@ -19,7 +21,7 @@ from jointstiff.service.library.campaigns import (
 
 def map_area(
     campaign: Path, request: Path, run: Path | None = None, on_progress: OnProgress | None = None
-) -> tuple[Map, MapWork]:
+) -> tuple[Map, Any]:
     """Carry out one map.
 
     Args:
@@ -34,13 +36,9 @@ def map_area(
     Raises:
         CampaignError: the campaign, the run or the request cannot be used.
     """
-    source, options = read_campaign(campaign), read_document(request, MapOptions)
-    used = model_run(source, None if run is None else read_document(run, Run))
-    prepared, made = prepared_campaign(source), []
-    asked = MapRequest(run_id=used.id, **options.model_dump())
-
-    def work() -> MapWork:
-        made.append(MapWork(prepared.robot, prepared.robot_id, used, asked))
-        return made[0]
-
-    return carried_out(Map, asked, work, on_progress), made[0]
+    source, options, inputs = read_campaign(campaign), read_document(request, MapOptions), FromFile()
+    run_id = add_model(inputs, source, None if run is None else read_document(run, Run))
+    asked = MapRequest(run_id=run_id, **options.model_dump())
+    with as_campaign_error(MAP.name):
+        work = MAP.work(inputs, asked)
+        return carry_out(new_job(Map, asked, work), work, on_progress), work

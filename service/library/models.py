@@ -9,11 +9,11 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Job
 from jointstiff.service.exporting.formats import ModelFormat, export_model
 from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.library.campaigns import (
+    add_model,
     as_campaign_error,
-    model_run,
-    prepared_campaign,
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
@@ -75,7 +75,7 @@ def _job(path: Path) -> Job | None:
     for kind in KINDS:
         if kind.name in REPORTED_KINDS:
             try:
-                job = read_document(path, kind.message)
+                job: Job = read_document(path, kind.message)
             except CampaignError:
                 continue
             if job.result is not None:
@@ -84,7 +84,7 @@ def _job(path: Path) -> Job | None:
 
 
 def _model(campaign: Campaign, run: Run | None) -> ExportedModel:
-    run = model_run(campaign, run)
-    robot = prepared_campaign(campaign).robot
+    inputs = FromFile()
+    found = inputs.run(add_model(inputs, campaign, run), "run_id")
     with as_campaign_error("run"):
-        return ExportedModel.of(run, robot, campaign.robot.name)
+        return ExportedModel.of(found.run, found.prepared.robot, campaign.robot.name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from pydantic import ValidationError
 
@@ -13,11 +12,12 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.plan import Plan, PlanOptions, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.plan.work import Planned, plan_work
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.library.campaigns import (
+    add_campaign,
     as_campaign_error,
     carried_out,
-    prepared_campaign,
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
@@ -54,17 +54,13 @@ def plan(source: RobotDocument | Campaign, options: PlanOptions) -> Plan:
     Raises:
         CampaignError: the robot, the readings or the request cannot be used.
     """
-    name = uuid4().hex
+    inputs, stated = FromFile(), options.model_dump()
     if isinstance(source, Campaign):
-        prepared = prepared_campaign(source)
-        planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
-        request = PlanRequest(measurement_set_id=name, **options.model_dump())
+        request = PlanRequest(measurement_set_id=add_campaign(inputs, source), **stated)
     else:
         with as_campaign_error("robot"):
-            robot = prepare_robot(source)
-        planned = Planned(robot.robot, name, robot.content_hash)
-        request = PlanRequest(robot_id=name, **options.model_dump())
-    return carried_out(Plan, request, lambda: plan_work(planned, request))
+            request = PlanRequest(robot_id=inputs.add_robot(prepare_robot(source)), **stated)
+    return carried_out(PLAN, inputs, request)
 
 
 def changed(options: PlanOptions, changes: dict[str, Any]) -> PlanOptions:

@@ -13,12 +13,12 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.program import Program, ProgramOptions, ProgramRequest
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.execution import carry_out, new_job
-from jointstiff.service.kinds.program.work import ProgramWork, packed
-from jointstiff.service.library.campaigns import model_run, prepared_campaign
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.program import PROGRAM
+from jointstiff.service.kinds.program.work import packed
+from jointstiff.service.library.campaigns import add_model, carried_out
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
-from jointstiff.solver.errors import JointstiffError
+from jointstiff.service.problems.table import http_problem, invalid_request
 
 MAX_BYTES = 16 * 1024 * 1024
 """All files of a program together, as the API has it."""
@@ -46,15 +46,11 @@ def compensate(
     contents = [path.read_bytes() for path in files]
     if sum(map(len, contents)) > MAX_BYTES:
         raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
-    found = model_run(campaign, run)
-    prepared = prepared_campaign(campaign)
+    inputs = FromFile()
+    run_id = add_model(inputs, campaign, run)
     named = [packed(path.name, content) for path, content in zip(files, contents, strict=True)]
-    try:
-        request = ProgramRequest(run_id=found.id, files=named, **options.model_dump())
-        work = ProgramWork(prepared.robot, prepared.robot_id, found, request)
-        return carry_out(new_job(Program, request, work), work, on_progress)
-    except JointstiffError as error:
-        raise CampaignError(problem_of(error)) from error
+    request = ProgramRequest(run_id=run_id, files=named, **options.model_dump())
+    return carried_out(PROGRAM, inputs, request, on_progress, section="")
 
 
 def stated_options(file: Path | None, changes: dict[str, Any]) -> ProgramOptions:

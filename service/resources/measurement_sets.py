@@ -12,14 +12,14 @@ from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.schemas.measurement.metadata import SetChange, SetMetadata
 from jointstiff.service.conversion.frames import in_base
 from jointstiff.service.conversion.measurements import to_measurements
-from jointstiff.service.conversion.prepared import PreparedSet, check_set
+from jointstiff.service.conversion.prepared import PreparedSet, check_set, without
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.resources.frames import FRAME_CODES, resolve_frame
 from jointstiff.service.resources.robots import Robots
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord
 from jointstiff.service.store.store import Store
-from jointstiff.solver.errors import MeasurementError, RequestError
+from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.model import Robot
 
 _CACHED = 16
@@ -116,18 +116,7 @@ class MeasurementSets:
 
     def _without(self, set_id: str, labels: frozenset[str]) -> PreparedSet:
         stored = self.document(set_id)
-        unknown = labels - {observation.label for observation in stored.observations}
-        if unknown:
-            raise RequestError(
-                f"the set has no observation '{min(unknown)}'",
-                where="leave_out",
-                remedy="give labels of its observations",
-            )
-        kept = [observation for observation in stored.observations if observation.label not in labels]
-        if not kept:
-            raise RequestError(
-                "all observations are left out", where="leave_out", remedy="leave some of them in"
-            )
+        kept = without(stored.observations, labels)
         robot, robot_hash = self._robots.load(stored.robot_id)
         noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         checked = check_set(

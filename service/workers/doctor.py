@@ -11,8 +11,8 @@ from jointstiff.schemas.measurement import measurement_set as messages
 from jointstiff.schemas.robot import Robot, RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
-from jointstiff.service.jobs.kinds import AnyKind
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import OtherVersionError
 from jointstiff.service.resources.stored_jobs import read_job
 from jointstiff.service.store.inspection import Fault, Inspection

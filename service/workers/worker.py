@@ -12,7 +12,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from typing import Final
 
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.store.heartbeats import SILENT_SECONDS
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console

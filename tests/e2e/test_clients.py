@@ -14,8 +14,9 @@ import pytest
 from support.browsing import DASHBOARD, post, run_npm
 from support.guide_files import ROOT
 
-from jointstiff.service.api.examples import IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.api.examples import IMPORTS, MEASUREMENT_SETS, ROBOTS
+from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
 
 BIN = Path(sys.prefix, "bin")
@@ -47,7 +48,7 @@ def bodies(url):
         "/v1/robots": ROBOTS,
         "/v1/measurement-sets": MEASUREMENT_SETS,
         "/v1/imports": IMPORTS,
-        **{f"/v1/{kind.collection}": JOBS[kind.name] for kind in KINDS if not kind.is_form},
+        **{f"/v1/{kind.collection}": kind.examples for kind in KINDS if not kind.is_form},
     }
     found = {path: list(examples.values()) for path, examples in documents.items()}
     found["/v1/robots"].append(documented_robot())
@@ -81,7 +82,7 @@ def stored(url):
         for run, name in (("ID_OF_A_RUN", "MOTOR"), ("ID_OF_ANOTHER", "SECONDARY")):
             readings = ids[f"ID_OF_THE_SET_WITH_{name}_ENCODERS"]
             ids[run] = post(client, "/v1/runs", {"measurement_set_id": readings})["id"]
-        sweeps = JOBS["geometry"]["two joints"]
+        sweeps = GEOMETRY.examples["two joints"]
         ids["ID_OF_A_STORED_GEOMETRY"] = post(client, "/v1/geometries", sweeps)["id"]
     return ids
 

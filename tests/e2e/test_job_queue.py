@@ -13,7 +13,7 @@ from support.processes import until, working
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import RunRequest
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import queue as module
 from jointstiff.service.workers.queue import JobQueue, engine_url, schema_of

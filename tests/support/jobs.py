@@ -7,7 +7,7 @@ import json
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import RunRequest
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.workers.queue import VERSION, Outcome
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -6,7 +6,7 @@ import dataclasses
 from datetime import UTC, datetime
 from typing import Any
 
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import Resource
 from jointstiff.service.store.records import JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store

@@ -1,1 +1,48 @@
 """Several methods on one measurement set, side by side."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from jointstiff.schemas.comparison import Comparison, ComparisonRequest, ComparisonSummary
+from jointstiff.service.kinds.kind import File, Kind
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
+    "two methods, 10 configurations drawn 1000 times": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "methods": [
+            {"method": "complete_pose", "weighting": "characteristic_length", "characteristic_length": 0.6},
+            {"method": "partial_pose"},
+        ],
+        "constraints": ["positive"],
+        "resampling": {"size": 10, "repetitions": 1000, "seed": 1},
+    },
+}
+
+COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
+    room=__name__,
+    message=Comparison,
+    request=ComparisonRequest,
+    summary=ComparisonSummary,
+    title="Comparison of methods",
+    stepped=True,
+    filters={"measurement_set_id": "measurement set", "robot_id": "robot"},
+    examples=_EXAMPLES,
+    files=(
+        File(
+            name="table.csv",
+            operation="get_comparison_table",
+            description="Get the result as a table for spreadsheets: one row an entry and joint, units in "
+            "the headers.",
+            content="The table as CSV (RFC 4180).",
+            media_type="text/csv",
+            made_of="result",
+        ),
+    ),
+    description="""Identify by several methods, unconstrained and constrained, side by side.
+
+Answers 201 with the finished comparison, or, if it resamples and takes longer than `wait` seconds, 202
+with the comparison as it is and its address. A method that the readings cannot support is an entry with
+its `error`; the others have their numbers.""",
+)

@@ -14,6 +14,7 @@ from jointstiff.schemas.run.run import RunResult
 from jointstiff.service.conversion.assessments import combined
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.run.work import run_identification
@@ -173,3 +174,12 @@ def _entry(fit: _Fit, outcome: RunResult | Problem) -> ComparedFit:
         condition_number=result.identifiability.condition_number if result else None,
         resampling=result.resampling if result else None,
     )
+
+
+def work(inputs: Inputs, request: ComparisonRequest) -> ComparisonWork:
+    """Return the work of a comparison.
+
+    Raises:
+        RequestError: there is no such set, or draws that cannot be made.
+    """
+    return ComparisonWork(inputs.measured(request.measurement_set_id, "measurement_set_id"), request)

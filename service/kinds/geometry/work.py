@@ -9,7 +9,9 @@ from functools import partial
 from jointstiff.schemas.geometry.message import GeometryRequest
 from jointstiff.schemas.geometry.result import GeometryResult
 from jointstiff.service.conversion.frames import to_base_targets
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.geometry.readings import to_conventions, to_poses, to_sweeps
 from jointstiff.service.kinds.geometry.results import to_geometry_result
 from jointstiff.service.kinds.work import QuickWork
@@ -21,17 +23,19 @@ from jointstiff.solver.geometry.sweeps.sweep import SweepSet
 from jointstiff.solver.robot.model import Robot
 
 
-def geometry_work(request: GeometryRequest, nominal: Robot | None, robot_hash: str = "") -> QuickWork:
+def work(inputs: Inputs, request: GeometryRequest) -> QuickWork:
     """Return the work of a geometry.
 
-    Args:
-        request: the readings, and how to identify.
-        nominal: the robot as its maker describes it, if that is known.
-        robot_hash: content hash of a nominal model that is stored.
-
     Raises:
-        RequestError: the readings contradict themselves or the nominal model.
+        RequestError: there is no such robot, it cannot be used, or the readings contradict themselves or the
+            nominal model.
     """
+    nominal, robot_hash = None, ""
+    if request.robot is not None:
+        with as_request_errors("robot"):
+            nominal = prepare_robot(request.robot).robot
+    elif request.robot_id is not None:
+        nominal, robot_hash = inputs.robot(request.robot_id, "robot_id")
     with as_request_errors():
         readings = _readings(request, nominal)
     # Names and ids do not count.

@@ -1,1 +1,67 @@
 """Deflection over a work area."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from jointstiff.schemas.map import Map, MapRequest, MapSummary
+from jointstiff.service.kinds.kind import File, Kind
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "milling a plate": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 0.4]],
+        "grid": [9, 13, 1],
+        "place": [0.0, 0.0, 0.25],
+        "turns": 8,
+        "force": [0.0, 300.0, -500.0],
+    },
+    "the same posture throughout, force along with the tool": {
+        "run_id": "ID_OF_A_RUN",
+        "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 1.2]],
+        "grid": [9, 13, 5],
+        "place": [0.0, 0.0, 0.25],
+        "directions": [[0.0, 0.0, -1.0], [0.5, 0.0, -0.8660254]],
+        "force": [100.0, 0.0, -400.0],
+        "axes": "flange",
+        "near": [0.0, -0.5, 0.8, 0.0, 1.0, 0.0],
+    },
+}
+
+MAP: Final = Kind[Map, MapRequest, MapSummary](
+    room=__name__,
+    message=Map,
+    request=MapRequest,
+    summary=MapSummary,
+    title="Map of a work area",
+    stepped=True,
+    filters={"robot_id": "robot", "name": "name (exact)"},
+    examples=_EXAMPLES,
+    files=(
+        File(
+            name="map.csv",
+            operation="get_map_table",
+            description="""Get all places as a table: status, place, posture, deflection, intervals,
+compliance; units in headers.
+
+The table is computed again from the map's run, which never changes: keep the run as long as the map.""",
+            content="One row a place (RFC 4180).",
+            media_type="text/csv",
+            made_of="work",
+        ),
+        File(
+            name="map.npz",
+            operation="get_map_arrays",
+            description="Get the same as numpy's npz, to the last digit.",
+            content="Arrays `headers`, `table` and `status`.",
+            media_type="application/octet-stream",
+            made_of="work",
+        ),
+    ),
+    description="""Map a work area: how far the tool bends at each place, by the model of a run.
+
+Each place takes the stiffest posture, or the nearest to a given one, of all branches of the inverse
+kinematics and all orientations of the tool within the joints' limits; its deflection is the exact balance
+of springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
+201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
+)

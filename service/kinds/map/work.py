@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.map import MapOptions, MapResult
+from jointstiff.schemas.map import MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.map.places import (
     map_columns,
@@ -121,3 +122,13 @@ class MapWork(SteppedWork[DeflectionMap]):
         return tuple(
             (start, min(start + size, len(self._places))) for start in range(0, len(self._places), size)
         )
+
+
+def work(inputs: Inputs, request: MapRequest) -> MapWork:
+    """Return the work of a map.
+
+    Raises:
+        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+    """
+    found = inputs.run(request.run_id, "run_id")
+    return MapWork(found.prepared.robot, found.prepared.robot_id, found.run, request)

@@ -14,6 +14,7 @@ from jointstiff.service.conversion.assessments import to_assessment, to_joints
 from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.pair.results import AssessedSide, to_pair_result
 from jointstiff.service.kinds.run.budgets import to_joint_budgets
 from jointstiff.service.kinds.run.settings import to_settings
@@ -95,17 +96,14 @@ class Side:
         return said.model_copy(update={"where": where})
 
 
-def pair_work(first: Side, second: Side, request: PairRequest) -> QuickWork:
+def work(inputs: Inputs, request: PairRequest) -> QuickWork:
     """Return the work of a pair.
 
-    Args:
-        first: its first side.
-        second: its second side.
-        request: what is asked for.
-
     Raises:
-        RequestError: the robots' joints differ, or the readings cannot support a method.
+        RequestError: a set or a run is not there, the robots' joints differ, or the readings cannot support
+            what is asked for.
     """
+    first, second = _side(inputs, "first", request), _side(inputs, "second", request)
     refuse_other_joints(first.campaign.robot, second.campaign.robot)
     for side in (first, second):
         refuse_unsupported(side.campaign.robot, side.campaign.measurements, side.campaign.settings)
@@ -115,6 +113,17 @@ def pair_work(first: Side, second: Side, request: PairRequest) -> QuickWork:
         robot_id=first.prepared.robot_id,
         details={"first_set_id": first.set_id, "second_set_id": second.set_id},
     )
+
+
+def _side(inputs: Inputs, name: str, request: PairRequest) -> Side:
+    side = request.first if name == "first" else request.second
+    set_id, options = side.measurement_set_id, RunOptions.model_validate(request.options)
+    leave_out: list[str] = []
+    if side.run_id is not None:
+        asked = inputs.run(side.run_id, f"{name}.run_id").run.request
+        set_id, options, leave_out = asked.measurement_set_id, asked, asked.leave_out
+    prepared = inputs.measured(str(set_id), f"{name}.measurement_set_id", leave_out)
+    return Side(name, str(set_id), prepared, request.options_at(options))
 
 
 def _compare(first: Side, second: Side, *, ordered: bool) -> PairResult:

@@ -1,1 +1,53 @@
 """Postures and loads to measure."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from jointstiff.schemas.plan import Plan, PlanRequest, PlanSummary
+from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "begin a campaign": {
+        "robot_id": "ID_OF_A_STORED_ROBOT",
+        "readings": 15,
+        "load": {"kind": "any_direction", "force": 1500.0},
+        "targets": {"P10": [0.147, 0.055, 0.05], "P11": [-0.137, 0.087, 0.085], "P12": [-0.007, -0.14, 0.12]},
+        "load_point": [-0.06, 0.02, 0.18],
+        "surroundings": {"floor": 0.1},
+    },
+    "go on with a campaign": {
+        "measurement_set_id": "ID_OF_A_STORED_SET",
+        "readings": 8,
+        "criterion": "d",
+        "load": {"kind": "any_direction", "force": 1500.0},
+    },
+}
+
+PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
+    room=__name__,
+    message=Plan,
+    request=PlanRequest,
+    summary=PlanSummary,
+    title="Plan of a campaign",
+    max_bytes=READINGS_BYTES,
+    filters={"robot_id": "robot", "measurement_set_id": "measurement set"},
+    examples=_EXAMPLES,
+    files=(
+        File(
+            name="readings.csv",
+            operation="get_plan_table",
+            description="Get the readings of a plan in their order as a table for spreadsheets, units in the "
+            "headers.",
+            content="The table as CSV (RFC 4180).",
+            media_type="text/csv",
+            made_of="result",
+        ),
+    ),
+    description="""Plan which postures and loads to measure, to begin a campaign or to go on with one.
+
+The list comes with a certificate: the least share of the best list's information that it has, proved by a
+sweep over all candidates. It says how sure each joint will be, what random and one-at-a-time plans would
+give, and how many readings were struck out for which reason. What cannot be planned is refused, saying
+what to change, and nothing is stored.""",
+)

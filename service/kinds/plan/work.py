@@ -12,6 +12,7 @@ from jointstiff.schemas.plan import PlanRequest, PlanResult
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.plan.design import to_design_request, to_plan_result
 from jointstiff.service.kinds.run.settings import to_settings
 from jointstiff.service.kinds.work import QuickWork
@@ -38,13 +39,18 @@ class Planned:
     prepared: PreparedSet | None = None  # the campaign to go on with; None to begin one
 
 
-def plan_work(planned: Planned, request: PlanRequest) -> QuickWork:
+def work(inputs: Inputs, request: PlanRequest) -> QuickWork:
     """Return the work of a plan.
 
-    Args:
-        planned: robot, and campaign so far.
-        request: what is asked for.
+    Raises:
+        RequestError: there is no such robot or set.
     """
+    if request.measurement_set_id is None:
+        robot, content = inputs.robot(str(request.robot_id), "robot_id")
+        planned = Planned(robot, str(request.robot_id), content)
+    else:
+        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+        planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
         compute=partial(_plan, planned, request),

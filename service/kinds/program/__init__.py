@@ -1,1 +1,62 @@
 """Robot programs, corrected."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from jointstiff.schemas.program import Program, ProgramRequest, ProgramSummary
+from jointstiff.service.kinds.kind import File, Kind
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "milling": {
+        "files": [
+            "DEF part()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n"
+            "LIN {X 1803.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0}\nEND\n"
+        ],
+        "options": {
+            "run_id": "ID_OF_A_RUN",
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "load": {"force": [0.0, 300.0, -500.0]},
+            "axes": "tool",
+            "tools": [{"name": "TOOL_DATA[1]", "values": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]}],
+            "start": [10.0, -5.0, 10.0, 5.0, 45.0, 3.0],
+            "format": "krl",
+        },
+    }
+}
+
+PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
+    room=__name__,
+    message=Program,
+    request=ProgramRequest,
+    summary=ProgramSummary,
+    title="Compensated program",
+    stepped=True,
+    max_bytes=16 * 1024 * 1024,
+    is_form=True,
+    hidden="without_contents",
+    filters={"robot_id": "robot"},
+    examples=_EXAMPLES,
+    files=(
+        File(
+            name="points.csv",
+            operation="get_program_points",
+            description="Get all points as a table: deflection, correction, interval, residual, and what was "
+            "left alone.",
+            content="The table as CSV (RFC 4180).",
+            media_type="text/csv",
+            made_of="result",
+        ),
+    ),
+    description="""Correct the targets of a robot program, so that the loaded tool is where they say.
+
+Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
+base, loads and the state of
+the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files
+are at /program, every
+point with its deflection, correction, interval and predicted residual at /points.csv. A program that is
+not understood
+as a whole is refused by line, and nothing is stored. Programs of more than 10,000 targets are jobs with
+progress.""",
+)

@@ -16,6 +16,7 @@ from jointstiff.schemas.program import LeftAlone, ProgramFile, ProgramFormat, Pr
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.geometry.work import as_request_errors
@@ -240,3 +241,13 @@ _NONE: Final = Corrections(
     uncertain=np.zeros(0, dtype=np.bool_),
     capped=np.zeros(0, dtype=np.bool_),
 )
+
+
+def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
+    """Return the work of a compensated program.
+
+    Raises:
+        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+    """
+    found = inputs.run(request.run_id, "run_id")
+    return ProgramWork(found.prepared.robot, found.prepared.robot_id, found.run, request)

@@ -11,6 +11,7 @@ from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
 from jointstiff.service.conversion.measurements import to_warnings
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
 from jointstiff.service.kinds.run.budgets import to_budget
 from jointstiff.service.kinds.run.elastic import ElasticWork
@@ -82,12 +83,13 @@ class RunWork(SteppedWork[Resamples]):
         return result.model_copy(update=_beyond_the_fit(self._prepared, settings, estimate))
 
 
-def run_work(prepared: PreparedSet, request: RunRequest) -> RunWork | ElasticWork:
+def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork:
     """Return the work of a run.
 
     Raises:
-        RequestError: the readings cannot support what is asked for.
+        RequestError: there is no such set, or the readings cannot support what is asked for.
     """
+    prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     input_hash = run_hash(prepared, request)
     if request.elasticity == "joints":
         return RunWork(prepared, request, input_hash)

@@ -13,9 +13,10 @@ from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.pair import PairRequest
 from jointstiff.schemas.problem import Problem
-from jointstiff.service.api.examples import JOBS
-from jointstiff.service.jobs.kinds import Stepped
-from jointstiff.service.jobs.registry import KINDS, Parts
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.map import MAP
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.deletion import KEEP_DELETED
 from jointstiff.service.store.records import IdempotencyKey, MeasurementSetRecord, RobotRecord
@@ -209,12 +210,12 @@ class TestHttp:
         if collection == "pairs":
             body = {"first": body, "second": body}
         if collection == "geometries":
-            body = next(iter(JOBS["geometry"].values()))
+            body = next(iter(GEOMETRY.examples.values()))
         if collection == "plans":
             body |= {"load": {"kind": "any_direction", "force": 1500.0}, "candidates": 100, "readings": 8}
         if collection == "maps":
             run = client.post("/v1/runs", json=body).json()["id"]
-            body = next(iter(JOBS["map"].values())) | {"run_id": run, "force": [0.0, 0.0, -500.0]}
+            body = next(iter(MAP.examples.values())) | {"run_id": run, "force": [0.0, 0.0, -500.0]}
         key = {"Idempotency-Key": uuid.uuid4().hex}
         created = client.post(f"/v1/{collection}", json=body, headers=key)
         assert created.status_code == 201, created.text
@@ -229,7 +230,7 @@ class TestHttp:
         assert f"POST {address}/restore" in problem.remedy
         names = [item["id"] for item in client.get(f"/v1/{collection}").json()["items"]]
         assert created.json()["id"] not in names
-        if isinstance(kind, Stepped):
+        if kind.stepped:
             assert client.get(f"{address}/events").status_code == 404
         repeated = client.post(f"/v1/{collection}", json=body, headers=key)
         assert (repeated.status_code, repeated.json()) == (201, created.json())

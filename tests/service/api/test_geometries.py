@@ -18,13 +18,13 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.geometry.message import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest, StoredMeasurementSet
-from jointstiff.schemas.query import GeometryQuery
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.kinds.geometry.tables import geometry_report
-from jointstiff.service.kinds.geometry.work import geometry_work
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
@@ -647,9 +647,9 @@ class TestResource:
             ("state", "succeeded", 2),
             ("robot_id", robot_id(parts), 1),
         ):
-            assert len(parts.jobs["geometry"].page(GeometryQuery(**{column: value})).items) == count
+            assert len(parts.jobs["geometry"].page(GEOMETRY.query(**{column: value})).items) == count
         parts.jobs["geometry"].delete(named.id)
-        assert len(parts.jobs["geometry"].page(GeometryQuery()).items) == 1
+        assert len(parts.jobs["geometry"].page(GEOMETRY.query()).items) == 1
         assert parts.jobs["geometry"].restore(named.id)
 
     def test_equal_inputs_have_equal_hashes(self):
@@ -657,7 +657,7 @@ class TestResource:
         hashes = []
         for changes in ({}, {"name": "another"}, {"fit": "one_by_one"}):
             request = GeometryRequest.model_validate(document | changes)
-            hashes.append(geometry_work(request, None).input_hash)
+            hashes.append(GEOMETRY.work(FromFile(), request).input_hash)
         assert hashes[0] == hashes[1] != hashes[2]
 
     def test_filters(self, client):

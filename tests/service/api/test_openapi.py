@@ -9,10 +9,9 @@ from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotRequest
-from jointstiff.service.api.examples import DEFLECTIONS, IMPORTS, JOBS, MEASUREMENT_SETS, ROBOTS
+from jointstiff.service.api.examples import DEFLECTIONS, IMPORTS, MEASUREMENT_SETS, ROBOTS
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs.kinds import Stepped
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.store.store import Store
 
@@ -43,7 +42,7 @@ def test_examples_are_valid():
         (RobotRequest, ROBOTS),
         (MeasurementSetRequest, MEASUREMENT_SETS),
         (DeflectionRequest, DEFLECTIONS),
-        *((kind.request, JOBS[kind.name]) for kind in KINDS if not kind.is_form),
+        *((kind.request, kind.examples) for kind in KINDS if not kind.is_form),
     ):
         for example in documented.values():
             model.model_validate(example)
@@ -78,12 +77,12 @@ def test_every_kind_has_its_operations_by_short_names(kind, openapi):
         (f"{one}/restore", "post"): f"restore{name}",
     }
     stepped = {(f"{one}/events", "get"): f"follow{name}", (f"{one}/cancel", "post"): f"cancel{name}"}
-    if isinstance(kind, Stepped):
+    if kind.stepped:
         expected |= stepped
     for (path, method), operation in expected.items():
         assert paths[path][method]["operationId"] == operation
         assert paths[path][method]["description"]
-    assert all((path in paths) == isinstance(kind, Stepped) for path, _ in stepped)
+    assert all((path in paths) == kind.stepped for path, _ in stepped)
     (listed,) = [p for p in paths[one]["get"]["parameters"] if p["in"] == "path"]
     assert listed["name"] == f"{kind.name}_id"
 

@@ -10,7 +10,7 @@ from support.programs import options, path, tool_poses
 
 from jointstiff.schemas.problem import Problem
 from jointstiff.schemas.program import Program
-from jointstiff.service.api.examples import PROGRAMS
+from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -112,7 +112,7 @@ def test_two_files_of_one_name_are_refused(client, run_id):
 
 
 def test_the_documented_example_is_carried_out(client, run_id):
-    example = PROGRAMS["milling"]
+    example = PROGRAM.examples["milling"]
     files = [("files", (f"part{i}.src", text)) for i, text in enumerate(example["files"])]
     stated = {"options": json.dumps(example["options"] | {"run_id": run_id})}
     answer = client.request("POST", "/v1/programs", files=files, data=stated)

@@ -18,7 +18,7 @@ from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run.run import Run, RunRequest
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.jobs import answer
-from jointstiff.service.jobs.registry import KINDS
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
 from jointstiff.service.store.job_log import JobStatus
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.cli.app import app
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.formats import FORMATS, export_model
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.library import campaigns
@@ -30,7 +31,7 @@ HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'
 def model_of(document):
     campaign = Campaign.model_validate_json(json.dumps(document))
     run = campaigns.identify(campaign, campaign.run)
-    return ExportedModel.of(run, campaigns.prepared_campaign(campaign).robot, campaign.robot.name)
+    return ExportedModel.of(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
 
 
 @pytest.fixture(scope="module")

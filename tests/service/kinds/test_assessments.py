@@ -17,14 +17,14 @@ from jointstiff.schemas.comparison import ComparisonOptions
 from jointstiff.schemas.geometry.message import GeometryRequest
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import PairOptions
-from jointstiff.schemas.query import RunQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison.tables import comparison_report
 from jointstiff.service.kinds.geometry.tables import geometry_report
 from jointstiff.service.kinds.pair.tables import pair_report
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.run.tables import run_report
 from jointstiff.service.library import campaigns
 from jointstiff.service.store.store import Store
@@ -225,7 +225,7 @@ def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):
         readings = parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(posted)), None)
         run = parts.jobs["run"].create(RunRequest(measurement_set_id=readings.id), None)
         result = parts.jobs["run"].current(run.id).result
-        (listed,) = parts.jobs["run"].page(RunQuery()).items
+        (listed,) = parts.jobs["run"].page(RUN.query()).items
     assert listed.verdict == "do_not_use"
     assert listed.compensation == result.compensation
     assert listed.joints_identified == sum(joint.status == "identified" for joint in result.joints)

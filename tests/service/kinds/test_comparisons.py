@@ -17,7 +17,8 @@ from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.comparison import ComparedMethod, Comparison, ComparisonOptions, ComparisonRequest
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.comparison.csv_table import comparison_csv
 from jointstiff.service.kinds.comparison.tables import comparison_report
 from jointstiff.service.kinds.run.work import run_identification
@@ -54,7 +55,9 @@ def test_only_a_run_takes_the_time_for_a_model():
     campaign = Campaign.model_validate_json(json.dumps(document))
     options = RunOptions(method="complete_pose")
     alone = campaigns.identify(campaign, options).result
-    compared = run_identification(campaigns.prepared_campaign(campaign), options)
+    compared = run_identification(
+        prepare_set(campaign.measurement_set, prepare_robot(campaign.robot), "robot"), options
+    )
     assert alone.model is not None
     assert "model_error" in {part.source for part in alone.budget.components}
     without = {"model": None, "budget": None}

@@ -17,12 +17,14 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.inputs.stored import Stored
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.deflection.models import to_forward_model
 from jointstiff.service.kinds.deflection.work import predict_by_run
 from jointstiff.service.kinds.execution import carry_out, new_job
 from jointstiff.service.kinds.program.work import ProgramWork
-from jointstiff.service.kinds.run.work import run_work
+from jointstiff.service.kinds.run import RUN
+from jointstiff.service.resources.composition import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
@@ -197,7 +199,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = run_work(parts.sets.prepared(set_id), request)
+    work = RUN.work(Stored(Resources.of(store)), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result

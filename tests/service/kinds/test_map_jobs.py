@@ -12,7 +12,7 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.map.work import MapWork
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import Pair, PairRequest
-from jointstiff.schemas.query import PairQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.pair import PAIR
 from jointstiff.service.kinds.pair.tables import pair_report
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.records import IdempotencyKey
@@ -85,11 +85,11 @@ def test_a_pair_is_stored_and_listed_on_every_database(parts):
     pair = parts.jobs["pair"].current(records[0].id)
     assert pair.state == "succeeded"
     assert Pair.model_validate_json(parts.jobs["pair"].document(pair.id)) == pair
-    (entry,) = parts.jobs["pair"].page(PairQuery()).items
+    (entry,) = parts.jobs["pair"].page(PAIR.query()).items
     assert (entry.first_set_id, entry.second_set_id) == (first, second)
     for column, value in (("first_set_id", first), ("second_set_id", second), ("state", "succeeded")):
-        assert len(parts.jobs["pair"].page(PairQuery(**{column: value})).items) == 1
-    assert not parts.jobs["pair"].page(PairQuery(first_set_id=second)).items
+        assert len(parts.jobs["pair"].page(PAIR.query(**{column: value})).items) == 1
+    assert not parts.jobs["pair"].page(PAIR.query(first_set_id=second)).items
     assert records[0].robot_id == entry.robot_id
 
 

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
-from jointstiff.schemas.query import PlanQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
+from jointstiff.service.kinds.plan import PLAN
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
@@ -58,7 +58,7 @@ class TestPlans:
         assert result.random_efficiency < 0.8
         assert all(joint.relative is None and joint.before is None for joint in result.joints)
         assert result.considered == 300
-        listed = parts.jobs["plan"].page(PlanQuery(robot_id=robot))
+        listed = parts.jobs["plan"].page(PLAN.query(robot_id=robot))
         assert [each.id for each in listed.items] == [plan.id]
 
     def test_that_goes_on_with_a_campaign(self, parts, robot):

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.jobs import life as module
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.run.resampling import ResamplingWork
 from jointstiff.service.problems.errors import NotFoundError, OtherVersionError, TooManyJobsError
 from jointstiff.service.store.records import IdempotencyKey

@@ -15,7 +15,7 @@ from jointstiff.schemas.measurement.measurement_set import MeasurementSetRequest
 from jointstiff.schemas.pair import PairOptions, PairRequest
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
-from jointstiff.service.jobs.registry import Parts
+from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.library import campaigns
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.store.store import Store

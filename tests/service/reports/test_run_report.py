@@ -20,6 +20,7 @@ from jointstiff.schemas.report import Authorisation, Laboratory, Party
 from jointstiff.schemas.run.run import Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.library import campaigns
@@ -69,7 +70,7 @@ def run(campaign):
 
 def subject_of(campaign, run, laboratory=LABORATORY, **changes):
     readings = campaign.measurement_set.model_copy(update=changes)
-    model = ExportedModel.of(run, campaigns.prepared_campaign(campaign).robot, campaign.robot.name)
+    model = ExportedModel.of(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
     return RunSubject(model, readings, LaboratorySettings(laboratory))
 
 

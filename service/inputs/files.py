@@ -1,0 +1,74 @@
+"""Inputs from files: documents that were read, each under an id of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import uuid4
+
+from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
+from jointstiff.service.inputs.inputs import MeasuredRun
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.robot.model import Robot
+
+
+class FromFile:
+    """Inputs from documents. What is added gets an id, by which a request names it."""
+
+    def __init__(self) -> None:
+        """Begin without inputs."""
+        self._robots: dict[str, PreparedRobot] = {}
+        self._sets: dict[str, tuple[MeasurementSetDocument, PreparedRobot, PreparedSet]] = {}
+        self._runs: dict[str, MeasuredRun] = {}
+
+    def add_robot(self, robot: PreparedRobot) -> str:
+        """Add a robot; return its id."""
+        robot_id = uuid4().hex
+        self._robots[robot_id] = robot
+        return robot_id
+
+    def add_set(self, document: MeasurementSetDocument, robot: PreparedRobot) -> str:
+        """Add a measurement set of a robot; return its id.
+
+        Raises:
+            MeasurementError: the set cannot be used.
+        """
+        set_id = uuid4().hex
+        self._sets[set_id] = document, robot, prepare_set(document, robot, self.add_robot(robot))
+        return set_id
+
+    def add_run(self, run: Run, set_id: str) -> str:
+        """Add a run of a measurement set that was added; return its id."""
+        self._runs[run.id] = MeasuredRun(run, self._sets[set_id][2])
+        return run.id
+
+    def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
+        """Return a robot, and the hash of its content."""
+        if robot_id not in self._robots:
+            raise _unknown("robot", robot_id, where)
+        return self._robots[robot_id].robot, self._robots[robot_id].content_hash
+
+    def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
+        """Return a measurement set without the observations of some labels."""
+        if set_id not in self._sets:
+            raise _unknown("measurement set", set_id, where)
+        document, robot, prepared = self._sets[set_id]
+        if not leave_out:
+            return prepared
+        kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
+        return prepare_set(kept, robot, prepared.robot_id)
+
+    def run(self, run_id: str, where: str) -> MeasuredRun:
+        """Return a run with its measurement set."""
+        if run_id not in self._runs:
+            raise _unknown("run", run_id, where)
+        return self._runs[run_id]
+
+
+def _unknown(what: str, identifier: str, where: str) -> RequestError:
+    return RequestError(
+        f"the file holds no {what} '{identifier}'",
+        where=where,
+        remedy=f"give the {what} itself: nothing stored can be used from a file",
+    )

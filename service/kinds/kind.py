@@ -1,0 +1,122 @@
+"""The declaration of a kind of work. It is light: work and tables are imported when they are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, cast, get_origin
+
+from pydantic import Field, create_model
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.query import ExactName, JobQuery, Reference
+from jointstiff.service.problems.errors import Resource
+
+if TYPE_CHECKING:
+    from jointstiff.service.inputs.inputs import Inputs
+    from jointstiff.service.kinds.work import Work
+
+OPTIONS_BYTES: Final = 64 * 1024
+"""Size of a request that names what is stored."""
+READINGS_BYTES: Final = 4 * 1024 * 1024
+"""Size of a request that holds readings."""
+
+AnyJob = TypeVar("AnyJob", bound=Job)
+AnyRequest = TypeVar("AnyRequest", bound=Message)
+AnySummary = TypeVar("AnySummary", bound=Message)
+
+
+@dataclass(frozen=True)
+class File:
+    """A file that can be downloaded of a job that has succeeded."""
+
+    name: str  # last part of its address, such as `table.csv`
+    operation: str  # name of the operation in the API, such as `get_pair_table`
+    description: str  # of the operation, for the API's users
+    content: str  # description of the answer
+    media_type: str
+    made_of: Literal["result", "work"]  # what `tables.FILES[name]` takes: the job, or its work, done again
+
+    @property
+    def suffix(self) -> str:
+        """Return the ending of its name."""
+        return self.name.rpartition(".")[2]
+
+
+@dataclass(frozen=True)
+class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
+    """A kind of work. Its room has a module `work`, and a module `tables` for people and spreadsheets.
+
+    `work.work(inputs, request)` returns the work of a request; `tables.report(job, …)` returns its tables.
+    """
+
+    room: str  # package of its modules
+    message: type[AnyJob]  # a stored job, which has the names of the kind
+    request: type[AnyRequest]  # a job as it is posted
+    # a job in a listing: each field is one of the job, of its request, of its provenance, or of its
+    # result's summary
+    summary: type[AnySummary]
+    title: str  # of its report
+    description: str  # of the post, for the API's users
+    stepped: bool = False  # whether its jobs may take steps, which are left to workers
+    max_bytes: int = OPTIONS_BYTES  # size of a request
+    # of its listing: fields of the summary, each in words
+    filters: Mapping[str, str] = field(default_factory=dict)
+    examples: Mapping[str, Any] = field(default_factory=dict)  # of requests, by what they are for
+    files: tuple[File, ...] = ()  # that can be downloaded
+    reported: bool = True  # whether any such job has a report made of its tables
+    is_form: bool = False  # whether it is posted as a form with files, at a route of its own
+    hidden: str = ""  # function of `work` that returns a stored document as it is answered, if it differs
+
+    @property
+    def name(self) -> str:
+        """Name of one, by which an engine knows it; never changes."""
+        return self.message.kind
+
+    @property
+    def collection(self) -> str:
+        """Name of all, in addresses."""
+        return self.message.collection
+
+    @property
+    def resource(self) -> Resource:
+        """Both names, for the store."""
+        return Resource(self.name, self.collection)
+
+    @cached_property
+    def query(self) -> type[JobQuery]:
+        """Page and filters of a listing."""
+        fields: dict[str, Any] = {
+            name: (_filter_type(name, self.summary), Field(default=None, description=f"Filter by {words}."))
+            for name, words in self.filters.items()
+        }
+        query: type[JobQuery] = create_model(f"{self.message.__name__}Query", __base__=JobQuery, **fields)
+        return query
+
+    def work(self, inputs: Inputs, request: AnyRequest) -> Work:
+        """Return the work that a request takes.
+
+        Raises:
+            RequestError: what it names does not exist, or cannot be done.
+        """
+        return cast("Work", import_module(f"{self.room}.work").work(inputs, request))
+
+    def answered(self, document: str) -> str:
+        """Return a stored document as it is answered."""
+        if not self.hidden:
+            return document
+        return str(getattr(import_module(f"{self.room}.work"), self.hidden)(document))
+
+
+AnyKind = Kind[Any, Any, Any]
+
+
+def _filter_type(name: str, summary: type[Message]) -> Any:  # noqa: ANN401 - a type
+    """Return the type of a filter by a field of a summary: any text may be looked for."""
+    if name.endswith("_id"):
+        return Reference | None
+    annotation = summary.model_fields[name].annotation
+    return Optional[annotation] if get_origin(annotation) is Literal else ExactName | None  # noqa: UP045
