@@ -20,7 +20,12 @@ from jointstiff.solver.errors import MeasurementError
 State = TypeVar("State")
 
 MOST_STEPS = 60
-_MOST_HALVINGS = 20
+_MOST_TRIALS = 25
+_LEAST_DAMPING, _FACTOR = 1e-12, 10.0
+"""Least damping beside the squares of singular values of columns of unit norm; factor from trial to trial."""
+_ROUNDING = 2e-16
+_EXACT = 1e-8
+"""Residual [m rms] that no tracker sees: exact readings of a joint that hardly moved end there slowly."""
 _CONVERGED = 1e-9
 _RANK_TOLERANCE = 1e-10
 """Singular value of the column-scaled Jacobian, relative to the largest, that counts as zero."""
@@ -80,10 +85,14 @@ class LinearFit:
         """Number of combinations of all unknowns that are determined, those of single groups included."""
         return self.rank + (0 if self.own is None else self.own.count)
 
-    @property
-    def step(self) -> FloatArray:
-        """The least squares step δ (p,), then that of the groups' own unknowns (G,)."""
-        step = self.inverse @ (self.left.T @ self.residual)
+    def step(self, damping: float = 0.0) -> FloatArray:
+        """Return the least squares step δ (p,), then that of the groups' own unknowns (G,).
+
+        Args:
+            damping: λ of Levenberg's step, beside the squares of the singular values of scaled columns.
+        """
+        inverse_squares = np.square(self.inverse * self.scale[:, None]).sum(axis=0)
+        step = self.inverse @ (self.left.T @ self.residual / (1.0 + damping * inverse_squares))
         return np.asarray(step if self.own is None else np.concatenate([step, self.own.step(step)]))
 
     @property
@@ -151,11 +160,12 @@ def minimise(
     *,
     where: str,
     by_own: Callable[[State], FloatArray] | None = None,
+    size: float = 0.0,
 ) -> tuple[State, LinearFit]:
-    """Minimise ``‖residual(state)‖²``, halving steps that go too far.
+    """Minimise ``‖residual(state)‖²``, damping steps that go too far (Levenberg and Marquardt).
 
-    It ends where a step would change the prediction by less than 1e-9 of the residual, or where rounding
-    lets no step lower the residual any more.
+    It ends where a step would change the prediction by less than 1e-9 of the residual, or than rounding, or
+    where rounding lets no step lower the residual any more.
 
     Args:
         state: to start from.
@@ -164,6 +174,7 @@ def minimise(
         stepped: the state after a step (p,), with `by_own` (p + G,).
         where: for the message.
         by_own: derivative (G, m / G) of each group of readings by its own unknown, if there are such.
+        size: norm of the whitened readings, whose rounding no fit explains.
 
     Returns:
         The minimum and the linear fit there.
@@ -171,21 +182,26 @@ def minimise(
     Raises:
         MeasurementError: no convergence.
     """
-    r = residual(state)
+    r, damping = residual(state), 0.0
     for _ in range(MOST_STEPS):
         linear = LinearFit.of(r, jacobian(state), None if by_own is None else by_own(state))
-        if linear.explained <= _CONVERGED * np.linalg.norm(r):
+        if linear.explained <= max(_CONVERGED * np.linalg.norm(r), _ROUNDING * size):
             return state, linear
-        for halvings in range(_MOST_HALVINGS):
-            trial = stepped(state, linear.step * 0.5**halvings)
+        for _ in range(_MOST_TRIALS):
+            trial = stepped(state, linear.step(damping))
             shorter = residual(trial)
             if shorter @ shorter < r @ r:
                 break
+            damping = max(_LEAST_DAMPING, _FACTOR * damping)
         else:
             return state, linear
         state, r = trial, shorter
+        damping = damping / _FACTOR if damping > _LEAST_DAMPING else 0.0
+    rms = float(np.sqrt(np.mean(r**2)))
+    if rms < _EXACT:
+        return state, linear
     raise MeasurementError(
-        f"the fit did not converge in {MOST_STEPS} steps; the residual is {np.sqrt(np.mean(r**2)):.2g} m rms",
+        f"the fit did not converge in {MOST_STEPS} steps; the residual is {rms:.2g} m rms",
         where=where,
         remedy="check the unit and the sign of the angles, the joint map, and the order of the rows",
     )

@@ -76,8 +76,9 @@ def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[
         spin = _Motion(state, readings).spin(readings)
         return np.asarray((readings.weight @ spin[..., None]).reshape(len(spin), -1))
 
+    size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
     by_own = by_correction if readings.free else None
-    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own)
+    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size)
 
 
 class _Motion:
