@@ -111,6 +111,10 @@ class PoseEvidence(Message):
         description="Unknowns of each combination that is not determined; they keep their nominal values."
     )
     rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
+    held_out_rms: Metres[float | None] = Field(
+        description="Root mean square error of a coordinate of poses that were left out of the fit, in five "
+        "parts in turn; null where the other poses do not determine the geometry."
+    )
 
 
 class GeometryGoodness(Message):

@@ -82,19 +82,11 @@ def _request(file: Path, robot: str | None, chosen: dict[str, Any]) -> "Geometry
     Raises:
         CampaignError: a file, or all of it together, is not such a document.
     """
-    from pydantic import ValidationError
-
     from jointstiff.schemas.geometry.message import GeometryRequest
     from jointstiff.service.library.campaigns import read_document
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.robots import read_robot
-    from jointstiff.service.problems.table import invalid_request
 
-    request = read_document(file, GeometryRequest)
     changes = {name: value.value for name, value in chosen.items() if value is not None}
     if robot is not None:
-        changes["robot"] = read_robot(robot).model_dump()
-    try:
-        return GeometryRequest.model_validate(request.model_dump() | changes)
-    except ValidationError as error:
-        raise CampaignError(invalid_request(error.errors())) from None
+        changes |= {"robot": read_robot(robot).model_dump(mode="json"), "robot_id": None}
+    return read_document(file, GeometryRequest, changes=changes)

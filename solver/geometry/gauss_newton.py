@@ -185,7 +185,7 @@ def minimise(
     r, damping = residual(state), 0.0
     for _ in range(MOST_STEPS):
         linear = LinearFit.of(r, jacobian(state), None if by_own is None else by_own(state))
-        if linear.explained <= max(_CONVERGED * np.linalg.norm(r), _ROUNDING * size):
+        if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * size):
             return state, linear
         for _ in range(_MOST_TRIALS):
             trial = stepped(state, linear.step(damping))

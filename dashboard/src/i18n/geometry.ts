@@ -48,6 +48,7 @@ export const geometry = {
   stated: "stated",
   fromResiduals: "from the residuals",
   residual: "Residual of a coordinate, rms",
+  heldOut: "Error of poses left out of the fit, rms of a coordinate",
   wrist: "Wrist axes",
   wristMiss: (distance: string) => `miss each other by ${distance}`,
   decoupled: "The decoupled method applies.",

@@ -97,6 +97,7 @@ function factsOf({ fit, goodness, poses, wrist, no_wrist: noWrist }: GeometryRes
     { label: words.fitted, value: words.fits[fit ?? "poses"] },
     { label: words.sigma, value: `${micrometres(goodness.sigma)}, ${source}` },
     ...(poses ? [{ label: words.residual, value: micrometres(poses.rms_residual) }] : []),
+    ...(poses?.held_out_rms == null ? [] : [{ label: words.heldOut, value: micrometres(poses.held_out_rms) }]),
     ...(chance === null
       ? []
       : [{ label: words.controller, value: chance < CHANCE ? words.controllerOff : words.controllerFit }]),

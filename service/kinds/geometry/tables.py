@@ -108,6 +108,8 @@ def _poses(poses: PoseEvidence) -> Text:
         f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
         f"{_MICRO * poses.rms_residual:.1f} µm rms of a coordinate"
     ]
+    if poses.held_out_rms is not None:
+        lines.append(f"poses left out of the fit are predicted to {_MICRO * poses.held_out_rms:.1f} µm rms")
     lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
     return Text("\n".join(f"  {line}" for line in lines))
 

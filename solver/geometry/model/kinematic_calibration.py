@@ -30,6 +30,7 @@ from jointstiff.solver.robot.chain import KinematicChain
 
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
+_FOLDS = 5
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
 
@@ -44,6 +45,9 @@ class CalibratedAxes(IdentifiedAxes):
     #: standard uncertainty of a coordinate that was stated [m]; None if there was none
     stated_sigma: float | None
     exceeds_stated: bool  #: whether the residuals exceed it beyond chance; `sigma` is then from them
+    #: root mean square error of a coordinate of poses that were left out of the fit, in turn [m]; None where
+    #: the others do not determine the geometry
+    held_out_rms: float | None
 
     @property
     def positions(self) -> int:
@@ -101,7 +105,11 @@ class CalibratedAxes(IdentifiedAxes):
 
 
 def calibrate(
-    nominal: KinematicChain, poses: Poses, *, start: RigidTransform | None = None
+    nominal: KinematicChain,
+    poses: Poses,
+    *,
+    start: RigidTransform | None = None,
+    hold_out: bool = True,
 ) -> CalibratedAxes:
     """Calibrate a nominal model.
 
@@ -109,6 +117,7 @@ def calibrate(
         nominal: within some centimetres and degrees of the truth.
         poses: more readings than unknowns; 20 or more poses over the whole workspace are good practice.
         start: rough transform from base to tracker; found from the poses if None.
+        hold_out: whether to find the error of poses that are left out.
 
     Raises:
         MeasurementError: the model has another number of joints, or the fit does not converge.
@@ -132,10 +141,36 @@ def calibrate(
     )
     readings = _readings(angles, poses)
     state, linear = fit_poses(readings, first, where="poses")
-    return _evidence(state, linear, poses, readings)
+    held_out_rms = _held_out_rms(nominal, poses, start) if hold_out else None
+    return _evidence(state, linear, poses, readings, held_out_rms)
 
 
-def _evidence(state: PoseState, linear: LinearFit, poses: Poses, readings: PoseReadings) -> CalibratedAxes:
+def _held_out_rms(nominal: KinematicChain, poses: Poses, start: RigidTransform | None) -> float | None:
+    """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
+
+    Readings of one posture stay together.
+    """
+    _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
+    count = int(posture.max()) + 1
+    part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
+    errors = []
+    for fold in range(min(_FOLDS, count)):
+        try:
+            found = calibrate(nominal, poses[part != fold], start=start, hold_out=False)
+        except (MeasurementError, NotObservableError):
+            return None
+        left_out = poses[part == fold]
+        for angles, points, present in zip(
+            left_out.joint_map.model_angles(left_out.angles), left_out.points, left_out.present, strict=True
+        ):
+            _, rotation, shift = posed(found.axes, angles)
+            errors.append((points - found.targets @ rotation.T - shift)[present])
+    return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
+
+
+def _evidence(
+    state: PoseState, linear: LinearFit, poses: Poses, readings: PoseReadings, held_out_rms: float | None
+) -> CalibratedAxes:
     coordinates = 3 * int(poses.present.sum())
     if coordinates <= len(linear.scale):
         raise NotObservableError(
@@ -163,6 +198,7 @@ def _evidence(state: PoseState, linear: LinearFit, poses: Poses, readings: PoseR
         only_together=_only_together(linear, len(state.axes), poses.targets),
         stated_sigma=poses.sigma,
         exceeds_stated=exceeds,
+        held_out_rms=held_out_rms,
         unseen=linear.unseen / linear.scale[:, None],
     )
 

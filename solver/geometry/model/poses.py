@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +58,12 @@ class Poses:
         refuse_other_unit(self._span)
         for array in (self.angles, self.points, self.present, self.covariance):
             array.setflags(write=False)
+
+    def __getitem__(self, rows: BoolArray) -> Poses:
+        """Return some of the configurations (N,)."""
+        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[rows]
+        angles, points, present = self.angles[rows], self.points[rows], self.present[rows]
+        return replace(self, angles=angles, points=points, present=present, covariance=covariance)
 
     @property
     def _span(self) -> float:

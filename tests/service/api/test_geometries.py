@@ -816,6 +816,24 @@ class TestCommand:
         assert geometry.request.fit == "one_by_one"
         assert geometry.result.base_frame.by == "axes"
 
+    def test_poses_with_the_robot_of_another_file(self, tmp_path):
+        """The file alone is no request: what the option adds counts before it is judged."""
+        (tmp_path / "poses.json").write_text(json.dumps(poses(TrackedArm(imperfect_arm(2)))))
+        (tmp_path / "robot.json").write_text(json.dumps(robot_document(default_arm())))
+        arguments = ["geometry", str(tmp_path / "poses.json")]
+        refused = CliRunner().invoke(app, arguments)
+        assert refused.exit_code == 2
+        assert "robot" in refused.output
+        arguments += ["--robot", str(tmp_path / "robot.json")]
+        shown = CliRunner().invoke(app, [*arguments, "--details"], env={"COLUMNS": "200"})
+        assert shown.exit_code == 0, shown.output
+        assert "30 poses determine 33 of 33 unknowns" in shown.output
+        result = Geometry.model_validate_json(CliRunner().invoke(app, [*arguments, "--json"]).stdout).result
+        assert SIGMA < result.poses.held_out_rms < 2.0 * SIGMA
+        assert f"predicted to {1e6 * result.poses.held_out_rms:.1f} µm rms" in shown.output
+        (tmp_path / "poses.json").write_bytes(b"[" * 200_000)
+        assert CliRunner().invoke(app, arguments).exit_code == 2
+
     def test_refused(self, tmp_path):
         document = sweeps(TrackedArm())
         short(document, 3)

@@ -28,6 +28,7 @@ from jointstiff.solver.geometry.identified_geometry import Conventions
 from jointstiff.solver.geometry.model.identified_model import FlangeConvention, identify_model, link_table
 from jointstiff.solver.geometry.model.kinematic_calibration import calibrate
 from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.geometry.sweeps.identified_axes import posed
 from jointstiff.solver.robot.chain import KinematicChain
 from jointstiff.solver.robot.joint_map import JointMap
 from jointstiff.solver.robot.urdf import read_urdf
@@ -78,6 +79,44 @@ def test_one_target_is_enough() -> None:
     found = calibrate(nominal(), poses(cell, 1, count=40))
     for joint in range(6):
         assert np.abs(found.axes[joint].chart(cell.axis_at(joint, np.zeros(6)))).max() < 1e-7
+
+
+@pytest.mark.parametrize(("spread", "targets"), [(1e-4, 1), (1e-3, 1), (1e-4, 3)])
+def test_exact_poses_converge_though_a_joint_hardly_turned(spread: float, targets: int) -> None:
+    """The readings hardly curve the sum of squares along that joint's axis: undamped steps overshoot."""
+    for seed in range(2):
+        cell = Cell(imperfect_arm(seed, 3e-3), targets=TARGETS[:targets])
+        read = poses(cell, seed)
+        angles = read.angles.copy()
+        angles[:, 5] = 0.3 + spread * (angles[:, 5] - angles[:, 5].mean())
+        found = calibrate(
+            nominal(), replace(read, angles=angles, points=cell.readings(angles)), hold_out=False
+        )
+        assert found.rms_residual < 1e-8
+
+
+def test_the_error_of_poses_left_out_is_that_of_poses_never_shown() -> None:
+    """Gears of 60 µrad, which no geometry explains: the residuals alone flatter the fit."""
+    cell = replace(WornArm.random(3, gear=60e-6, sag=30e-6), turns=np.full(6, 24.0))
+    rng = np.random.default_rng(5)
+
+    def read(count: int) -> Poses:
+        angles = 0.6 * rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 6))
+        points = cell.readings(angles) + rng.normal(0.0, SIGMA, (count, 3, 3))
+        return Poses(angles, points, np.ones((count, 3), dtype=bool), NAMES, JointMap.identity(6), SIGMA)
+
+    shown, never_shown = read(20), read(100)
+    found = calibrate(read_urdf(urdf_text(cell.arm), "base_link", "flange"), shown)
+    errors = []
+    for angles, points in zip(never_shown.angles, never_shown.points, strict=True):
+        _, rotation, shift = posed(found.axes, angles)
+        errors.append(points - found.targets @ rotation.T - shift)
+    assert found.held_out_rms == pytest.approx(np.sqrt(np.square(errors).mean()), rel=0.3)
+    assert found.held_out_rms > 1.3 * found.rms_residual
+
+
+def test_too_few_poses_have_no_error_of_poses_left_out() -> None:
+    assert calibrate(nominal(), poses(Cell(), 1, count=4, sigma=SIGMA)).held_out_rms is None
 
 
 def test_uncertainties_are_true() -> None:
