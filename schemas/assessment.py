@@ -56,6 +56,7 @@ class Reason(Message):
         "prior_dominates",
         "complementary_stiffness_matters",
         "links_bend_with_joints",
+        "masses_contradicted",
     ]
     weight: Literal["use_with_care", "do_not_use"] = Field(
         description="The best verdict that a result with this reason can have."

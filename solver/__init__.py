@@ -1,6 +1,7 @@
 """Numerical core: from arrays of readings to joint compliances with their evidence.
 
     estimate = identify(robot, measurements, settings)
+    estimate = identify_weight(robot, readings)             # own weight instead of loads
 
 Everything is in SI units and in the base frame R0. `docs/architecture.md` shows how the packages lie on each
 other. Names are imported when they are first used.
@@ -14,32 +15,50 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
     from jointstiff.solver.fitting.settings import Settings
+    from jointstiff.solver.geometry.model.poses import Poses
     from jointstiff.solver.identification import identify
     from jointstiff.solver.inference.estimate import Estimate
     from jointstiff.solver.inference.prediction import predict
     from jointstiff.solver.readings.measurements import Measurements
     from jointstiff.solver.robot.chain import KinematicChain
     from jointstiff.solver.robot.model import Robot
+    from jointstiff.solver.weight.bodies import Balancer, Body, Burden
+    from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
+    from jointstiff.solver.weight.readings import WeightReadings
 
 __all__ = [
+    "Balancer",
+    "Body",
+    "Burden",
     "Estimate",
     "JointstiffError",
     "KinematicChain",
     "Measurements",
+    "Poses",
     "Robot",
     "Settings",
+    "WeightEstimate",
+    "WeightReadings",
     "identify",
+    "identify_weight",
     "predict",
 ]
 
 _HOMES = {
+    "Balancer": "weight.bodies",
+    "Body": "weight.bodies",
+    "Burden": "weight.bodies",
     "Estimate": "inference.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "robot.chain",
     "Measurements": "readings.measurements",
+    "Poses": "geometry.model.poses",
     "Robot": "robot.model",
     "Settings": "fitting.settings",
+    "WeightEstimate": "weight.identification",
+    "WeightReadings": "weight.readings",
     "identify": "identification",
+    "identify_weight": "weight.identification",
     "predict": "inference.prediction",
 }
 

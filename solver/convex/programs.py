@@ -6,9 +6,12 @@
     semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
     sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
     penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
+    weighed          minimise ‖A x − b‖²                             stiffness without a load (§14)
+    weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
 
-The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the last three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them. Variables are equilibrated. A program is compiled once for a shape,
+The first three are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+with x = near + y in the first of them, the last two to the cones of `perspective`.
+Variables are equilibrated. A program is compiled once for a shape,
 its data being parameters. `huber`, `sum_of_norms` and `penalised_end` are stated with their data, as that
 compiles faster. Ends of joints' intervals are found in batches, by `inference.profile`; tests hold them to
 the program that is stated here.
@@ -28,6 +31,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.perspective import Block
 from jointstiff.solver.convex.scaled import Scaled
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
 
@@ -291,6 +295,62 @@ def penalised_end(
             constraints.append(x[:scalars] >= 0)
         constraints += _semidefinite_blocks(x, scalars, sizes)
         return Program(cp.Minimize(a @ x), constraints, x)
+
+
+@lru_cache(maxsize=32)
+def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `perspective`).
+
+    Args:
+        rows: of A.
+        blocks: unknowns of each joint.
+
+    Returns:
+        The program; its parameters are A, b (rows,) and cap, one for each block.
+    """
+    import cvxpy as cp
+
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        x, r = cp.Variable(p), cp.Variable(rows)
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_perspectives(x, blocks)], x)
+
+
+@lru_cache(maxsize=32)
+def weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, near + y as x for `weighed`.
+
+    About the optimum, in units of the ball's radius, the program is scaled, which Clarabel asks for. The ball
+    is the first of its cones.
+    """
+    import cvxpy as cp
+
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        y, a, near = cp.Variable(p), cp.Parameter(p, name="a"), cp.Parameter(p, name="near")
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        ball = cp.SOC(cp.Constant(1.0), A @ y - b)
+        return Program(cp.Minimize(a @ y), [ball, *_perspectives(near + y, blocks)], y)
+
+
+def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
+    """Return ``0 ≤ c ≤ cap``, ``|ζ_k| ≤ c`` and ``‖ν‖ ≤ c + ratio ζ_own`` for each block (c, ζ, ν)."""
+    import cvxpy as cp
+
+    cap = cp.Parameter(len(blocks), name="cap")
+    constraints, start = [], 0
+    for number, block in enumerate(blocks):
+        c, zeta = x[start], x[start + 1 : start + 1 + block.boxes]
+        constraints += [c >= 0, c <= cap[number]]
+        if block.boxes:
+            constraints += [zeta <= c, -zeta <= c]
+        first = start + 1 + block.boxes
+        for ball, (own, ratio) in enumerate(block.balls):
+            reach = c + ratio * zeta[own] if own >= 0 else c
+            constraints.append(cp.SOC(reach, x[first + 3 * ball : first + 3 * ball + 3]))
+        start += block.size
+    return constraints
 
 
 def _semidefinite_blocks(x: cp.Expression, start: int, sizes: tuple[int, ...]) -> list[cp.Constraint]:

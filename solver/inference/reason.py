@@ -23,6 +23,7 @@ ReasonCode = Literal[
     "prior_dominates",
     "complementary_stiffness_matters",
     "links_bend_with_joints",
+    "masses_contradicted",
 ]
 
 ActionKind = Literal[

@@ -52,8 +52,7 @@ def with_links(
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
         dual=certificate.dual,
-        gap=certificate.gap,
-        multipliers=np.zeros(0),
+        complementarity=certificate.gap,
         solved_by="clarabel",
     )
     return replace(

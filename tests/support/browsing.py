@@ -81,7 +81,7 @@ class Visit:
 
 @dataclass(frozen=True)
 class Stored:
-    """What the tests look at: one robot, two sets of it, one job of each kind."""
+    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair, a plan, a map."""
 
     robot: str
     set: str
@@ -91,8 +91,6 @@ class Stored:
     pair: str
     plan: str
     map: str
-    program: str
-    geometry: str
 
 
 def campaign(**options: Any) -> dict[str, Any]:
@@ -121,14 +119,11 @@ VIEWS = (
     "#/runs/{run}/map",
     "#/runs/{run}/program",
     "#/maps/{map}",
-    "#/programs/{program}",
     "#/robots",
     "#/robots/new",
     "#/robots/{robot}",
     "#/sets",
     "#/sets/{set}",
-    "#/geometries",
-    "#/geometries/{geometry}",
     "#/plans?robot={robot}",
     "#/plans/{plan}",
     "#/compare/methods",

@@ -7,8 +7,7 @@ export interface Standing {
   progress: Progress | null;
 }
 
-/** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "pairs" | "geometries" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "maps" | "programs";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

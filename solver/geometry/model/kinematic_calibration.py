@@ -139,7 +139,7 @@ def calibrate(
         T.apply(at_zero),
         np.zeros(len(angles)),
     )
-    readings = _readings(angles, poses)
+    readings = pose_readings(angles, poses)
     state, linear = fit_poses(readings, first, where="poses")
     held_out_rms = _held_out_rms(nominal, poses, start) if hold_out else None
     return _evidence(state, linear, poses, readings, held_out_rms)
@@ -216,7 +216,8 @@ def _by_pose(linear: LinearFit, count: int) -> FloatArray:
     return np.asarray(shares.sum(axis=-1) * np.sqrt(count / freedom))
 
 
-def _readings(angles: FloatArray, poses: Poses) -> PoseReadings:
+def pose_readings(angles: FloatArray, poses: Poses) -> PoseReadings:
+    """Return the poses, at angles (N, n) of the model [rad], with their weights in units of 1/sigma."""
     present = poses.present[..., None]
     return PoseReadings(
         angles=angles,

@@ -65,15 +65,15 @@ def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[
         return PoseState(axes, targets, corrections)
 
     def residual(state: PoseState) -> FloatArray:
-        gaps = readings.points - _Motion(state, readings).stages[0]
+        gaps = readings.points - Motion(state, readings).stages[0]
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
     def jacobian(state: PoseState) -> FloatArray:
-        J = readings.weight @ _Motion(state, readings).jacobian()
+        J = readings.weight @ Motion(state, readings).jacobian()
         return np.asarray(J.reshape(readings.points.size, -1))
 
     def by_correction(state: PoseState) -> FloatArray:
-        spin = _Motion(state, readings).spin(readings)
+        spin = Motion(state, readings).spin(readings)
         return np.asarray((readings.weight @ spin[..., None]).reshape(len(spin), -1))
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
@@ -81,7 +81,7 @@ def fit_poses(readings: PoseReadings, first: PoseState, *, where: str) -> tuple[
     return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size)
 
 
-class _Motion:
+class Motion:
     """Targets after the last i joints, and the rotations of the first i joints, for all configurations.
 
     Attributes:
@@ -116,10 +116,14 @@ class _Motion:
             J[:, t, :, charts + 3 * t : charts + 3 * t + 3] = self.before[-1]
         return J
 
-    def spin(self, readings: PoseReadings) -> FloatArray:
-        """Derivative (N, T, 3) of the prediction by each configuration's correction [m/rad]."""
-        spin = np.zeros(readings.points.shape)
+    def swings(self) -> FloatArray:
+        """Derivative (N, T, 3, n) of the prediction by the joint angles of each configuration [m/rad]."""
+        swings = np.empty((*self.stages[0].shape, len(self.state.axes)))
         for i, axis in enumerate(self.state.axes):
             swing = np.cross(axis.direction, self.stages[i] - axis.point)
-            spin += readings.slopes[:, i, None, None] * (swing @ np.swapaxes(self.before[i], -1, -2))
-        return spin
+            swings[..., i] = swing @ np.swapaxes(self.before[i], -1, -2)
+        return swings
+
+    def spin(self, readings: PoseReadings) -> FloatArray:
+        """Derivative (N, T, 3) of the prediction by each configuration's correction [m/rad]."""
+        return np.asarray(np.einsum("ktin,kn->kti", self.swings(), readings.slopes))

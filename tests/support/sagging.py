@@ -1,0 +1,63 @@
+"""Campaigns of an arm that bends under its own weight, as the solver takes them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointstiff.simulator import TARGETS, SpringArm, default_arm, random_configurations, robot_document
+from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sag
+from jointstiff.solver.geometry.model.poses import Poses
+from jointstiff.solver.robot.joint_map import JointMap
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.weight.bodies import Body, Burden
+from jointstiff.solver.weight.readings import WeightReadings
+
+POINTS = np.array(list(TARGETS.values()))
+LOAD_POINT = np.array([-0.06, 0.02, 0.18])
+
+
+def robot_of(arm: SpringArm) -> Robot:
+    model = robot_document(arm)["model"]
+    return Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+
+
+def burden_of(bodies: Bodies, relative: float = 0.0, radius: float = 0.0, balancers=()) -> Burden:
+    stated = zip(bodies.masses.tolist(), bodies.centres.tolist(), strict=True)
+    links = [
+        Body.within(f"link_{j + 1}", j, mass, tuple(centre), relative=relative, radius=radius)
+        for j, (mass, centre) in enumerate(stated)
+    ]
+    return Burden(tuple(links), tuple(balancers))
+
+
+def campaign(
+    *,
+    seed: int = 0,
+    arm: SpringArm | None = None,
+    bodies: Bodies | None = None,
+    stated: Burden | None = None,
+    postures: int = 40,
+    sigma: float = 3e-5,
+    payload: float = 0.0,
+    balancer: Balancer | None = None,
+) -> WeightReadings:
+    """Read an arm unloaded; with a payload [kg], once more in the same postures with that hung on."""
+    arm, bodies = arm or default_arm(), bodies or default_bodies()
+    q = random_configurations(arm, postures, seed)
+    loads = [np.zeros(3), payload * bodies.gravity][: 2 if payload else 1]
+    states = [q + sag(arm, bodies, q, force=f, load_point=LOAD_POINT, balancer=balancer) for f in loads]
+    places = np.concatenate([arm.posture(state).targets_to_base(POINTS) for state in states])
+    places = places + sigma * np.random.default_rng([seed, 77]).standard_normal(places.shape)
+    angles = np.tile(q, (len(loads), 1))
+    present = np.ones(places.shape[:2], dtype=bool)
+    poses = Poses(angles, places, present, tuple(TARGETS), JointMap.identity(6), sigma=sigma or None)
+    burden = stated or burden_of(bodies)
+    return WeightReadings(
+        poses,
+        burden,
+        carried=np.ones((len(angles), len(burden.bodies))),
+        force=np.repeat(loads, postures, axis=0),
+        moment=np.zeros((len(angles), 3)),
+        load_point=np.tile(LOAD_POINT, (len(angles), 1)),
+    )
