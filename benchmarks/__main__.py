@@ -58,6 +58,7 @@ BENCHMARKS = {
     "replication": Benchmark("studies.replication", "the paper's study; docs/replication.md"),
     "invariance": Benchmark("studies.invariance", "docs/no-characteristic-length.md"),
     "assessment": Benchmark("studies.assessment", "verdicts on planted mistakes and clean sets; 10 minutes"),
+    "mutants": Benchmark("studies.mutants", "small changes of the numerical core; an hour", in_parts=True),
     "integrity": Benchmark("studies.integrity", "mistakes found and named"),
     "importing": Benchmark("studies.importing", "files of readings, as written and mutated; docs/import.md"),
     "links": Benchmark("studies.links", "elastic links; docs/elastic-links.md; some minutes"),

@@ -498,3 +498,11 @@ def _measurements(plan, force, moment, unloaded, deflection) -> Measurements:
         deflection=np.array(deflection),
         present=present,
     )
+
+
+def test_a_joint_that_the_order_holds_names_the_other():
+    """Joint 6, the softest, is to be as stiff as joint 2, the stiffest: each names the other."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
+    joints = estimate(robot, measurements, stiffness_order=[["joint_6", "joint_2"]]).joints
+    held = {each.name: each.reason.split()[-1] for each in joints if "stiffness_order" in (each.reason or "")}
+    assert held == {"joint_2": "joint_6", "joint_6": "joint_2"}

@@ -107,6 +107,16 @@ class TestClosedForms:
 
 
 class TestIndependently:
+    def test_common_errors_widen_rows_that_are_given(self):
+        """By C + S Sᵀ, inverted as a whole; also where the rows are more than the unknowns."""
+        rng = np.random.default_rng(4)
+        for n, k in ((1, 1), (3, 1), (4, 2), (5, 7)):
+            R, S = rng.standard_normal((n + 3, n)), rng.standard_normal((n, k))
+            widened = likelihood(R, rng.standard_normal(n)).with_common(S)
+            covariance = np.linalg.inv(R.T @ R) + S @ S.T
+            assert widened.covariance == pytest.approx(covariance, rel=1e-9)
+            assert widened.rows.T @ widened.rows == pytest.approx(np.linalg.inv(covariance), rel=1e-8)
+
     def test_brute_force_over_the_profile(self):
         """p_j(t) = min ‖R (c − ĉ)‖² with c_j = t by bounded least squares; the ends are where it is ρ²."""
         rng, bent = np.random.default_rng(11), 0

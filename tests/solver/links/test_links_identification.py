@@ -77,6 +77,21 @@ def elastic():
     return pulled(beam_arm(default_arm()), 40, seed=3)
 
 
+def test_a_stated_sigma_is_that_of_the_uncertainties(elastic):
+    """Twice the sigma, wider intervals and a quarter of chi-square, whatever the residuals."""
+    robot, measurements = elastic
+    assert measurements.sigma is not None
+    sigmas = np.array([1.0, 4.0, 8.0]) * measurements.sigma
+    found = [estimate(robot, replace(measurements, sigma=sigma)) for sigma in sigmas]
+    assert [each.sigma for each in found] == sigmas.tolist()
+    assert found[0].chi_square / found[1].chi_square == pytest.approx(16.0, rel=1e-3)
+    companions = [each.companion.sigma for each in found[1:]]
+    assert companions == pytest.approx(sigmas[1:])  # the residuals do not exceed these
+    widths = [np.ptp(effective_intervals(robot, each, 0.95).ends, axis=1) for each in found[1:]]
+    assert np.all(widths[1] > 1.3 * widths[0])
+    assert estimate(robot, replace(measurements, sigma=None)).sigma < 1.5 * measurements.sigma
+
+
 @pytest.mark.parametrize("force", [1500.0, 150.0])
 def test_the_exact_balance_of_joints_and_links_is_the_linear_model_to_first_order(force):
     arm = beam_arm(default_arm())
