@@ -23,6 +23,7 @@ from sqlalchemy import URL, Connection, create_engine, make_url, text
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.content import TableContent, content_of, revision_of
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
+from jointstiff.service.store.migrations import has_tables, refuse_other_layout
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 MANIFEST: Final = "manifest.json"
@@ -92,6 +93,7 @@ def restore(url: str, folder: Path, *, overwrite: bool = False) -> Manifest:
         StoreError: there is no whole backup, or a database in its place that holds something or is in use.
     """
     manifest = _manifest(folder)
+    refuse_other_layout(manifest.revision)
     source = folder / _FILES[manifest.database]
     with _as_store_errors():
         if _sha256(source) != manifest.sha256:
@@ -123,26 +125,23 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
     with closing(open_existing(url)) as database:
         dialect = database.dialect
         copy = folder / _FILES[dialect]
+        with database.reading() as connection:
+            if not has_tables(connection):
+                raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
+            revision = str(revision_of(connection))
         if dialect == "sqlite":
             copy_file(path_of(make_url(url)), copy)
             with _opened(copy) as connection:
-                return dialect, _revision(connection), content_of(connection)
+                return dialect, revision, content_of(connection)
         with database.writing() as connection:
             connection.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
             _use_utc(connection)
-            revision, tables = _revision(connection), content_of(connection)
+            tables = content_of(connection)
             snapshot = str(connection.execute(text("SELECT pg_export_snapshot()")).scalar_one())
             schema = str(connection.execute(text("SELECT current_schema()")).scalar_one())
             schemas = [] if schema == "public" else [f"--schema={schema}", f"--schema=dbos_{schema}"]
             _run(url, "pg_dump", "--format=custom", f"--snapshot={snapshot}", *schemas, f"--file={copy}")
     return dialect, revision, tables
-
-
-def _revision(connection: Connection) -> str:
-    found = revision_of(connection)
-    if found is None:
-        raise StoreError("the database has no tables of Jointstiff", "check the URL of the database")
-    return found
 
 
 def _restore_file(url: URL, source: Path, manifest: Manifest, *, overwrite: bool) -> None:

@@ -28,8 +28,7 @@ class TableContent(BaseModel):
 def content_of(connection: Connection) -> dict[str, TableContent]:
     """Return the content of the store's tables that are there, by name; signs of life do not count.
 
-    Values are hashed as the driver gives them, so that any version reads a database of any other; the two
-    kinds of database do not compare.
+    Values are hashed as the driver gives them, so the two kinds of database do not compare.
 
     Args:
         connection: in a transaction, if others write.
@@ -44,7 +43,8 @@ def revision_of(connection: Connection) -> str | None:
     """Return the schema version of a database; None if it has no tables of ours."""
     if _VERSIONS not in inspect(connection).get_table_names():
         return None
-    return str(connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar())
+    found = connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar()
+    return None if found is None else str(found)
 
 
 def _table_content(connection: Connection, name: str, keys: Iterable[str]) -> TableContent:

@@ -7,15 +7,13 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
-from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, MetaData, Select, Table, exists, func, select
 from sqlalchemy.exc import NoSuchTableError
 
-from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
-from jointstiff.service.store.content import revision_of
 from jointstiff.service.store.database import Database, open_existing
-from jointstiff.service.store.migrations import configuration
+from jointstiff.service.store.migrations import has_tables
 from jointstiff.service.store.records import AnyRecord, JobRecord, MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets, robots
 
@@ -57,16 +55,15 @@ class Inspection:
 
     def schema_faults(self) -> list[Fault]:
         """Return the fault of tables that this version does not read; empty if it does."""
-        with self._database.reading() as connection:
-            found = revision_of(connection)
-        heads = ScriptDirectory.from_config(configuration()).get_heads()
-        if found in heads:
-            return []
-        reason = f"schema version {found or 'none'}, where this version of Jointstiff has {', '.join(heads)}"
-        remedy = (
-            "back it up, then start the service, which brings it up to date; a newer one needs that version"
-        )
-        return [Fault("schema", "alembic_version", reason, remedy)]
+        try:
+            with self._database.reading() as connection:
+                if has_tables(connection):
+                    return []
+        except StoreError as error:
+            return [Fault("schema", "alembic_version", error.reason, error.remedy)]
+        return [
+            Fault("schema", "alembic_version", "no tables of Jointstiff", "check the URL of the database")
+        ]
 
     def file_faults(self) -> list[Fault]:
         """Return what SQLite's own check finds; PostgreSQL checks its pages when it reads them."""

@@ -1,24 +1,22 @@
-"""Brings a database to the version of this software, with Alembic and without an alembic.ini.
+"""Makes the tables of a database, with Alembic and without an alembic.ini.
 
-To change the tables, change `service.store.tables` and add a revision to `versions/`; a test fails until
-the two agree. `alembic.command.revision(configuration(), "what it does")` writes an empty one.
+Nothing was released, so there is one layout: to change the tables, or what stored documents hold, change
+`service.store.tables` and the revision in `versions/` with its name. A test fails until the two agree.
 """
 
 from __future__ import annotations
 
-import os
 import threading
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, text
 
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.content import revision_of
-from jointstiff.service.store.database import Database, make_private
+from jointstiff.service.store.database import Database
 
 _ADVISORY_LOCK = 0x4A6F696E74  # any number that no other program takes: "Joint"
 
@@ -36,54 +34,47 @@ def configuration() -> Config:
 
 
 def migrate(database: Database) -> None:
-    """Bring `database` to the newest revision; safe when several processes do so at once.
-
-    An SQLite file of an earlier one is kept beside it as `NAME.REVISION.bak`.
+    """Make the tables of an empty database; safe when several processes do so at once.
 
     Raises:
         StoreError: The database has a layout that this software does not know.
         StoreUnavailableError: It cannot be changed.
     """
     with _alembic_lock:
-        scripts = ScriptDirectory.from_config(configuration())
         with database.reading() as connection:
-            if _is_current(connection, scripts):
+            if has_tables(connection):
                 return
-            _keep_copy(connection)
         with database.writing() as connection:
             if database.dialect == "postgresql":  # SQLite holds its write lock already
                 connection.execute(text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
-            if not _is_current(connection, scripts):
+            if not has_tables(connection):
                 config = configuration()
                 config.attributes["connection"] = connection
                 command.upgrade(config, "head")
 
 
-def _keep_copy(connection: Connection) -> None:
-    """Copy a file that is about to change."""
-    revision, path = revision_of(connection), connection.engine.url.database
-    if connection.dialect.name != "sqlite" or revision is None or path in {None, "", ":memory:"}:
-        return
-    copy = Path(f"{path}.{revision}.bak")
-    partial = copy.with_name(f"{copy.name}.{os.getpid()}")
-    if copy.exists():
-        return
-    try:
-        make_private(partial)
-        connection.execute(text("VACUUM INTO :copy"), {"copy": str(partial)})
-        partial.replace(copy)
-    finally:
-        partial.unlink(missing_ok=True)
+def has_tables(connection: Connection) -> bool:
+    """Return True for a database with the tables of this version, False for one without tables of ours.
+
+    Raises:
+        StoreError: It has those of another version.
+    """
+    found = revision_of(connection)
+    if found is not None:
+        refuse_other_layout(found)
+    return found is not None
 
 
-def _is_current(connection: Connection, scripts: ScriptDirectory) -> bool:
-    found = set(MigrationContext.configure(connection).get_current_heads())
-    known = {script.revision for script in scripts.walk_revisions()}
-    if not found <= known:
+def refuse_other_layout(found: str) -> None:
+    """Refuse tables of another version, by the name of their layout.
+
+    Raises:
+        StoreError: This version does not know it.
+    """
+    ours = ScriptDirectory.from_config(configuration()).get_current_head()
+    if found != ours:
         raise StoreError(
-            f"the database has the schema version {', '.join(sorted(found))}, which this version "
-            "of Jointstiff does not know",
-            "it was written by a newer version, by one from before the first release, or by another program: "
-            "install the version that wrote it, or take another database",
+            f"the database has tables of another version of Jointstiff: layout {found}, not {ours}",
+            "start the version that wrote it, save its robots and measurement sets (GET /v1/robots/ID and "
+            "GET /v1/measurement-sets/ID) and post them to a new database; or give another one",
         )
-    return found == set(scripts.get_heads())

@@ -5,14 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
-from alembic import command
 from support.in_process import Client
 
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.service.library.tabled_run import identify
 from jointstiff.service.problems.errors import NotFoundError
-from jointstiff.service.store.database import Database
-from jointstiff.service.store.migrations import configuration
 from jointstiff.service.store.records import MeasurementSetRecord, RobotRecord
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -196,21 +193,14 @@ def test_what_is_not_there_cannot_change(client):
 
 @pytest.fixture
 def database(database_url):
-    """A database with a robot and a set that the version before metadata wrote."""
+    """A database with a robot and a set without metadata."""
     with Store.open(database_url) as store:
         store.robots.add(RobotRecord("r1", "robot", TIME, "h", "{}"))
         store.sets.add(MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "h", "{}", b"\x00"))
-    opened = Database.open(database_url)
-    with opened.writing() as connection:
-        config = configuration()
-        config.attributes["connection"] = connection
-        command.downgrade(config, "0003_deletion")
-    opened.close()
-    with Store.open(database_url) as store:
         yield store
 
 
-def test_what_an_earlier_version_stored_has_none_and_takes_it(database):
+def test_what_has_no_metadata_takes_it(database):
     before = database.sets.get("s1")
     assert before == MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "h", "{}", b"\x00")
     local = datetime(2026, 11, 20, 14, 30, tzinfo=timezone(timedelta(hours=1)))

@@ -12,7 +12,6 @@ from contextlib import closing
 from datetime import UTC, datetime
 
 import pytest
-from alembic import command
 from support.jobs import request, runs_of, stored_set
 from support.processes import until
 
@@ -22,7 +21,6 @@ from jointstiff.service.store import backups
 from jointstiff.service.store.backups import Manifest, back_up, restore
 from jointstiff.service.store.content import content_of
 from jointstiff.service.store.database import Database
-from jointstiff.service.store.migrations import configuration
 from jointstiff.service.store.records import RobotRecord
 from jointstiff.service.store.store import Store
 
@@ -179,21 +177,20 @@ class TestOnSqlite:
         back_up(url, tmp_path / "backup")
         assert (tmp_path / "backup").stat().st_mode & 0o077 == 0
 
-    def test_a_migration_leaves_a_copy_of_the_earlier_file(self, url, tmp_path):
+    def test_another_layout_is_neither_copied_nor_restored(self, url, tmp_path):
+        back_up(url, tmp_path / "backup")
+        manifest = tmp_path / "backup" / "manifest.json"
+        manifest.write_text(manifest.read_text().replace("0001_tables", "0000_earlier"))
+        with pytest.raises(StoreError, match="0000_earlier"):
+            restore(f"sqlite:///{tmp_path / 'other.db'}", tmp_path / "backup")
         with closing(Database.open(url)) as database, database.writing() as connection:
-            config = configuration()
-            config.attributes["connection"] = connection
-            command.downgrade(config, "0001_jobs")
-        assert not list(tmp_path.glob("*.bak"))
-        for _ in range(2):
-            assert robots_of(url) == {"r"}
-        (copy,) = tmp_path.glob("*.bak*")
-        assert copy.name == "of.db.0001_jobs.bak"
-        with closing(sqlite3.connect(copy)) as connection:
-            assert connection.execute("SELECT version_num FROM alembic_version").fetchall() == [
-                ("0001_jobs",)
-            ]
-            assert connection.execute("SELECT id FROM robots").fetchall() == [("r",)]
+            connection.exec_driver_sql("UPDATE alembic_version SET version_num = '0000_earlier'")
+            connection.exec_driver_sql("DROP TABLE jobs")
+        before = set(tmp_path.iterdir())
+        with pytest.raises(StoreError, match="0000_earlier") as caught:
+            back_up(url, tmp_path / "second")
+        assert "save its robots and measurement sets" in caught.value.remedy
+        assert set(tmp_path.iterdir()) == before
 
     def test_content_is_of_values_not_of_places(self, url, tmp_path):
         back_up(url, tmp_path / "backup")
