@@ -22,8 +22,17 @@ class Action(Message):
         "exchange_columns",
         "apply_joint_map",
         "exchange_load_and_target",
+        "correct_load_point",
+        "correct_force",
+        "convert_units",
+        "exchange_readings",
+        "choose_model",
         "show_posture",
-    ]
+    ] = Field(
+        description="Action. `correct_load_point` and `correct_force` add `correction` to every load point "
+        "or force; `convert_units` declares `unit` for the numbers as they are; `exchange_readings` "
+        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and loss."
+    )
     observations: list[Name] = Field(description="Labels of the observations to leave out, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
     joint_map: Dimensionless[list[list[float]]] = Field(
@@ -34,6 +43,14 @@ class Action(Message):
     )
     target: Name | None = Field(
         description="Target whose place and the load point are exchanged; null for other actions."
+    )
+    correction: list[float] = Field(
+        default_factory=list,
+        description="Vector that is added: to the load points in the flange frame, in m, or to the forces in "
+        "the axes of R0, in N; empty for other actions.",
+    )
+    unit: Literal["m", "mm", "deg", "rad", "N", "kN"] | None = Field(
+        default=None, description="Unit that the numbers are in; null for other actions."
     )
 
 
@@ -57,6 +74,9 @@ class Reason(Message):
         "complementary_stiffness_matters",
         "links_bend_with_joints",
         "masses_contradicted",
+        "lack_of_fit",
+        "sigma_implausible",
+        "deflections_below_noise",
     ]
     weight: Literal["use_with_care", "do_not_use"] = Field(
         description="The best verdict that a result with this reason can have."
@@ -75,6 +95,9 @@ class Assessment(Message):
 
     verdict: Verdict = Field(description="The least that the reasons allow; `use` where there are none.")
     reasons: list[Reason] = Field(description="Most severe first.")
+    notes: list[str] = Field(
+        default_factory=list, description="What the readings could not show, and what was assumed instead."
+    )
 
 
 class ResultSummary(Message):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 Severity = Literal["error", "warning", "note"]
 
@@ -46,6 +46,11 @@ FindingCode = Literal[
     "link_penalty_raised",
     "loss_not_compared",
 ]
+
+MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
+M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
+NOISE_SIGMAS: Final = 3.0
+"""Number of standard deviations below which a deflection carries little information."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,8 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         largest_shift=_in_standard_uncertainties(shift, estimate),
         shift=shift,
     )
-    return replace(estimate, complementary_stiffness=size)
+    whole = settings.complementary_stiffness and len(measurements) == len(last.first_block.measurements)
+    return replace(estimate, complementary_stiffness=size, block=last.first_block if whole else None)
 
 
 def _assembled(

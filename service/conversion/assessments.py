@@ -18,6 +18,7 @@ def to_assessment(assessment: Assessment, readings: ReadingArrays) -> messages.A
     """Return verdict and reasons of an identification."""
     return messages.Assessment(
         verdict=assessment.verdict,
+        notes=list(assessment.notes),
         reasons=[
             message(
                 messages.Reason,
@@ -67,6 +68,7 @@ def combined(assessments: Sequence[messages.Assessment]) -> messages.Assessment:
     return messages.Assessment(
         verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
         reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
+        notes=list(dict.fromkeys(note for assessment in assessments for note in assessment.notes)),
     )
 
 

@@ -14,6 +14,7 @@ from jointstiff.solver.fitting.fit import Fit
 from jointstiff.solver.fitting.methods import MethodAccumulator
 from jointstiff.solver.fitting.prior import PriorRows
 from jointstiff.solver.fitting.robust import RobustFit, fit_huber
+from jointstiff.solver.fitting.scale import scale_of
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.fitting.with_prior import fit_with_prior
 from jointstiff.solver.observability.identifiability import Excitation, Observability
@@ -27,7 +28,11 @@ MAX_ITERATIONS = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
 typically 1/1000."""
 _STILL = 1e-10
-"""Relative change of the compliances between two fits at which the iteration has converged."""
+"""Relative change of the compliances still to come at which the iteration has converged."""
+_FAR_BELOW = 1e-4
+"""The same in standard uncertainties by the residuals: readings without noise are fitted to rounding."""
+_SHRINKS = 1e-3
+"""Least factor by which a fit is taken to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS = 2 * BLOCK_LENGTH
 """Number of fits that show the effect of K_c."""
 
@@ -122,7 +127,9 @@ def _weights(
 def iterate_to_convergence(
     robot: Robot, measurements: Measurements, settings: Settings, new_method: NewMethod, first: Iteration
 ) -> tuple[Iteration, int]:
-    """Fit with K_c, again and again, until the compliances that bend the robot are those that are found.
+    """Fit with K_c until the compliances that bend the robot are those that are found.
+
+    The first fit starts from the first-order effect of K_c; noise leaves nothing for a second one to find.
 
     Args:
         robot: n joints.
@@ -137,12 +144,19 @@ def iterate_to_convergence(
     Raises:
         SolverError: the compliances do not settle within `MAX_ITERATIONS`.
     """
-    last = first
+    known = measurements.sigma or _noise(first)
+    prior = settings.prior.rows(known) if settings.prior and known else None
+    shift = neglected_shift(robot, measurements, first, prior)
+    at = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
+    size = np.maximum(np.abs(first.fit.compliance), first.observability.reference_compliance)
+    shrinks = float((np.abs(shift) / size).max())
     for rounds in range(1, MAX_ITERATIONS + 1):
-        before, last = last, fit_once(robot, measurements, settings, new_method, last)
+        before, last = at, fit_once(robot, measurements, settings, new_method, at)
+        at = last
         change = np.abs(last.fit.compliance - before.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), first.observability.reference_compliance)
-        if (change <= _STILL * size).all():
+        uncertainty = _noise(last) * np.sqrt(np.diagonal(last.fit.covariance))
+        if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
             return last, rounds
     raise SolverError(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
@@ -177,6 +191,11 @@ def neglected_shift(
         left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
         shift += neglected.method.response(left_out, estimated, prior)
     return shift / share
+
+
+def _noise(last: Iteration) -> float:
+    """Return sigma by the residuals of a fit [m]; zero where there is no freedom."""
+    return scale_of(last.fit, last.method.judged.rows, None).sigma or 0.0
 
 
 def _even_part(robot: Robot, measurements: Measurements, neglected: Iteration) -> Iterator[RegressorBlock]:

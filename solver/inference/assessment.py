@@ -16,8 +16,15 @@ from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.fit_reasons import fit_reasons, within_noise
 from jointstiff.solver.inference.joint import JointCompliance
 from jointstiff.solver.inference.prediction import Prediction
-from jointstiff.solver.inference.reading_reasons import alternative_reasons, finding_reasons, load_reasons
+from jointstiff.solver.inference.reading_reasons import (
+    alternative_reasons,
+    finding_reasons,
+    load_mistake_reasons,
+    load_reasons,
+    noise_reasons,
+)
 from jointstiff.solver.inference.reason import Reason, Usability
+from jointstiff.solver.inference.screening import Screening, screen_estimate
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -34,6 +41,7 @@ class Assessment:
     reasons: tuple[Reason, ...]  #: most severe first; none where the verdict is "use"
     #: verdict on each joint, never better than what the reasons about the set or this joint allow
     joints: tuple[Usability, ...]
+    notes: tuple[str, ...] = ()  #: what the readings could not show, in words
 
     def supported(self, prediction: Prediction) -> Prediction:
         """Return what the readings support of a prediction.
@@ -55,6 +63,7 @@ def assess(
     estimate: Estimate,
     prediction: Prediction,
     findings: Sequence[Finding] = (),
+    screening: Screening | None = None,
 ) -> Assessment:
     """Assess an identification.
 
@@ -65,6 +74,7 @@ def assess(
         estimate: of the joints.
         prediction: by that estimate, of the same measurements.
         findings: of the integrity checks of the same measurements.
+        screening: of an identification of joints alone; None to make it here.
 
     Returns:
         The verdict with its reasons.
@@ -72,18 +82,34 @@ def assess(
     alternatives = () if within_noise(estimate) else tuple(alternative_reasons(robot, measurements))
     if alternatives:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
+    # Behind a gross error tests of smaller ones say nothing.
+    sound = not alternatives and not any(finding.severity == "error" for finding in findings)
+    if screening is None and sound and prediction.contributions is not None:
+        screening = screen_estimate(robot, measurements, estimate)
+    screening = screening if sound else None
     found = chain(
         alternatives,
+        () if screening is None else load_mistake_reasons(screening, estimate),
         load_reasons(robot, measurements),
         finding_reasons(measurements, settings, prediction, findings),
-        fit_reasons(measurements, estimate, prediction, explained=bool(alternatives)),
+        noise_reasons(measurements),
+        fit_reasons(measurements, estimate, prediction, screening, explained=bool(alternatives)),
     )
     reasons = tuple(sorted(found, key=lambda reason: -_ORDER[reason.weight]))
     return Assessment(
         verdict=_least(reason.weight for reason in reasons),
         reasons=reasons,
         joints=tuple(_joint(joint, reasons) for joint in estimate.joints),
+        notes=tuple(_notes(measurements)),
     )
+
+
+def _notes(measurements: Measurements) -> Iterator[str]:
+    if measurements.in_flange[measurements.present].all():
+        yield (
+            "No position was read, only deflections: the geometry of robot, frames and targets, and the "
+            "angles, are not checked."
+        )
 
 
 def _least(verdicts: Iterator[Usability]) -> Usability:

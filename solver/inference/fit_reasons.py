@@ -9,10 +9,12 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.finding import length_text
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
+from jointstiff.solver.inference.screening import HeldOutGain, Screening
 from jointstiff.solver.readings.measurements import Measurements
 
 CARE_RATIO, UNUSABLE_RATIO = 1.5, 3.0
@@ -21,6 +23,8 @@ CARE_LEVEL: Final = 1e-3
 """p-value of the residuals: few readings exceed `CARE_RATIO` without a mistake."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
+LARGEST_SIGMA: Final = 1e-4
+"""Sigma from the residuals [m] that no laser tracker has: readings of a robot have 10 to 40 µm."""
 LEAST_SIGMA: Final = 1e-8
 """Residuals [m] below which the readings are computed, not measured."""
 _LEAST_FREEDOM: Final = 0.5
@@ -30,7 +34,12 @@ _DISTINCT: Final = float(np.radians(5.0))
 
 
 def fit_reasons(
-    measurements: Measurements, estimate: Estimate, prediction: Prediction, *, explained: bool = False
+    measurements: Measurements,
+    estimate: Estimate,
+    prediction: Prediction,
+    screening: Screening | None = None,
+    *,
+    explained: bool = False,
 ) -> Iterator[Reason]:
     """Yield the reasons that an estimate and its prediction give.
 
@@ -38,6 +47,7 @@ def fit_reasons(
         measurements: N observations.
         estimate: of the same.
         prediction: by that estimate.
+        screening: of the same; None where it was not made.
         explained: whether another reason says already what leaves the deflections unexplained.
     """
     yield from _identified(estimate)
@@ -47,7 +57,7 @@ def fit_reasons(
     if not explained:
         yield from _unexplained(estimate, prediction)
     yield from _from_judge(estimate, prediction)
-    yield from _links(prediction)
+    yield from _links(prediction, screening)
 
 
 def within_noise(estimate: Estimate) -> bool:
@@ -105,6 +115,16 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Reason]
             "meaningless",
             "state `noise` from the tracker's data sheet",
         )
+    elif estimate.sigma is not None and not estimate.sigma_given and estimate.sigma > LARGEST_SIGMA:
+        yield Reason(
+            "sigma_implausible",
+            "use_with_care",
+            None,
+            f"the residuals give a standard uncertainty of {length_text(estimate.sigma)} per coordinate of a "
+            "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained",
+            "state `noise` from the instrument's data sheet; check geometry, angles and loads, and whether "
+            "links bend",
+        )
 
 
 def _postures(measurements: Measurements) -> Iterator[Reason]:
@@ -161,18 +181,42 @@ def _unexplained(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]
     )
 
 
-def _links(prediction: Prediction) -> Iterator[Reason]:
-    """Report that joints and links share what bends (method.md §7)."""
+def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Reason]:
+    """Report that joints and links share what bends (method.md §7), or that joints alone lack something."""
+    gain = None if screening is None else screening.gain
     if prediction.contributions is None:
+        evidence = "" if screening is None or gain is None else f"{_bends(screening)}. {_predicted(gain)}. "
         yield Reason(
             "links_bend_with_joints",
             "use_with_care",
             None,
-            "each joint's number holds part of what bends beside it, by more than its uncertainty says; the "
-            "predicted deflections are not affected",
+            f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds the "
+            "stated uncertainty. Predicted deflections are not affected",
             "use the model to predict deflections; quote no joint by itself, as readings under load do not "
             "tell a joint from its link",
         )
+    elif screening is not None and screening.lack_of_fit:
+        predicted = "" if gain is None else f". {_predicted(gain)}"
+        yield Reason(
+            "lack_of_fit",
+            "use_with_care",
+            None,
+            f"{_bends(screening)}{predicted}",
+            "let the readings choose the model (elasticity automatic), or use these stiffnesses, of joints "
+            "and links together, for postures and loads like these only",
+            Action("choose_model") if gain is None else None,
+        )
+
+
+def _bends(screening: Screening) -> str:
+    return f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+
+
+def _predicted(gain: HeldOutGain) -> str:
+    return (
+        f"With {gain.model.replace('_', ' ')}, postures left out are predicted to "
+        f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
+    )
 
 
 def _from_judge(estimate: Estimate, prediction: Prediction) -> Iterator[Reason]:

@@ -7,11 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.finding import Finding, FindingCode
+from jointstiff.solver.finding import MM_AS_M, NOISE_SIGMAS, Finding, FindingCode, length_text
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.alternatives import BetterAlternative, better_alternative, places_on_flange
+from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.prediction import Prediction
 from jointstiff.solver.inference.reason import Action, Place, Reason
+from jointstiff.solver.inference.screening import Screening
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -23,6 +25,10 @@ FEW: Final = 0.1
 """Largest share of suspicious readings that the Huber loss, or omitting them, can handle."""
 MOST_LEFT_OUT: Final = 0.3
 """Largest share of the observations that an action leaves out: beyond it something else is wrong."""
+HARMFUL: Final = 0.05
+"""Relative change of a compliance above which a proved mistake in the load forbids its use."""
+_KILO: Final = 1e3
+"""Force [N] between those of kN taken for N and of N taken for kN."""
 _PLACES: Final = 60
 
 
@@ -39,6 +45,38 @@ def alternative_reasons(robot: Robot, measurements: Measurements) -> Iterator[Re
         f"{what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection instead of "
         f"{100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
         f"{100 * better.ratio:.2g} %",
+        remedy,
+        action,
+    )
+
+
+def load_mistake_reasons(screening: Screening, estimate: Estimate) -> Iterator[Reason]:
+    """Report a load point elsewhere or a constant force beside the load.
+
+    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL`.
+    """
+    mistake = screening.mistake
+    if mistake is None:
+        return
+    x, y, z = mistake.correction
+    if mistake.kind == "load_point":
+        moved = f"({1e3 * x:.3g}, {1e3 * y:.3g}, {1e3 * z:.3g}) mm"
+        what = f"with every load point moved by {moved} in the flange frame"
+        remedy = "measure the load point; if it is there, correct it"
+        action = Action("correct_load_point", correction=(float(x), float(y), float(z)))
+    else:
+        what = f"with a constant force of ({x:.3g}, {y:.3g}, {z:.3g}) N (axes of R0) added to every load"
+        remedy = "check for a weight that hangs on the flange only while loaded, and for the load cell's zero"
+        action = Action("correct_force", correction=(float(x), float(y), float(z)))
+    known = estimate.estimated & (estimate.compliance > 0.0) & (mistake.compliance > 0.0)
+    change = np.abs(mistake.compliance[known] / estimate.compliance[known] - 1.0).max(initial=0.0)
+    beside = "" if mistake.proved else ", but links may bend beside it"
+    yield Reason(
+        "alternative_explains_better",
+        "do_not_use" if mistake.proved and change > HARMFUL else "use_with_care",
+        None,
+        f"{what}, the joints explain the readings better than chance allows (F test, "
+        f"p = {mistake.p_value:.1g}){beside}; a compliance changes by {100 * change:.2g} %",
         remedy,
         action,
     )
@@ -130,15 +168,50 @@ def finding_reasons(
     measurements: Measurements, settings: Settings, prediction: Prediction, findings: Sequence[Finding]
 ) -> Iterator[Reason]:
     """Turn the findings of the integrity checks into reasons, one for each kind."""
-    yield from _gross_errors(findings, len(measurements))
+    yield from _gross_errors(measurements, findings)
     others = [finding for finding in findings if finding.code != "residual_outlier"]
     yield from _suspicious(others)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     yield from _outlying(measurements, settings, prediction, outliers)
 
 
-def _gross_errors(findings: Sequence[Finding], count: int) -> Iterator[Reason]:
+def noise_reasons(measurements: Measurements) -> Iterator[Reason]:
+    """Report deflections none of which exceeds the stated noise."""
+    if measurements.sigma is None:
+        return
+    noise = np.sqrt(2.0) * measurements.sigma
+    greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
+    if greatest <= NOISE_SIGMAS * noise:
+        yield Reason(
+            "deflections_below_noise",
+            "use_with_care",
+            None,
+            f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
+            f"{length_text(noise)}: these readings show least stiffnesses only",
+            "increase the load; check that the loaded readings were taken with the load applied, and check "
+            "the stated noise",
+        )
+
+
+def _mended_by(measurements: Measurements, finding: Finding) -> Action | None:
+    """Return the action that undoes a mistake in a unit or in the order of the readings."""
+    if finding.code == "length_unit_suspect":
+        return Action("convert_units", unit="mm" if finding.remedy == MM_AS_M else "m")
+    if finding.code == "angle_unit_suspect":
+        # Degrees taken for radians turn joints many times; radians taken for degrees hardly move them.
+        turned = float(np.abs(measurements.joints).max())
+        return Action("convert_units", unit="deg" if turned > 2.0 * np.pi else "rad")
+    if finding.code == "force_sign_suspect":
+        return Action("exchange_readings")
+    if finding.code == "force_unit_suspect":
+        typical = float(np.median(np.linalg.norm(measurements.force, axis=1)))
+        return Action("convert_units", unit="kN" if typical < _KILO else "N")
+    return None
+
+
+def _gross_errors(measurements: Measurements, findings: Sequence[Finding]) -> Iterator[Reason]:
     """Report errors, those of the whole set first; a wrong unit, or most of a set, is not to be left out."""
+    count = len(measurements)
     kinds = sorted(_by_code(findings, "error"), key=lambda same: same[0].observation is not None)
     for same in kinds:
         first, observations = same[0], _observations(same)
@@ -149,7 +222,7 @@ def _gross_errors(findings: Sequence[Finding], count: int) -> Iterator[Reason]:
             _place(first),
             _with_count(same),
             first.remedy,
-            Action("leave_out_readings", observations) if some else None,
+            Action("leave_out_readings", observations) if some else _mended_by(measurements, first),
         )
 
 

@@ -24,6 +24,9 @@ ReasonCode = Literal[
     "complementary_stiffness_matters",
     "links_bend_with_joints",
     "masses_contradicted",
+    "lack_of_fit",
+    "sigma_implausible",
+    "deflections_below_noise",
 ]
 
 ActionKind = Literal[
@@ -34,6 +37,11 @@ ActionKind = Literal[
     "exchange_columns",
     "apply_joint_map",
     "exchange_load_and_target",
+    "correct_load_point",
+    "correct_force",
+    "convert_units",
+    "exchange_readings",
+    "choose_model",
     "show_posture",
 ]
 
@@ -58,6 +66,12 @@ class Action:
     offset: tuple[float, ...] = ()  #: of the corrected joint map [rad]; empty for other kinds
     #: index of the target to be exchanged with the load point; None for other kinds
     target: int | None = None
+    #: (3,) what to add to every load point, flange frame [m], or to every force, axes of R0 [N]; empty for
+    #: other kinds
+    correction: tuple[float, ...] = ()
+    #: unit of lengths, angles or forces that the numbers are in: `m`, `mm`, `deg`, `rad`, `N` or `kN`; None
+    #: for other kinds
+    unit: str | None = None
 
 
 @dataclass(frozen=True)

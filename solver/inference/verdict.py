@@ -133,16 +133,15 @@ def _held(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
 def _uncertain(evidence: Evidence, j: int, ends: FloatArray | None) -> str | None:
     """Say that a joint's number is no more than a bound, or return None where it is more."""
     value, uncertainty = float(evidence.fit.compliance[j]), evidence.uncertainty(j)
-    if ends is None or uncertainty is None or uncertainty < abs(value) or ends[0, 0] > 0.0:
+    if ends is None or uncertainty is None or not ends[0, 0] <= 0.0 <= ends[0, 1]:
         return None
     bound = ""
     if ends[1, 1] > 0.0:
         stiffness = _rounded_down(1.0 / float(ends[1, 1]))
         bound = f"stiffer than {stiffness} at {100 * evidence.confidence:g} %: "
-    return (
-        f"{bound}the standard uncertainty of its compliance, {1e6 * uncertainty:.2g} µrad/(N·m), exceeds "
-        f"the compliance itself: add loads with more torque about the axis of {evidence.names[j]}"
-    )
+    size = f"the standard uncertainty of its compliance, {1e6 * uncertainty:.2g} µrad/(N·m), "
+    size += "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper end"
+    return f"{bound}{size}: add loads with more torque about the axis of {evidence.names[j]}"
 
 
 def _tied(evidence: Evidence, j: int) -> list[int]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
 
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.finding import FindingCode
+from jointstiff.solver.finding import M_AS_MM, MM_AS_M, FindingCode
 
 Rows = IndexArray
 
@@ -25,10 +24,6 @@ class Hypothesis:
     figure: str  #: what was done, for the message: "with ... ".
     remedy: str  #: the proposed correction
     rows: Rows  #: (M,) rows that it can explain, as places among those asked for
-
-
-MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
-M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
 
 
 def unit_hypotheses(joints: FloatArray) -> Iterator[Hypothesis]:

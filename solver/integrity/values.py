@@ -7,12 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.finding import Finding, length_text
-from jointstiff.solver.integrity.hypotheses import M_AS_MM, MM_AS_M
+from jointstiff.solver.finding import M_AS_MM, MM_AS_M, NOISE_SIGMAS, Finding, length_text
 from jointstiff.solver.integrity.view import View
 
-NOISE_SIGMAS: Final = 3.0
-"""Number of standard deviations below which a deflection carries little information."""
 LARGEST_DEFLECTION: Final = 0.02
 """Largest plausible deflection [m]: more is a mistake in a unit or a label."""
 SMALLEST_DEFLECTION: Final = 5e-6

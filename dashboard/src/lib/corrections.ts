@@ -1,7 +1,8 @@
 /** Corrections of readings and robots that an assessment suggests. */
 import type { Action, MeasurementSet, Robot, RobotDocument } from "../api/types";
+import { factors } from "./units";
 
-type Readings = Pick<MeasurementSet, "observations" | "noise" | "load_point" | "flange_targets">;
+type Readings = Pick<MeasurementSet, "observations" | "noise" | "load_point" | "flange_targets" | "units" | "frame">;
 
 /** The readings after an action that changes them. */
 export function corrected<Set extends Readings>(set: Set, action: Action, joints: string[]): Set {
@@ -26,14 +27,64 @@ export function corrected<Set extends Readings>(set: Set, action: Action, joints
         flange_targets: { ...set.flange_targets, [action.target]: load },
       };
     }
+    case "correct_load_point": {
+      const moved = (place: Vector) => plus(place, action.correction, factors(set.units).length);
+      const observations = set.observations.map((one) => ({
+        ...one,
+        load_point: one.load_point && moved(one.load_point),
+      }));
+      return { ...set, observations, load_point: moved(set.load_point ?? [0, 0, 0]) };
+    }
+    case "correct_force": {
+      const { force } = factors(set.units);
+      const observations = set.observations.map((one) => ({
+        ...one,
+        force: plus(one.force, action.correction, force),
+      }));
+      return { ...set, observations };
+    }
+    case "convert_units": {
+      const { unit } = action;
+      if (unit === "m" || unit === "mm") return { ...set, units: { ...set.units, length: unit } };
+      if (unit === "deg" || unit === "rad") return { ...set, units: { ...set.units, angle: unit } };
+      return unit ? { ...set, units: { ...set.units, force: unit } } : set;
+    }
+    case "exchange_readings": {
+      const observations = set.observations.map((one) => ({
+        ...one,
+        readings: one.readings.map((reading) => ({
+          ...reading,
+          unloaded: reading.loaded,
+          loaded: reading.unloaded,
+          deflection:
+            reading.deflection &&
+            plus(
+              [0, 0, 0],
+              reading.deflection.map((x) => -x),
+              1,
+            ),
+        })),
+      }));
+      return { ...set, observations };
+    }
     default:
       return set;
   }
 }
 
-/** Whether the set states what an action exchanges: a target's place on the flange. */
-export const exchangeable = ({ flange_targets: places }: Readings, { kind, target }: Action): boolean =>
-  kind !== "exchange_load_and_target" || (target !== null && places?.[target] !== undefined);
+type Vector = [number, number, number];
+
+/** A vector in a set's unit, and what is added to it in the SI unit; `unit` is the set's in the SI unit. */
+function plus([x, y, z]: Vector, added: number[], unit: number): Vector {
+  const [dx = 0, dy = 0, dz = 0] = added;
+  return [x + dx / unit, y + dy / unit, z + dz / unit];
+}
+
+/** Whether the set states what an action changes: a target's place on the flange, forces in the axes of R0. */
+export const exchangeable = ({ flange_targets: places, frame }: Readings, { kind, target }: Action): boolean =>
+  kind === "exchange_load_and_target"
+    ? target !== null && places?.[target] !== undefined
+    : kind !== "correct_force" || !frame;
 
 function exchanged(values: number[], a: number, b: number): number[] {
   const copy = [...values];

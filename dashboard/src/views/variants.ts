@@ -18,6 +18,8 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
       return post({ ...asked, loss: "huber" });
     case "include_complementary_stiffness":
       return post({ ...asked, complementary_stiffness: "included" });
+    case "choose_model":
+      return post({ ...asked, elasticity: "automatic", loss: null });
     case "apply_joint_map": {
       const named = withJointMap(robot, action, text.assessment.corrected.map(robot.name));
       const added = await api.addRobot(named, contentKey("robot", named));

@@ -100,9 +100,13 @@ class TestClean:
         assert assessed(*prepare(shared(f"simulated/{name}")))[0].verdict == "use"
 
     @pytest.mark.parametrize("loss", ["squared", "huber"])
-    def test_model_error_of_a_real_robot_is_no_mistake(self, loss):
+    def test_model_error_of_a_real_robot_is_no_mistake_but_lack_of_fit(self, loss):
         assessment, _ = assessed(*prepare(shared("fanuc_r2000ic/campaign")), loss=loss)
-        assert assessment == Assessment("use", (), ("use",) * 6)
+        codes = {reason.code for reason in assessment.reasons}
+        assert codes == {"lack_of_fit", "sigma_implausible"}
+        assert "146 µm" in reason_of(assessment, "sigma_implausible").message or loss == "huber"
+        assert reason_of(assessment, "lack_of_fit").action.kind == "choose_model"
+        assert set(assessment.joints) == {assessment.verdict} == {"use_with_care"}
 
 
 class TestAlternatives:
@@ -336,10 +340,12 @@ class TestUncertain:
         assert uncertain
         for joint in found.joints:
             if joint.status == "identified":
-                assert joint.standard_uncertainty < joint.compliance or joint.compliance_interval[0] > 0
+                assert joint.compliance_interval[0] > 0
         for joint in uncertain:
-            assert joint.standard_uncertainty >= joint.compliance > 0
+            assert joint.compliance > 0
             assert joint.compliance_interval[0] == 0.0
+            larger = joint.standard_uncertainty >= joint.compliance
+            assert ("exceeds the compliance" if larger else "leaves no upper end") in joint.reason
             assert joint.reason.startswith("stiffer than")
             number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
             stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
