@@ -23,7 +23,7 @@ from jointstiff.schemas.job import Job, JobState
 from jointstiff.schemas.measurement.measurement_set import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
-MAX_FILES = 3
+MAX_FILES = 4
 MAX_FRAMES = 64
 MAX_SEGMENTS = 1_000
 MAX_WORST = 20
@@ -191,7 +191,7 @@ class ProgramRequest(ProgramForm):
     """A compensated program as it is stored: options and files."""
 
     files: Annotated[list[ProgramFile], Field(min_length=1, max_length=MAX_FILES)] = Field(
-        description="The program: one file, or a .src and its .dat; and the table of loads."
+        description="The program: one file, or a .src with its .dat and $config.dat; and the table of loads."
     )
 
     @property

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.program import Edit, Program, Target
+from jointstiff.service.programs.program import Edit, Program
 from jointstiff.solver.arrays import FloatArray
 
 _HALF: Final = pi / 2
@@ -49,15 +49,8 @@ class _Word:
         return low - beside <= angle <= high + beside
 
 
-_KRL_WORD: Final = re.compile(r"(?<![\w$])([ST])\s+('B([01]+)'|\d{1,3})", re.IGNORECASE)
-_RAPID_WORDS: Final = re.compile(
-    r"\s*\]\s*,\s*\[\s*([+-]?\d+(?:\.0*)?)\s*,\s*([+-]?\d+(?:\.0*)?)\s*,\s*([+-]?\d+(?:\.0*)?)\s*,"
-    r"\s*([+-]?\d+(?:\.0*)?)\s*\]"
-)
-_FANUC_WORDS: Final = re.compile(
-    r"CONFIG\s*:\s*'([^'\n,]*),\s*([+-]?\d{1,9})\s*,\s*([+-]?\d{1,9})\s*,\s*([+-]?\d{1,9})\s*'"
-)
-_FANUC_JOINTS: Final = (0, 3, 5)
+_JOINTS: Final = {"cf1": 0, "cf4": 3, "cf6": 5, "turn1": 0, "turn4": 3, "turn6": 5}
+"""Joint of a quadrant (RAPID) or a turn number (FANUC)."""
 _FREE_RAPID: Final = re.compile(r"\bConfJ\s*\\\s*Off\b", re.IGNORECASE)
 
 
@@ -70,7 +63,6 @@ class StatedConfigurations:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._read = {"krl": _krl_words, "rapid": _rapid_words, "fanuc": _fanuc_words}.get(program.format)
         self.decides = program.format != "rapid" or not any(
             _FREE_RAPID.search(source.text) for source in program.sources
         )
@@ -86,9 +78,7 @@ class StatedConfigurations:
 
     def letters(self, index: int) -> str:
         """Return what is stated in letters, which no angle tells: FANUC's N/F, U/D and T/B."""
-        if self._program.format != "fanuc":
-            return ""
-        return "".join(self._program.targets[index].branch.partition(",")[0].split())
+        return self._program.targets[index].letters
 
     def edits(self, index: int, wanted: FloatArray, commanded: FloatArray) -> list[Edit]:
         """Return the words to be rewritten, where an angle that agreed with its word no longer does.
@@ -110,9 +100,10 @@ class StatedConfigurations:
 
     def _words(self, index: int) -> list[tuple[_Word, _Place]]:
         target = self._program.targets[index]
-        if self._read is None or not target.branch:
-            return []
-        return self._read(self._program.sources[target.source].text, target)
+        text = self._program.sources[target.source].text
+        return [
+            word for name, start, end in target.words for word in _words(name, text[start:end], (start, end))
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,40 +130,20 @@ def _rewritten(words: Sequence[tuple[int, _Word, _Place]]) -> list[Edit]:
     return edits
 
 
-def _krl_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
-    start, end = text.rfind("{", 0, target.spans[0]), text.find("}", target.spans[-1])
-    words: list[tuple[_Word, _Place]] = []
-    for found in _KRL_WORD.finditer(text, start, end):
-        number = int(found[3], 2) if found[3] else int(found[2])
-        style = "b" if found[3] else "d"
-        if found[1].upper() == "T":
-            words += [
-                (_Word(j, "sign", number >> j & 1), _Place(found.span(2), j, number, style)) for j in range(6)
-            ]
-        else:
-            # Bit 2 is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
-            words.append((_Word(4, "sign", number >> 2 & 1), _Place(found.span(2), 2, number, style)))
-    return words
-
-
-def _rapid_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
-    found = _RAPID_WORDS.match(text, target.spans[-1])
-    if not found:
+def _words(name: str, text: str, span: tuple[int, int]) -> list[tuple[_Word, _Place]]:
+    """Return what a number says of the arm's configuration; nothing where it is no usual whole number."""
+    if text.startswith("'"):
+        number, style = int(text[2:-1], 2), "b"
+    elif re.fullmatch(r"[+-]?\d{1,9}(?:\.0*)?", text):
+        number, style = int(float(text)), "d"
+    else:
         return []
-    values = [int(float(found[k])) for k in range(1, 5)]
-    words = [
-        (_Word(joint, "quadrant", values[k]), _Place(found.span(k + 1), None, values[k]))
-        for k, joint in enumerate((0, 3, 5))
-    ]
-    words.append((_Word(4, "sign", values[3] & 1), _Place(found.span(4), 0, values[3])))
-    return words
-
-
-def _fanuc_words(text: str, target: Target) -> list[tuple[_Word, _Place]]:
-    found = _FANUC_WORDS.search(text, text.rfind("{", 0, target.spans[0]), target.spans[0])
-    if not found:
-        return []
-    return [
-        (_Word(joint, "turn", int(found[k])), _Place(found.span(k), None, int(found[k])))
-        for k, joint in enumerate(_FANUC_JOINTS, 2)
-    ]
+    if name == "T":
+        return [(_Word(j, "sign", number >> j & 1), _Place(span, j, number, style)) for j in range(6)]
+    if name == "S":
+        # Bit 2 is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
+        return [(_Word(4, "sign", number >> 2 & 1), _Place(span, 2, number, style))]
+    if name == "cfx":
+        return [(_Word(4, "sign", number & 1), _Place(span, 0, number))]
+    kind = "quadrant" if name.startswith("cf") else "turn"
+    return [(_Word(_JOINTS[name], kind, number), _Place(span, None, number))]

@@ -1,18 +1,21 @@
-"""Programs of FANUC (.LS, ASCII of TP): J, L, C, A moves to P[i] of the /POS section."""
+"""Programs of FANUC (.LS, ASCII of TP): the instructions that are understood, and the /POS section."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion, Program, Source
-from jointstiff.service.programs.reader import NUMBER, Reader
+from jointstiff.service.programs.program import FrameName, Motion
+from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, words
+from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 
 POSE: Final = Notation(Orientation.FIXED_XYZ, length_decimals=3, angle_decimals=3)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=3, angle_decimals=3)
@@ -23,244 +26,116 @@ _MOTIONS: Final = {
     "A": Motion.CIRCULAR,
     "S": Motion.SPLINE,
 }
-_LINE: Final = re.compile(r"\s*+(\d*+)\s*+:(.*)")
-_MOVE: Final = re.compile(r"([JLCAS])\s+(?=P\s*\[|PR\s*\[)")
-_POINT: Final = re.compile(r"P\s*\[\s*(\d{1,5})\s*(?::\s*\"?[^\]\"]*\"?\s*)?\]")
-_AFTER: Final = re.compile(
-    r"\s*(?:[\d.]+|R\[\d+[^\]]*\]|\$\w+)?\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|sec|msec|max_speed|WELD_SPEED)?\s*"
-    r"(?:(?:FINE|CNT\s*(?:\d+|R\[\d+[^\]]*\])|CR\d+)\s*)?"
-    r"(?:(?:ACC\s*(?:\d+|R\[\d+[^\]]*\])|Wjnt|RTCP|PTH|BREAK|MROT|AP_LD\d*|RT_LD\d*|EV\s*\d+%|"
-    r"SPOT\[[^\]]*\]|Arc (?:Start|End)\[[^\]]*\])\s*)*"
-    r"(?:(?:TB|TA|DB)\s+[\d.]+\s*(?:sec|mm)\s*,\s*(?:DO|RO|GO|AO|CALL)\b.*)?$"
+_FIELDS: Final = (
+    (POSE, ("X", "Y", "Z", "W", "P", "R"), ("mm", "mm", "mm", "deg", "deg", "deg")),
+    (JOINTS, ("J1", "J2", "J3", "J4", "J5", "J6"), ("deg",) * 6),
 )
-_REFUSED: Final = re.compile(
-    r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|TRACK|FORCE|TOUCH|COORD|PSPI|LOCK PREG|PR\s*\[)|"
-    r"Offset|Tool_Offset|Skip|Weave",
-    0,
+_FRAMES: Final = words("UFRAME_NUM UTOOL_NUM $MNUFRAMENUM $MNUTOOLNUM")
+_SPEEDS: Final = words("% mm cm inch deg sec msec max_speed WELD_SPEED")
+_LEXICON: Final = Lexicon(
+    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",  # what stands behind a number in brackets
+    signs="<>|<=|>=",
+    text=r"'[^'\r\n]*+'",
+    word=r"[$]?[^\W\d]\w*+",
+    folded=False,
+    operators=words(". = <> < > <= >= AND OR NOT DIV MOD"),
+    prefixes=words("+ - NOT !"),
+    functions=words("WAIT ABS SQRT SIN COS TAN LN EXP ROUND TRUNC ATAN2 ASIN ACOS MOD"),
+    reserved=words(
+        """
+        JMP CALL RUN LBL IF THEN ELSE ENDIF FOR TO DOWNTO ENDFOR SELECT INC OFFSET Offset Skip SKIP VOFFSET
+        TOOL_OFFSET
+        """
+    ),
 )
-_REGISTER: Final = re.compile(r"PR\s*\[[^\]]*\]\s*=")
-"""A position register, which no move is taken to: those that use one are refused."""
-_CHANGED: Final = re.compile(r"(?:P|UFRAME|UTOOL)\s*\[[^\]]*\]\s*=|P\s*\[\s*R\s*\[")
-_FRAME: Final = re.compile(r"(UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[1\]|\$MNUTOOLNUM\[1\])\s*=\s*(\S+)\s*$")
-_SAME_FRAME: Final = {"$MNUFRAMENUM[1]": "UFRAME_NUM", "$MNUTOOLNUM[1]": "UTOOL_NUM"}
-_STILL: Final = re.compile(
-    r"!|//|--|R\[|SR\[|F\[|DO\[|DI\[|RO\[|RI\[|GO\[|GI\[|AO\[|AI\[|SO\[|UO\[|WO\[|M\[|WAIT\b|LBL\[|JMP\b|IF\b|ELSE|ENDIF|SELECT|FOR\b|ENDFOR|=|"
-    r"PAUSE|ABORT|END\b|OVERRIDE|PAYLOAD|TIMER|MESSAGE|UALM|JOINT_MAX|LINEAR_MAX|RSR|MONITOR|RUN_?|"
-    r"LANGUAGE|REMARK|COL DETECT|COL GUARD|"
-    r"DIAG_REC|Arc |SPOT|STOP_TRACKING|\s*$"
+_REMEDY: Final = (
+    "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames on lines of their own"
 )
-_CALL: Final = re.compile(r"(?:^|\W)(?:CALL|RUN)\s+(\w+)")
-_HEAD: Final = re.compile(r"P\s*\[\s*(\d{1,5})\s*(?::[^\]\n]{0,64})?\]\s*\{")
-_GROUP: Final = re.compile(r"\bGP\s*(\d)\s*:?")
-_TOKEN: Final = re.compile(
-    rf"\b(X|Y|Z|W|P|R|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg|inch|in|rad)?", re.IGNORECASE
-)
-_USES: Final = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
-_CONFIG: Final = re.compile(r"CONFIG\s*:\s*'([^'\n]*)'")
-_OPENED: Final = re.compile(r"FOR\b|IF\s*\(?.*\bTHEN\b")
-_CLOSED: Final = re.compile(r"ENDFOR|ENDIF")
+_FRAME_REMEDY: Final = "set it once, by a number, before the moves, jumps and labels"
 
 
 @dataclass
-class _Program:
+class _Program(Script):
     """The state of a program while it is read."""
 
-    reader: Reader
-    positions: dict[str, int] = field(default_factory=dict)
-    frames: dict[str, tuple[str, str]] = field(default_factory=dict)
-    current: dict[str, str] = field(default_factory=dict)
-    circle: tuple[int, int] | None = None
-    external: tuple[float, ...] | None = None
-    groups: tuple[float, ...] | None = None
-    seen: set[str] = field(default_factory=set)
-    depth: int = 0
+    frames: dict[str, tuple[str, str]] = field(default_factory=dict)  # UF and UT of positions
+    current: dict[str, str] = field(default_factory=dict)  # active UFRAME_NUM and UTOOL_NUM
+    arc: tuple[Place, int] | None = None  # an arc whose end is still to come, and the number of its via point
+    others: tuple[float, ...] | None = None  # where the other groups stand
+    recorded: set[str] = field(default_factory=set)  # names of positions, also of refused ones
 
-    # /POS
-
-    def position(self, name: str, start: int, body: str) -> None:
-        """Read one position, `P[n]{...}`; `body` begins at `start`."""
-        line = self.reader.sources[0].line(start)
-        self.seen.add(name)
-        groups = list(_GROUP.finditer(body))
-        own = [i for i, group in enumerate(groups) if group[1] == "1"]
-        if groups and len(own) != 1:
-            self.reader.refuse(line, f"{name} has no group GP1", "only the arm of group 1 is known")
+    def position(self, place: Place, number: int, literal: Literal, others: tuple[int, ...]) -> None:
+        """Take a position of /POS."""
+        name = f"P[{place.value(number):g}]"
+        again, values = name in self.recorded, [place.value(i) for i in others]
+        self.recorded.add(name)
+        if self.others is None:
+            self.others = tuple(values)
+        fault = "comes twice" if again else ""
+        if not _stand(values, self.others):
+            fault = "moves another group"
+        if fault:
+            self.reader.refuse(
+                place.line, f"{name} {fault}", "keep GP2 ... where they are, and each position once"
+            )
             return
-        if groups:
-            ends = [group.start() for group in groups[1:]] + [len(body)]
-            others = [body[g.start() : end] for g, end in zip(groups, ends, strict=True) if g[1] != "1"]
-            self._other_groups(line, name, others)
-            first, last = groups[own[0]].end(), ends[own[0]]
-            start, body = start + first, body[first:last]
-        uses = _USES.search(body)
-        if not uses:
-            self.reader.refuse(line, f"{name} has no UF and UT", "record the position again")
-            return
-        tokens = {m[1].upper(): (m, start + m.start(2), start + m.end(2)) for m in _TOKEN.finditer(body)}
-        for fields, notation, units in (
-            (("X", "Y", "Z", "W", "P", "R"), POSE, ("mm",) * 3 + ("deg",) * 3),
-            (("J1", "J2", "J3", "J4", "J5", "J6"), JOINTS, ("deg",) * 6),
-        ):
-            if all(f in tokens for f in fields):
-                self._add(name, line, notation, [tokens[f] for f in fields], units, uses)
-                self._external(line, name, tokens)
-                config = _CONFIG.search(body)
-                self._branch(name, config[1] if config else "")
-                return
-        self.reader.refuse(
-            line, f"{name} is neither X, Y, Z, W, P, R nor J1 ... J6", "record the position again"
-        )
+        self.given[name] = place, literal
 
-    def _other_groups(self, line: int, name: str, groups: list[str]) -> None:
-        """Refuse a position at which another group, such as a positioner, stands elsewhere."""
-        values = tuple(float(m[2]) for group in groups for m in _TOKEN.finditer(group) if "*" not in m[2])
-        if self.groups is not None and values != self.groups:
-            self.reader.refuse(
-                line,
-                f"another group moves to {name}",
-                "only programs that keep GP2 ... where they are can be corrected",
-            )
-        self.groups = values if self.groups is None else self.groups
-
-    def _add(
-        self,
-        name: str,
-        line: int,
-        notation: Notation,
-        tokens: list[tuple[re.Match[str], int, int]],
-        units: tuple[str, ...],
-        uses: re.Match[str],
-    ) -> None:
-        if any(token[0][2].startswith("*") for token in tokens):
-            self.reader.refuse(
-                line, f"{name} was not recorded (***)", "record it, or delete it with the lines that use it"
-            )
-        elif tuple((token[0][3] or "").lower() for token in tokens) != units:
-            self.reader.refuse(line, f"{name} is not in mm and deg", "write it with the controller set to mm")
-        else:
-            self.frames[name] = (uses[1], uses[2])
-            self._pending = (line, notation, [token[1:] for token in tokens])
-
-    def _external(self, line: int, name: str, tokens: dict[str, tuple[re.Match[str], int, int]]) -> None:
-        values = tuple(
-            float(tokens[k][0][2]) for k in sorted(tokens) if k.startswith("E") and "*" not in tokens[k][0][2]
-        )
-        if self.external is not None and values != self.external:
-            self.reader.refuse(
-                line,
-                f"an external axis moves to {name}",
-                "only programs that keep E1 ... where they are can be corrected",
-            )
-        self.external = values if self.external is None else self.external
-
-    def _branch(self, name: str, branch: str) -> None:
-        if name not in self.frames:
-            return
-        line, notation, spans = self._pending
-        base, tool = self.frames[name]
-        frames = (_frame("UF", base), _frame("UT", tool))
-        index = self.reader.target(name, (0, line), notation, spans, frames, branch)
-        if index is not None:
-            self.positions[name] = index
-
-    # /MN
-
-    def instruction(self, line: int, body: str, *, goes_on: bool) -> None:
-        """Read one line of /MN without its number."""
-        if goes_on and self.circle is not None:
-            self._through(line, body)
-            return
-        if self.circle is not None:
-            self.reader.refuse(
-                line, "the arc before has no end point", "give its second position on the next line"
-            )
-            self.circle = None
-        self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
-        if move := _MOVE.match(body):
-            self._move(line, move[1], body[move.end() :])
-        elif body.startswith(("!", "//", "--")) or _REGISTER.match(body):
-            return
-        elif frame := _FRAME.match(body):
-            self._chosen(line, _SAME_FRAME.get(frame[1], frame[1]), frame[2])
-        elif any(name in body for name in ("UFRAME_NUM", "UTOOL_NUM", *_SAME_FRAME)):
-            self.reader.refuse(
-                line, "a frame is chosen inside another instruction", "set it on a line of its own"
-            )
-        elif _CHANGED.match(body) or _REFUSED.search(body):
-            self.reader.refuse(
-                line,
-                f"{shown(body)} moves positions or frames while the program runs",
-                "write positions in numbers",
-            )
-        else:
-            self._other(line, body)
-
-    def _other(self, line: int, body: str) -> None:
-        called = _CALL.findall(body)
-        for name in called:
-            self.reader.call(line, name)
-        if not called and not _STILL.match(body):
-            self.reader.refuse(line, f"the instruction {shown(body)} is not known", "leave it out")
-
-    def _chosen(self, line: int, which: str, number: str) -> None:
-        if self.depth or not number.isdigit():
-            self.reader.refuse(
-                line, f"{which} is computed, or changes in a loop or a branch", "set it once, by a number"
-            )
-        else:
+    def chosen(self, place: Place, which: str, ordinal: int) -> None:
+        """Take the active frame."""
+        which = {"$MNUFRAMENUM": "UFRAME_NUM", "$MNUTOOLNUM": "UTOOL_NUM"}.get(which, which)
+        number = f"{place.value(ordinal):g}"
+        if self.current.get(which) != number and self.settable(place, which):
             self.current[which] = number
 
-    def _point(self, line: int, body: str) -> tuple[int, str] | None:
-        point = _POINT.match(body)
-        name = f"P[{point[1]}]" if point else ""
-        if name in self.seen and name not in self.positions:  # refused already
-            return None
-        if not point or name not in self.positions:
+    def move(self, place: Place, letter: str, points: Sequence[int]) -> None:
+        """Take a move to one position, or through one to another."""
+        self.closed()
+        if letter == "C" and len(points) == 1:
+            self.arc = place, points[0]
+        else:
+            self._moved(place, letter, [(place, point) for point in points])
+
+    def end_of_arc(self, place: Place, point: int) -> None:
+        """Take the second position of an arc, which has a line of its own."""
+        via, self.arc = self.arc, None
+        if via is None:
             self.reader.refuse(
-                line,
-                f"the target {shown(name or body[:30])} is not in /POS",
-                "write positions in numbers: no PR[] and no P[R[]]",
+                place.line, "a position stands without a motion", "write J, L, C, A or S before it"
             )
-            return None
-        for which, used in zip(("UFRAME_NUM", "UTOOL_NUM"), self.frames[name], strict=True):
-            if used.isdigit() and self.current.get(which, used) != used:
-                self.reader.refuse(
-                    line,
-                    f"{name} is recorded with another {which} than is active",
-                    "set the frame that it is recorded with",
-                )
-        return self.positions[name], body[point.end() :]
+        else:
+            self._moved(via[0], "C", [via, (place, point)])
 
-    def _move(self, line: int, letter: str, body: str) -> None:
-        read = self._point(line, body)
-        if read is None:
-            return
-        target, rest = read
-        if letter == "C":
-            self.circle = (line, target)
-            if rest.strip() and _POINT.match(rest.strip()):
-                self._through(line, rest.strip())
-            elif not _AFTER.match(rest):
-                self._rest(line, rest)
-        elif self._rest(line, rest):
-            self.reader.move(line, _MOTIONS[letter], (target,))
+    def closed(self) -> None:
+        """Refuse an arc that has no end."""
+        if self.arc is not None:
+            reason = "the arc has no end point"
+            self.reader.refuse(self.arc[0].line, reason, "give its second position on the next line")
+            self.arc = None
 
-    def _through(self, line: int, body: str) -> None:
-        read = self._point(line, body)
-        via, self.circle = self.circle, None
-        if read and via and self._rest(line, read[1]):
-            self.reader.move(via[0], Motion.CIRCULAR, (via[1], read[0]))
+    def _moved(self, place: Place, letter: str, points: Sequence[tuple[Place, int]]) -> None:
+        names, frames = [], []
+        for where, ordinal in points:
+            name = f"P[{where.value(ordinal):g}]"
+            known = self.given.get(name)
+            if known is None:
+                if name not in self.recorded:  # else refused already
+                    self.reader.refuse(where.line, f"the target {shown(name)} is not in /POS", _REMEDY)
+                return
+            used = tuple(f"{known[0].value(known[1].fields[kind]):g}" if kind in known[1].fields else
+                         known[1].texts[kind] for kind in ("UF", "UT"))  # fmt: skip
+            for which, number in zip(("UFRAME_NUM", "UTOOL_NUM"), used, strict=True):
+                if number.isdigit() and self.current.get(which, number) != number:
+                    reason = f"{name} is recorded with another {which} than is active"
+                    self.reader.refuse(where.line, reason, "set the frame that it is recorded with")
+            frames.append((_frame("UF", used[0]), _frame("UT", used[1])))
+            names.append(name)
+        self.targeted(place, _MOTIONS[letter], names, frames)
 
-    def _rest(self, line: int, rest: str) -> bool:
-        if _REFUSED.search(rest):
-            self.reader.refuse(
-                line, f"{shown(rest)} moves the target while the program runs", "write positions in numbers"
-            )
-            return False
-        if not _AFTER.match(rest):
-            self.reader.refuse(line, f"what follows the target, {shown(rest)}, is not known", "leave it out")
-            return False
-        return True
+
+def _stand(values: Sequence[float], others: Sequence[float]) -> bool:
+    """Tell whether other groups stand where they stood, within their rounding."""
+    return len(values) == len(others) and bool(np.allclose(values, others, rtol=0.0, atol=2e-3))
 
 
 def _frame(kind: str, number: str) -> FrameName:
@@ -268,48 +143,335 @@ def _frame(kind: str, number: str) -> FrameName:
     return FrameName(f"{kind} {number}", np.eye(4) if number == "0" else None)
 
 
-def read_fanuc(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
-    """Read a .LS file.
+# /MN
+
+
+def _parse(c: Cursor) -> Iterator[Statement]:
+    """Parse a line of /MN behind its number and colon, or a position of /POS."""
+    if c.at("P") and c.text.endswith("};"):
+        yield _position(c)
+        return
+    c.accept(";")
+    if c.ended:
+        return
+    yield _instruction(c)
+    c.accept(";")
+    c.finish()
+
+
+def _instruction(c: Cursor) -> Statement:
+    if c.at("P"):  # the end of an arc
+        point = _point(c)
+        calls = _tail(c)
+        return Statement(act=partial(_Program.end_of_arc, point=point), calls=calls)
+    if c.at("="):  # SELECT goes on
+        return _FORMS.take(c)
+    name = c.word()
+    if name in _MOTIONS and c.at("P", "PR"):
+        points = [_point(c)]
+        if name == "C" and c.at("P", "PR"):
+            points.append(_point(c))
+        calls = _tail(c)
+        return Statement(act=partial(_Program.move, letter=name, points=tuple(points)), calls=calls)
+    if name in _FRAMES:
+        return _chosen(c, name)
+    c.attempt(c.place - 1)
+    return _FORMS.take(c)
+
+
+def _point(c: Cursor) -> int:
+    """Take P[n]."""
+    if not c.accept("P"):
+        raise c.misread("the target is a position register", _REMEDY)
+    c.expect("[")
+    number = c.number()
+    c.expect("]")
+    return number
+
+
+_TAIL: Final = Forms(
+    """
+    plain  FINE|Wjnt|PTH|BREAK|MROT
+    plain  CNT|CR|CD|ACC|AP_LD|RT_LD n
+    plain  CNT|ACC R [ e ]
+    plain  EV n %
+    plain  SPOT [ e* ]
+    plain  Arc Start [ e* ]
+    plain  Arc End [ e* ]
+    plain  TB|TA|DB n ?sec ?mm , CALL c
+    """
+    + "\n".join(f"plain  TB|TA|DB n ?sec ?mm , {port} [ e ] = e" for port in ("DO", "RO", "GO", "AO")),
+    whole=False,
+)
+"""What may stand behind a target: it leaves the target where it is."""
+
+
+def _tail(c: Cursor) -> frozenset[str]:
+    """Take speed, termination and options of a move; return the routines that it calls."""
+    if c.accept("R"):
+        _index(c)
+    elif c.peek().kind == "number":
+        c.take()
+    if c.accept(*_SPEEDS) and c.accept("/"):
+        c.expect("sec", "min")
+    calls: frozenset[str] = frozenset()
+    while not c.ended and not c.at(";"):
+        if re.fullmatch(r"(?:CNT|CR|CD|ACC|AP_LD|RT_LD)\d++", c.peek().text):
+            c.take()
+        elif c.peek().text in _TAIL:
+            calls |= _TAIL.take(c).calls
+        else:
+            raise c.misread("what follows the target moves it, or is not known", _REMEDY)
+    return calls
+
+
+def _index(c: Cursor) -> None:
+    used = Used()
+    c.expect("[")
+    c.expression("]", ",", used=used)
+    while c.accept(","):
+        c.expression("]", ",", used=used)
+    c.expect("]")
+
+
+def _chosen(c: Cursor, name: str) -> Statement:
+    if name.startswith("$"):
+        c.expect("[")
+        c.number()
+        c.expect("]")
+    c.expect("=")
+    if c.peek().kind != "number" or c.peek(1).text not in {"", ";"}:
+        raise Misread(f"{name}, the active frame, is computed", _FRAME_REMEDY)
+    return Statement(act=partial(_Program.chosen, which=name, ordinal=c.number()))
+
+
+_ACTIONS: Final = (
+    "jump   {} JMP LBL [ e* ]",
+    "plain  {} CALL c",
+    "plain  {} DO|RO|GO|AO|R|F|WO [ e ] = e",
+    "plain  {} DO|RO [ e ] = PULSE , n ?sec",
+)
+
+
+def _led(*heads: str) -> str:
+    """Return the forms of what a condition leads to, behind heads."""
+    lines = []
+    for action in _ACTIONS:
+        for head in heads:
+            effect, _, rest = action.partition(" ")
+            first, _, more = rest.strip().removeprefix("{} ").partition(" ")
+            lines += [f"{effect} {head} {word} {more}" for word in first.split("|")]
+    return "\n".join(lines)
+
+
+_FORMS: Final = Forms(
+    """
+    plain  R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR [ e* ] = e
+    plain  PR [ e* ] . w = e
+    plain  DO|RO [ e ] = PULSE , n ?sec
+    plain  WAIT n ( sec )
+    plain  WAIT R [ e ] ( sec )
+    plain  WAIT e
+    jump   WAIT e TIMEOUT , LBL [ e* ]
+    open   IF e THEN
+    plain  ELSE
+    close  ENDIF|ENDFOR
+    open   FOR R [ e ] = e TO e
+    open   FOR R [ e ] = e DOWNTO e
+    jump   LBL [ e* ]
+    jump   JMP LBL [ e* ]
+    plain  CALL|RUN|MONITOR c
+    plain  OVERRIDE = e ?%
+    plain  LINEAR_MAX_SPEED = e
+    plain  JOINT_MAX_SPEED [ e ] = e
+    plain  PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING
+    plain  PAYLOAD|UALM|DIAG_REC|SPOT [ e* ]
+    plain  RSR [ e ] = e
+    plain  Arc Start [ e* ]
+    plain  Arc End [ e* ]
+    plain  COL DETECT ON
+    plain  COL DETECT OFF
+    plain  COL GUARD ADJUST e
+    """
+    + _led("IF e ,", "SELECT R [ e ] = e ,", "= e ,", "ELSE ,")
+)
+
+
+# /POS
+
+
+def _position(c: Cursor) -> Statement:
+    """Take P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };."""
+    c.take()
+    c.expect("[")
+    number = c.number()
+    c.expect("]")
+    c.expect("{")
+    literal: Literal | None = None
+    others: tuple[int, ...] = ()
+    while not c.at("}"):
+        group = "GP1"
+        if re.fullmatch(r"GP\d", c.peek().text) or c.at("GP"):
+            group = c.take().text
+            if group == "GP":
+                raise Misread("a group without a number", "record the position again")
+            c.accept(":")
+        fields = _group(c, own=group == "GP1")
+        if group != "GP1":
+            others += tuple(fields.fields.values())
+        elif literal is None:
+            literal = fields
+        else:
+            raise Misread("a position has two groups GP1", "record the position again")
+    c.expect("}")
+    c.expect(";")
+    c.finish()
+    if literal is None:
+        raise Misread("the position has no group GP1", "only the arm of group 1 is known")
+    return Statement(act=partial(_Program.position, number=number, literal=literal, others=others))
+
+
+def _group(c: Cursor, *, own: bool) -> Literal:
+    """Take the numbers of a group, and its frames and configuration."""
+    numbers: dict[str, int] = {}
+    texts: dict[str, str] = {}
+    units: dict[str, str] = {}
+    said: tuple[tuple[str, int], ...] = ()
+    while not c.at("}") and not re.fullmatch(r"GP\d?+", c.peek().text):
+        name = c.name()
+        c.expect(":", "=")
+        _once(name, numbers, texts)
+        if name == "CONFIG":
+            texts[name], said = _configuration(c)
+        elif c.peek().kind == "number":
+            numbers[name] = c.number()
+            units[name] = _unit(c)
+        elif name in {"UF", "UT"} and c.at("F"):
+            texts[name] = c.take().text
+        else:
+            c.expect("*")
+            while c.accept("*"):
+                pass
+            _unit(c)
+            if own and not name.startswith("E"):
+                raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
+        c.accept(",")
+    if own:
+        return _whole(numbers, texts, units, said)
+    return Literal(None, fields={name: i for name, i in numbers.items() if name not in {"UF", "UT"}})
+
+
+def _once(name: str, *known: dict[str, Any]) -> None:
+    if any(name in each for each in known):
+        raise Misread(f"{name} stands twice in a position", "record the position again")
+
+
+def _unit(c: Cursor) -> str:
+    """Take the unit behind a number, if there is one."""
+    stands = c.peek().kind == "word" and c.peek(1).text not in {"=", ":"}
+    return c.take().text.lower() if stands else ""
+
+
+def _whole(
+    numbers: dict[str, int], texts: dict[str, str], units: dict[str, str], said: tuple[tuple[str, int], ...]
+) -> Literal:
+    """Return a position of the arm.
 
     Raises:
-        ProgramError: part of it is not understood.
+        Misread: something of it is missing.
     """
-    source = sources[0]
-    reader = Reader("fanuc", sources, allowed)
-    state = _Program(reader)
-    section = {
-        m[1]: m.end() for m in re.finditer(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", source.text, re.MULTILINE)
-    }
-    if "MN" not in section or "POS" not in section:
-        reader.refuse(
-            None, "the file has no /MN and /POS", "write the program as ASCII (.LS), not as binary (.TP)"
-        )
-        return reader.program()
-    last = section.get("END", len(source.text))
-    _read_positions(state, section["POS"], last)
-    first = source.line(section["MN"])
-    end = source.line(section["POS"])
-    for line, _, text in source.lines():
-        if first < line < end and (match := _LINE.match(text)):
-            state.instruction(line, match[2].strip().removesuffix(";").strip(), goes_on=not match[1])
-        elif first < line < end and text.strip():
-            reader.refuse(
-                line,
-                f"the line {shown(text)} has no number and colon",
-                "write the program as the controller does",
+    if any(kind not in numbers and kind not in texts for kind in ("UF", "UT")):
+        raise Misread("the position has no UF and UT", "record the position again")
+    for notation, names, needed in _FIELDS:
+        if all(name in numbers for name in names):
+            if tuple(units[name] for name in names) != needed:
+                raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
+            external = tuple(i for name, i in sorted(numbers.items()) if re.fullmatch(r"E\d", name))
+            letters = "".join(texts.get("CONFIG", "").split())
+            return Literal(
+                notation, tuple(numbers[name] for name in names), external, said, letters, numbers, texts
             )
-    return reader.program()
+    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", "record the position again")
 
 
-def _read_positions(state: _Program, start: int, end: int) -> None:
-    text = state.reader.sources[0].text
-    place = start
-    while head := _HEAD.search(text, place, end):
-        closing = text.find("};", head.end(), end)
-        if closing < 0:
-            state.reader.refuse(
-                state.reader.sources[0].line(head.start()), f"P[{head[1]}] has no end", "close it with };"
-            )
+_CONFIG: Final = re.compile(
+    r"'([^',]*+),\s*+([+-]?\d{1,9})\s*+,\s*+([+-]?\d{1,9})\s*+,\s*+([+-]?\d{1,9})\s*+'"
+)
+
+
+def _configuration(c: Cursor) -> tuple[str, tuple[tuple[str, int], ...]]:
+    """Take CONFIG: its letters, and the turn numbers of axes 1, 4 and 6."""
+    token = c.take()
+    if token.kind != "text":
+        raise Misread("the configuration is not known", "record the position again")
+    found = _CONFIG.fullmatch(token.text)
+    if not found:
+        return token.text.strip("'").partition(",")[0], ()
+    begins = {each.start(): i for i, each in enumerate(_LEXICON.numbers.finditer(c.text))}
+    said = [begins.get(token.start + found.start(k), -1) for k in (2, 3, 4)]
+    return found[1], tuple(zip(("turn1", "turn4", "turn6"), said, strict=True)) if min(said) >= 0 else ()
+
+
+_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
+_SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
+_LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
+_ARC: Final = re.compile(r"\s*+P\s*+\[")
+
+
+def read_fanuc(reader: Reader) -> None:
+    """Read a .LS file."""
+    program = _Program(reader, _LEXICON, _parse, _REMEDY, ordered=False)
+    source, sections = reader.sources[0], dict[str, int]()
+    here, instructions = "", list[tuple[int, int, str]]()
+    for line, start, text in source.lines():
+        if found := _SECTION.match(text):
+            if found[1] in sections or _ORDER.index(found[1]) < max(map(_ORDER.index, sections), default=0):
+                reader.refuse(line, f"a second or misplaced /{found[1]}", "send one program")
+                return
+            here, sections[found[1]] = found[1], start + len(text)
+        elif text.strip() and here == "MN":
+            instructions.append((line, start, text))
+        elif text.strip() and here == "END":
+            reader.refuse(line, "something stands behind /END", "send one program")
+    if "MN" not in sections or "POS" not in sections:
+        remedy = "write the program as ASCII (.LS), not as binary (.TP)"
+        reader.refuse(None, "the file has no /MN and /POS", remedy)
+        return
+    end = sections["END"] - len("/END") if "END" in sections else len(source.text)
+    _add_positions(program, sections["POS"], end)
+    _add_instructions(program, instructions)
+    program.run()
+    program.closed()
+
+
+def _add_instructions(program: _Program, instructions: Sequence[tuple[int, int, str]]) -> None:
+    """Add the lines of /MN."""
+    for line, start, text in instructions:
+        head = _LINE.match(text)
+        if head or _ARC.match(text):
+            body = head.end() if head else 0
+            if not text[body:].lstrip().startswith(("!", "//", "--")):
+                program.add(0, line, start + body, start + len(text))
+        else:
+            reason = f"the line {shown(text)} has no number and colon"
+            program.reader.refuse(line, reason, "write the program as the controller does")
+
+
+def _add_positions(program: _Program, place: int, end: int) -> None:
+    """Add the positions of /POS."""
+    source = program.reader.sources[0]
+    while place < end:
+        rest = source.text.find("P", place, end)
+        between = source.text[place : rest if rest >= 0 else end]
+        if between.strip():
+            reason = f"what stands between positions, {shown(between)}, is not known"
+            program.reader.refuse(source.line(place), reason, "record the positions again")
             return
-        state.position(f"P[{head[1]}]", head.end(), text[head.end() : closing])
-        place = closing
+        if rest < 0:
+            return
+        closing = source.text.find("};", rest, end)
+        if closing < 0:
+            program.reader.refuse(source.line(rest), "a position has no end", "close it with };")
+            return
+        program.add(0, source.line(rest), rest, closing + 2)
+        place = closing + 2

@@ -14,6 +14,7 @@ from jointstiff.service.programs.krl import read_krl
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Program, Source
 from jointstiff.service.programs.rapid import read_rapid
+from jointstiff.service.programs.reader import Reader
 from jointstiff.service.programs.table import read_table
 from jointstiff.service.programs.ur import read_ur
 
@@ -23,14 +24,8 @@ MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
 
-FORMATS: Final[Mapping[str, Callable[[tuple[Source, ...], Collection[str]], Program]]] = MappingProxyType(
-    {
-        "csv": read_table,
-        "krl": read_krl,
-        "fanuc": read_fanuc,
-        "rapid": read_rapid,
-        "ur": read_ur,
-    }
+FORMATS: Final[Mapping[str, Callable[[Reader], None]]] = MappingProxyType(
+    {"csv": read_table, "krl": read_krl, "fanuc": read_fanuc, "rapid": read_rapid, "ur": read_ur}
 )
 _SUFFIXES: Final = {
     ".csv": "csv",
@@ -51,7 +46,7 @@ def read_program(
     """Read a program.
 
     Args:
-        files: names and bytes: one file, or a .src and its .dat.
+        files: names and bytes: one file, or a .src with its .dat and $config.dat.
         name: name of the format, one of FORMATS; by the first file's name if None.
         leave_alone: names of routines that neither move the robot nor change its frames.
 
@@ -65,12 +60,16 @@ def read_program(
         _refuse(
             files[0][0], None, "the format is not known by the file's name", f"state it: {', '.join(FORMATS)}"
         )
-    if len(files) > (2 if chosen == "krl" else 1):
-        _refuse(files[-1][0], None, "one file too many", "send one program; with KUKA's .src its .dat")
+    if len(files) > (3 if chosen == "krl" else 1):
+        remedy = "send one program; with KUKA's .src its .dat and $config.dat"
+        _refuse(files[-1][0], None, "one file too many", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
-    sources = tuple(_source(name, content) for name, content in files)
-    return FORMATS[str(chosen)](sources, frozenset(name.upper() for name in leave_alone))
+    ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
+    sources = tuple(_source(name, content) for name, content in ordered)
+    reader = Reader(str(chosen), sources, frozenset(name.upper() for name in leave_alone))
+    FORMATS[str(chosen)](reader)
+    return reader.program()
 
 
 def _source(name: str, content: bytes) -> Source:

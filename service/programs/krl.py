@@ -1,28 +1,28 @@
-"""Programs of KUKA (KRL), .src with its .dat: moves to literals or to declared points."""
+"""Programs of KUKA (KRL): .src with .dat and $config.dat; the statements that are understood."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion, Program, Source
+from jointstiff.service.programs.program import FrameName, Motion
 from jointstiff.service.programs.reader import (
-    NO_TARGET,
-    NUMBER,
-    NUMBER_PATTERN,
+    Literal,
+    Place,
     Reader,
-    without_comment,
+    Script,
+    Statement,
+    pose_of,
     words,
 )
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.service.programs.scanner import NUMBER, Cursor, Lexicon, Misread, Used
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
@@ -35,414 +35,587 @@ _MOVES: Final = {
     "CIRC": (Motion.CIRCULAR, 2),
     "SCIRC": (Motion.CIRCULAR, 2),
 }
-_HOME: Final = frozenset(
-    {"$AXIS_ACT", "$POS_ACT", "$H_POS", "HOME", "XHOME"} | {f"XHOME{i}" for i in range(1, 6)}
-)
+_BLENDS: Final = ("C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL")
+_HOME: Final = words("$AXIS_ACT $POS_ACT $H_POS HOME XHOME XHOME1 XHOME2 XHOME3 XHOME4 XHOME5")
 """Places that a controller keeps: nothing of a move there stands in the program."""
-_FIELD: Final = re.compile(
-    rf"\s*(\$?[A-Z]\w*)\s*(?:\[\])?\s+({NUMBER}|'B[01]+'|\"[^\"]*\"|#\w+|TRUE|FALSE)\s*(?:,|$)", re.I
+_FIELDS: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
+_TYPES: Final = words("INT REAL BOOL CHAR POS E6POS FRAME AXIS E6AXIS FDAT PDAT LDAT LOAD SIGNAL")
+_SETTINGS: Final = words(
+    """
+    $VEL $ACC $APO $VEL_AXIS $ACC_AXIS $ORI_TYPE $CIRC_TYPE $ADVANCE $OUT $OUT_C $ANOUT $FLAG $CYCFLAG
+    $TIMER $TIMER_STOP $BWDSTART $H_POS $OV_PRO $LOAD $JERK $GEAR_JERK $VEL_EXTAX $ACC_EXTAX $RED_VEL
+    $APO_DIS_PTP $CIRC_MODE $SPL_ORI_JOINT_AUTO
+    """
 )
-_AGGREGATE: Final = re.compile(r"\{\s*(?:(E6POS|POS|FRAME|E6AXIS|AXIS)\s*:)?([^{}:]*)\}", re.IGNORECASE)
-_N: Final = rf"\s+({NUMBER})\s*"
-_PLAIN: Final = re.compile(
-    rf"(LIN|PTP|SLIN|SPTP|SPL)\s*\{{\s*X{_N},\s*Y{_N},\s*Z{_N},\s*A{_N},\s*B{_N},\s*C{_N}"
-    rf"(,\s*S\s+(\d+)\s*,\s*T\s+(\d+)\s*)?(?:,\s*E[1-6]\s+0{{1,9}}(?:\.0{{0,9}})?\s*){{0,6}}\}}\s*(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)?\s*$",
-    re.IGNORECASE,
+"""The controller's variables of speed, blending and signals."""
+_FUNCTIONS: Final = words(
+    """
+    ABS SQRT SIN COS TAN ACOS ATAN2 INV_POS SVEL_JOINT SVEL_CP SACC_JOINT SACC_CP SAPO SAPO_PTP SORI_TYP
+    SJERK SGEAR_JERK SLOAD SIPO_MODE SCIRC_TYP STOOL STOOL2 SBASE STRCLEAR STRADD STRCOPY STRCOMP STRFIND
+    STRLEN STRDECLLEN STRTOINT STRTOREAL STRTOBOOL VARSTATE GET_SYSTEM_DATA ROUND TRUNC PULSE
+    """
 )
-"""A move of the usual form: to a literal pose, its external axes at zero."""
-_STANDING: Final = (0.0,) * 6
-_NAME: Final = re.compile(r"\$?[A-Z]\w*", re.IGNORECASE)
-_MOVE: Final = re.compile(rf"({'|'.join(sorted(_MOVES, key=len, reverse=True))})\s*(?=[\s{{])", re.IGNORECASE)
-_RELATIVE: Final = re.compile(r"\w+_REL\b", re.IGNORECASE)
-_AFTER: Final = re.compile(
-    r"\s*(?:(?:C_PTP|C_DIS|C_VEL|C_ORI|C_SPL)\s*)*(?:,\s*CA\s[^:{}]*)?(?:WITH\b.*)?$", re.IGNORECASE
+"""Routines of the controller that move nothing."""
+_LEXICON: Final = Lexicon(
+    comment=r";[^\r\n]*+|(?<![^\r\n])&[^\r\n]*+",
+    signs="==|<>|<=|>=",
+    text=r"\"[^\"\r\n]*+\"|#\w++|'[HD][0-9A-F]++'",
+    word=r"\$?[^\W\d]\w*+",
+    number=rf"{NUMBER}|'B[01]{{1,16}}+'",
+    operators=words(". : == <> < > <= >= AND OR EXOR B_AND B_OR B_EXOR NOT B_NOT"),
+    prefixes=words("+ - NOT B_NOT"),
+    functions=_FUNCTIONS,
+    reserved=words(
+        """
+        PTP SPTP LIN SLIN SPL CIRC SCIRC PTP_REL LIN_REL CIRC_REL SPTP_REL SLIN_REL SPL_REL SCIRC_REL ASYPTP
+        ASYCONT DEF DEFFCT DEFDAT END ENDFCT ENDDAT IF THEN ELSE ENDIF FOR TO STEP ENDFOR WHILE ENDWHILE
+        LOOP ENDLOOP REPEAT UNTIL SWITCH CASE DEFAULT ENDSWITCH GOTO WAIT HALT EXIT RETURN CONTINUE TRIGGER
+        INTERRUPT SPLINE ENDSPLINE PTP_SPLINE TIME_BLOCK CONST_VEL DECL GLOBAL SIGNAL EXT EXTFCT BRAKE
+        RESUME WITH DO ANOUT ANIN BAS C_PTP C_DIS C_VEL C_ORI C_SPL $BASE $TOOL
+        """
+    ),
 )
-_ASSIGNED: Final = re.compile(
-    r"(?:(?:GLOBAL|DECL|CONST|EXT|SIGNAL)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT|[A-Z]\w*)\s+)?(\$?[A-Z]\w*(?:\[[\s\w,+-]*\])?(?:\.\w+)*)\s*=(?!=)\s*(.*)$",
-    re.IGNORECASE,
+_REMEDY: Final = (
+    "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
 )
-_WITH: Final = re.compile(r"\bWITH\b", re.IGNORECASE)
-_OWN_FRAME: Final = re.compile(r"\$(?:TOOL|BASE|IPO_MODE)\b", re.IGNORECASE)
-_INLINE_TOOL: Final = re.compile(r"\$TOOL\s*=\s*STOOL2?\s*\(\s*(\w+)(?:\.TOOL_NO)?\s*\)", re.IGNORECASE)
-_INLINE_BASE: Final = re.compile(r"\$BASE\s*=\s*SBASE\s*\(\s*(\w+)\.BASE_NO\s*\)", re.IGNORECASE)
-_FRAMES_CALL: Final = re.compile(r"BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)", re.IGNORECASE)
-_STILL: Final = re.compile(
-    r"(?:DEF|DEFFCT|DEFDAT|END|ENDDAT|ENDFCT|DECL|INT|REAL|BOOL|CHAR|SIGNAL|EXT|EXTFCT|GLOBAL|IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|"
-    r"ENDLOOP|REPEAT|UNTIL|SWITCH|CASE|DEFAULT|ENDSWITCH|GOTO|WAIT|HALT|EXIT|RETURN|CONTINUE|TRIGGER|INTERRUPT|PULSE|ANOUT|"
-    r"BAS|SPLINE|ENDSPLINE|TIME_BLOCK|CONST_VEL|USE|IMPORT|STRUC|ENUM|&\w+|GLOBAL)\b|&|\w+\s*:$",
-    re.IGNORECASE,
-)
-_CALLED: Final = re.compile(r"(?<![#\w$.\[])([A-Z]\w*)\s*\(", re.IGNORECASE)
-_DEF: Final = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT)?\b", re.IGNORECASE)
-_DECLARES: Final = re.compile(r"(?:DEF|DEFFCT|DEFDAT|EXT|EXTFCT|DECL|GLOBAL)\b", re.IGNORECASE)
-_COMPUTED_FRAME: Final = re.compile(r"(?:BASE|TOOL)_DATA\[(?!\d+\])")
-_OPENED: Final = re.compile(r"(?:IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b", re.IGNORECASE)
-_CLOSED: Final = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b", re.IGNORECASE)
-_WORDS: Final = words(
-    "BAS AND OR NOT EXOR B_AND B_OR PULSE IF WHILE UNTIL SWITCH FOR DEF RETURN IR_STOPM"
-) | frozenset(_MOVES)
-_NUMERIC: Final = re.compile(r"[XYZABC]|[AE][1-6]|(?:TOOL|BASE)_NO")
-"""Fields that are numbers, wherever they stand."""
-_POSE_FIELDS: Final = ("X", "Y", "Z", "A", "B", "C")
-_JOINT_FIELDS: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
-_REMEDY: Final = "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers"
-
-
-@dataclass(frozen=True)
-class _Aggregate:
-    """A literal {...}: where each number of it stands, by field; `branch` of its S and T."""
-
-    source: int
-    line: int
-    spans: Mapping[str, tuple[int, int]]
-    values: Mapping[str, str]
-
-    @cached_property
-    def fields(self) -> tuple[str, ...] | None:
-        """Fields of a pose or of joints, whichever are all there."""
-        for fields in (_POSE_FIELDS, _JOINT_FIELDS):
-            if all(f in self.spans for f in fields):
-                return fields
-        return None
-
-    @property
-    def branch(self) -> str:
-        """Status and turn, as written: `S 2, T 35`."""
-        return ", ".join(f"{name} {self.values[name]}" for name in ("S", "T") if name in self.values)
-
-    @property
-    def external(self) -> tuple[float, ...]:
-        """Angles or places of the external axes E1 ... E6 (0 where they are not written)."""
-        return tuple(float(self.values.get(f"E{i}", "0")) for i in range(1, 7))
+_FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 
 
 @dataclass
-class _Program:
+class _Program(Script):
     """The state of a program while it is read."""
 
-    reader: Reader
-    points: dict[str, _Aggregate] = field(default_factory=dict)
-    changed: set[str] = field(default_factory=set)
     base: FrameName = field(default_factory=lambda: FrameName("active $BASE"))
     tool: FrameName = field(default_factory=lambda: FrameName("active $TOOL"))
-    frames: dict[str, _Aggregate] = field(default_factory=dict)
-    routines: frozenset[str] = frozenset()
-    external: tuple[float, ...] | None = None
-    depth: int = 0
-    routine: int = 0
-    moved: bool = False
+    frames: dict[str, tuple[Place, Literal]] = field(default_factory=dict)  # BASE_DATA[i], TOOL_DATA[i]
+    used: set[str] = field(default_factory=set)  # names of frames that were active
+    # declaration, which is not sent, of the active base or tool: no matter until a move needs it
+    unknown: dict[str, str] = field(default_factory=dict)
 
-    def statement(self, source: int, line: int, start: int, text: str) -> None:
-        """Read one line without its comment."""
-        body = text.strip()
-        offset = start + len(text) - len(text.lstrip())
-        if not body:
-            return
-        if (plain := _PLAIN.match(body)) and self.external in {None, _STANDING}:
-            self._plain(line, plain, offset)
-            return
-        self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
-        self.routine += bool(_DEF.match(body))
-        if move := _MOVE.match(body):
-            self._move(line, move[1].upper(), body[move.end() :], offset + move.end())
-        elif _has_own_frame(body):
-            self.reader.refuse(
-                line, "a block of moves has frames of its own", "set $TOOL and $BASE before it", source
-            )
-        elif _RELATIVE.match(body):
-            self.reader.refuse(line, "a relative move", NO_TARGET, source)
-        elif chosen := _FRAMES_CALL.match(body):
-            self._choose(line, chosen[1].upper(), f"{chosen[1].upper()}_DATA[{chosen[2]}]")
-        elif assigned := _ASSIGNED.match(body):
-            self._assigned(source, line, assigned, offset)
+    def move(self, place: Place, motion: Motion, targets: Sequence[Literal | str], own: str) -> None:
+        """Take a move; `own` declares frames of its own."""
+        home = [
+            name
+            for name in targets
+            if isinstance(name, str)
+            and name in _HOME
+            and (name not in self.given or _is_config(self.reader, self.given[name][0].source))
+        ]
+        if home and len(targets) > 1:
+            self.reader.refuse(place.line, "an arc through a place that the controller keeps", _REMEDY)
+        elif home:
+            self.moved = True
+            self.reader.leave(place.line, f"a move to {home[0]}, which the controller keeps")
         else:
-            self._other(source, line, body)
+            held = self.base, self.tool, dict(self.unknown)
+            if own:
+                self.declared(place, own, move=True)
+            if self.unknown:
+                reason = f"the frames {shown(next(iter(self.unknown.values())))} are not in the program"
+                self.reader.refuse(place.line, reason, "send the .dat, and $config.dat, with the .src")
+            else:
+                stated = [self.given.get(name) if isinstance(name, str) else None for name in targets]
+                if any(each and _is_config(self.reader, each[0].source) for each in stated):
+                    reason = "the target stands in $config.dat, which other programs use"
+                    self.reader.refuse(place.line, reason, "declare it in the program's own .dat")
+                else:
+                    self.targeted(place, motion, targets, [(self.base, self.tool)] * len(targets))
+            self.base, self.tool, self.unknown = held
 
-    def _plain(self, line: int, plain: re.Match[str], offset: int) -> None:
-        """Take a move of the usual form."""
-        self.external, self.moved = _STANDING, True
-        spans = [(offset + start, offset + end) for start, end in plain.regs[2:8]]
-        branch = f"S {plain[9]}, T {plain[10]}" if plain[8] else ""
-        target = self.reader.target("", (0, line), POSE, spans, (self.base, self.tool), branch, line)
-        self.reader.move(line, _MOVES[plain[1].upper()][0], [target])
-
-    def _other(self, source: int, line: int, body: str) -> None:
-        known = _STILL.match(body) is not None
-        called = {name.upper() for name in _CALLED.findall(re.sub(r'"[^"]*"', '""', body))}
-        unknown = called - _WORDS - self.routines if not _DECLARES.match(body) else set()
-        for name in sorted(unknown):
-            self.reader.call(line, name)
-        self.moved |= bool(called & self.routines) and not _DEF.match(body)
-        if not known and not called:
-            self.reader.refuse(line, f"the statement {shown(body)} is not known", NO_TARGET, source)
-
-    # frames
-
-    def _choose(self, line: int, which: str, name: str) -> None:
-        if not self._settable(line, which):
+    def chosen(self, place: Place, which: str, name: str, *, move: bool = False) -> None:
+        """Take $BASE or $TOOL by a name that has numbers."""
+        if name in self.changed:
+            self.reader.refuse(
+                place.line, f"{name} changes while the program runs", "give it once, in numbers", place.source
+            )
             return
-        if name.upper() in self.changed:
-            self.reader.refuse(line, f"{name} changes while the program runs", "give it once, in numbers")
-            return
-        pose = None
-        if name.upper() in {"$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]"}:
+        known = self.frames.get(name)
+        pose = pose_of(*known) if known else None
+        if name in {"$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]"}:
             pose = np.eye(4)
-        elif name.upper() in self.frames:
-            pose = self._pose(self.frames[name.upper()])
-        frame = FrameName(name.upper(), pose)
+        self._set(place, which, FrameName(name, pose), move=move)
+
+    def _set(self, place: Place, which: str, frame: FrameName, *, move: bool = False) -> None:
+        """Make a frame the active one, if it is not; for one move only, it may be any."""
+        active = self.tool if which == "TOOL" else self.base
+        self.used.add(frame.name)
+        same = which not in self.unknown and active.same(frame)
+        if not move and not same and not self.settable(place, f"${which}"):
+            return
+        self.unknown.pop(which, None)
         if which == "TOOL":
             self.tool = frame
         else:
             self.base = frame
 
-    def _settable(self, line: int, which: str) -> bool:
-        """Refuse a frame that depends on the way the program takes: in a branch, or with several routines."""
-        several = len(self.routines) > 1 and (self.routine > 1 or self.moved)
-        if self.depth or several:
-            self.reader.refuse(
-                line,
-                f"${which} changes in a branch, a loop or another routine",
-                "set it once, in the first routine, before its moves and calls",
-            )
-        return not (self.depth or several)
-
-    def _pose(self, literal: _Aggregate) -> FloatArray:
-        return POSE.pose([float(literal.values[f]) for f in _POSE_FIELDS])
-
-    # what is assigned
-
-    def _assigned(self, source: int, line: int, assigned: re.Match[str], offset: int) -> None:
-        name, value = re.sub(r"\s", "", assigned[2]).upper(), assigned[3].strip()
-        literal = self._aggregate(source, line, assigned[3], offset + assigned.start(3))
-        if name in {"$BASE", "$TOOL"}:
-            self._frame(source, line, name[1:], literal, value)
-        elif _COMPUTED_FRAME.match(name):
-            self.reader.refuse(line, f"{name} is computed", "write the number of the frame", source)
-        elif name == "FDAT_ACT":
-            self._inline_form(line, literal, value)
-        elif name.startswith(("$BASE.", "$TOOL.", "$ACT_BASE", "$ACT_TOOL")):
-            self.reader.refuse(line, f"{name} is set by itself", "give the whole frame in numbers", source)
-        elif name == "$IPO_MODE" and value.upper() != "#BASE":
-            self.reader.refuse(
-                line,
-                "the tool is fixed in the cell ($IPO_MODE)",
-                "only tools on the flange are known",
-                source,
-            )
-        elif literal and (literal.fields or "TOOL_NO" in literal.values):
-            self._point(name, literal)
+    def stated(self, place: Place, which: str, literal: Literal) -> None:
+        """Take $BASE or $TOOL in numbers."""
+        pose = pose_of(place, literal)
+        if pose is None:
+            self.reader.refuse(place.line, f"${which} is computed", _FRAME_REMEDY, place.source)
         else:
-            self.changed.add(name.partition(".")[0].partition("[")[0] if "." in name else name)
-            self._other(source, line, f"DECL {value}")
+            self._set(place, which, FrameName(f"${which} of line {place.line}", pose))
 
-    def _point(self, name: str, literal: _Aggregate) -> None:
-        if name.startswith(("BASE_DATA[", "TOOL_DATA[")):
-            if literal.fields is _POSE_FIELDS:
-                self.frames[name] = literal
-            else:
-                self.changed.add(name)
-        elif name in self.points:
+    def numbered(self, place: Place, which: str, ordinal: int) -> None:
+        """Take $BASE or $TOOL by the number of its data."""
+        number = place.value(ordinal)
+        if number.is_integer():
+            self.chosen(place, which, f"{which}_DATA[{int(number)}]")
+        else:
+            self.reader.refuse(place.line, "the number of a frame is no whole number", _FRAME_REMEDY)
+
+    def declared(self, place: Place, name: str, *, move: bool = False) -> None:
+        """Take tool and base of an inline form, by the name of their declaration."""
+        known = self.constant(name, place)
+        if known is None:
+            if move or self.settable(place, "FDAT_ACT"):
+                self.unknown = {"TOOL": name, "BASE": name}
+        else:
+            self.inline(place, *known, move=move)
+
+    def inline(self, place: Place, where: Place, literal: Literal, *, move: bool = False) -> None:
+        """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}`."""
+        numbers = [
+            where.value(literal.fields[name]) for name in ("TOOL_NO", "BASE_NO") if name in literal.fields
+        ]
+        fault = ""
+        if len(numbers) < 2 or not all(number.is_integer() for number in numbers):  # nor is infinity
+            fault = "the number of a frame is no whole number"
+        elif literal.texts.get("IPO_FRAME", "#BASE").upper() != "#BASE":
+            fault = "the tool is fixed in the cell (IPO_FRAME)"
+        if fault:
+            self.reader.refuse(
+                place.line, fault, "only tools on the flange, by TOOL_NO and BASE_NO, are known"
+            )
+        else:
+            self.chosen(place, "TOOL", f"TOOL_DATA[{int(numbers[0])}]", move=move)
+            self.chosen(place, "BASE", f"BASE_DATA[{int(numbers[1])}]", move=move)
+
+    def data(self, place: Place, which: str, ordinal: int, literal: Literal | None) -> None:
+        """Take BASE_DATA[i] or TOOL_DATA[i]."""
+        name = f"{which}[{place.value(ordinal):g}]"
+        if name in self.used:
+            reason = f"{name} changes while the program runs"
+            self.reader.refuse(place.line, reason, _FRAME_REMEDY, place.source)
+        elif literal is None or literal.notation is not POSE or self.depth or self.jumped or self.routine > 1:
             self.changed.add(name)
         else:
-            self.points[name] = literal
+            self.frames[name] = place, literal
 
-    def _frame(self, source: int, line: int, which: str, literal: _Aggregate | None, value: str) -> None:
-        if literal and literal.fields is _POSE_FIELDS:
-            self.frames[f"${which} of line {line}"] = literal
-            name = f"${which} of line {line}"
-            frame = FrameName(name, self._pose(literal))
-            if not self._settable(line, which):
-                return
-            if which == "TOOL":
-                self.tool = frame
-            else:
-                self.base = frame
-        elif re.fullmatch(r"\$NULLFRAME|\w+(?:\[\s*\d+\s*\])?", value, re.IGNORECASE):
-            self._choose(line, which, re.sub(r"\s", "", value))
+
+def _is_config(reader: Reader, source: int) -> bool:
+    return reader.sources[source].name.lower().endswith("config.dat")
+
+
+def _statement(c: Cursor) -> Statement:
+    """Parse a line."""
+    is_global = c.accept("GLOBAL") is not None
+    name = c.word()
+    if name in _MOVES:
+        return _move(c, name)
+    if name in _RULES:
+        return _RULES[name](c, name)
+    if name in _FORMS and c.peek(1).text not in {"#TOOL", "#BASE"}:
+        c.attempt(c.place - 1)
+        return _FORMS.take(c)
+    if name.endswith("_REL"):
+        raise Misread("a relative move")
+    if c.at(":") and c.peek(1).kind == "end":
+        c.take()
+        return Statement(jumps=True)
+    if c.at("("):
+        return _active(c) if name == "BAS" else _call(c, name)
+    if (name in _TYPES or is_global) and c.peek().kind == "word":
+        return _declared(c)
+    return _assigned(c, name)
+
+
+def _call(c: Cursor, name: str) -> Statement:
+    used = Used()
+    c.arguments(used)
+    c.finish()
+    if name in _LEXICON.reserved:
+        raise Misread(f"{name} is no routine")
+    calls = used.calls if name in _FUNCTIONS else used.calls | {name}
+    return Statement(calls=frozenset(calls), changes=frozenset(used.passed))
+
+
+def _used(used: Used, **more: object) -> Statement:
+    return Statement(calls=frozenset(used.calls), changes=frozenset(used.passed), **more)  # type: ignore[arg-type]
+
+
+# values
+
+
+def _aggregate(c: Cursor) -> Literal | None:
+    """Take `{...}`; None if it holds what is no number."""
+    c.expect("{")
+    if c.peek().kind == "word" and c.peek(1).text == ":":
+        c.take()
+        c.take()
+    numbers: dict[str, int] = {}
+    texts: dict[str, str] = {}
+    plain = True
+    while not c.at("}"):
+        name = c.name()
+        if c.accept("["):
+            if not c.at("]"):
+                c.number()
+            c.expect("]")
+        plain &= name not in numbers and name not in texts
+        if c.peek().kind == "number":
+            numbers[name] = c.number()
         else:
-            self.reader.refuse(
-                line,
-                f"${which} is computed",
-                "give it in numbers, or as BASE_DATA[i] or TOOL_DATA[i]",
-                source,
+            plain &= _field(c, name, texts)
+        if not c.accept(","):
+            break
+    c.expect("}")
+    return _literal(numbers, texts) if plain else None
+
+
+def _field(c: Cursor, name: str, texts: dict[str, str]) -> bool:
+    """Take a field that is no number; return whether its value stands in the text."""
+    if c.at("{"):
+        _aggregate(c)
+        texts[name] = "{}"
+    elif c.peek().kind == "text" or c.at("TRUE", "FALSE"):
+        texts[name] = c.take().text
+    else:
+        used = Used()
+        c.expression(",", "}", used=used)
+        if used.calls:
+            raise Misread("a call within { }")
+        return False
+    return True
+
+
+def _literal(numbers: dict[str, int], texts: dict[str, str]) -> Literal:
+    """Return what the fields of an aggregate are."""
+    for notation, fields in _FIELDS:
+        if all(field in numbers for field in fields):
+            external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
+            said = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
+            return Literal(
+                notation,
+                tuple(numbers[field] for field in fields),
+                external if max(external) >= 0 else (),
+                said,
+                fields=numbers,
+                texts=texts,
             )
-
-    def _inline_form(self, line: int, literal: _Aggregate | None, value: str) -> bool:
-        """Take tool and base of an inline form: `FDAT_ACT={TOOL_NO 1,BASE_NO 2}` or a declared one."""
-        found = literal or self.points.get(value.upper())
-        if found is None or not {"TOOL_NO", "BASE_NO"} <= set(found.values):
-            self.reader.refuse(
-                line, f"the frames {shown(value)} are not in the program", "send the .dat with the .src"
-            )
-            return False
-        if found.values.get("IPO_FRAME", "#BASE").upper() != "#BASE":
-            self.reader.refuse(
-                line, "the tool is fixed in the cell (IPO_FRAME)", "only tools on the flange are known"
-            )
-            return False
-        tool, base = (float(found.values[name]) for name in ("TOOL_NO", "BASE_NO"))
-        if not (tool.is_integer() and base.is_integer()):  # nor is infinity
-            self.reader.refuse(line, "the number of a frame is no whole number", "give TOOL_NO and BASE_NO")
-            return False
-        self._choose(line, "TOOL", f"TOOL_DATA[{int(tool)}]")
-        self._choose(line, "BASE", f"BASE_DATA[{int(base)}]")
-        return True
-
-    # targets
-
-    def _aggregate(self, source: int, line: int, text: str, offset: int) -> _Aggregate | None:
-        match = _AGGREGATE.match(text)
-        if not match or not _AFTER.match(text[match.end() :]):
-            return None
-        return self._fields(source, line, match, offset)
-
-    def _fields(self, source: int, line: int, match: re.Match[str], offset: int) -> _Aggregate | None:
-        spans, values, place = {}, {}, 0
-        inner = match[2].rstrip()
-        while place < len(inner):
-            part = _FIELD.match(inner, place)
-            if not part or part[1].upper() in values:
-                return None
-            name, place = part[1].upper(), part.end()
-            if _NUMERIC.fullmatch(name) and not NUMBER_PATTERN.fullmatch(part[2]):
-                return None
-            values[name] = part[2]
-            spans[name] = (offset + match.start(2) + part.start(2), offset + match.start(2) + part.end(2))
-        return _Aggregate(source, line, spans, values)
-
-    def _move(self, line: int, name: str, text: str, offset: int) -> None:
-        held = self.base, self.tool
-        if not _has_own_frame(text) or self._own_frames(line, text):
-            self._moved(line, name, text, offset)
-        self.base, self.tool = held
-
-    def _own_frames(self, line: int, text: str) -> bool:
-        """Take the frames of a spline's inline form: `WITH $TOOL = STOOL2(FP1), $BASE = SBASE(...)`."""
-        tool, base = _INLINE_TOOL.search(text), _INLINE_BASE.search(text)
-        if not tool or not base or tool[1].upper() != base[1].upper():
-            self.reader.refuse(line, "the move has a frame of its own", "set $TOOL and $BASE before the move")
-            return False
-        key = _NAME.match(text.lstrip())
-        if key and key[0].upper() in _HOME and key[0].upper() not in self.points:
-            return True
-        return self._inline_form(line, None, tool[1])
-
-    def _moved(self, line: int, name: str, text: str, offset: int) -> None:
-        motion, count = _MOVES[name]
-        targets: list[int | None] = []
-        for i in range(count):
-            stripped = text.lstrip()
-            offset += len(text) - len(stripped)
-            read = self._target(line, stripped, offset)
-            if read is None:
-                return
-            target, end = read
-            targets.append(target)
-            text, offset = stripped[end:], offset + end
-            if i + 1 < count:
-                comma = re.match(r"\s*,", text)
-                if not comma:
-                    self.reader.refuse(line, f"{name} has one target and takes two", _REMEDY)
-                    return
-                text, offset = text[comma.end() :], offset + comma.end()
-        if not _AFTER.match(text):
-            self.reader.refuse(line, f"what follows the target, {shown(text)}, is not known", _REMEDY)
-        elif -1 not in targets:
-            self.moved = True
-            self.reader.move(line, motion, targets)
-        elif len(targets) > 1:
-            self.reader.refuse(line, "an arc through a place that the controller keeps", _REMEDY)
-
-    def _target(self, line: int, text: str, offset: int) -> tuple[int | None, int] | None:
-        """Read a target at the begin of the text; -1 for a place that the controller keeps."""
-        if match := _AGGREGATE.match(text):
-            literal = self._fields(0, line, match, offset)
-            return (self._add(line, "", literal), match.end()) if self._steady(line, literal) else None
-        name = _NAME.match(text)
-        key = name[0].upper() if name else ""
-        if key in _HOME and key not in self.points:
-            self.reader.leave(line, f"a move to {key}, which the controller keeps")
-            return -1, len(key)
-        if not name or key not in self.points or key in self.changed:
-            what = shown(name[0]) if name else "what stands here"
-            self.reader.refuse(
-                line,
-                f"the target {what} is not given by numbers",
-                "send the .dat that declares it; " + _REMEDY,
-            )
-            return None
-        literal = self.points[key]
-        return (self._add(line, key, literal), name.end()) if self._steady(line, literal) else None
-
-    def _steady(self, line: int, literal: _Aggregate | None) -> bool:
-        """Refuse a target that moves an external axis."""
-        if literal is None:
-            return True
-        if self.external is not None and literal.external != self.external:
-            self.reader.refuse(
-                line,
-                "an external axis moves",
-                "only programs that keep E1 ... E6 where they are can be corrected",
-            )
-            return False
-        self.external = literal.external
-        return True
-
-    def _add(self, line: int, name: str, literal: _Aggregate | None) -> int | None:
-        if literal is None or literal.fields is None:
-            self.reader.refuse(
-                line, "the target is not a whole pose or a whole set of angles in numbers", _REMEDY
-            )
-            return None
-        notation = POSE if literal.fields is _POSE_FIELDS else JOINTS
-        spans = [literal.spans[f] for f in literal.fields]
-        place = (literal.source, literal.line)
-        frames = (self.base, self.tool)
-        return self.reader.target(name, place, notation, spans, frames, literal.branch, line)
+    return Literal(None, fields=numbers, texts=texts)
 
 
-def _has_own_frame(text: str) -> bool:
-    """Tell whether a move or a block sets frames behind WITH."""
-    behind = _WITH.search(text) if "$" in text else None
-    return behind is not None and _OWN_FRAME.search(text, behind.end()) is not None
+def _value(c: Cursor, used: Used, *stops: str) -> Literal | None:
+    """Take a value up to a stop or the end; return it if it is a literal of numbers."""
+    begin = c.place
+    if c.at("{"):
+        literal = _aggregate(c)
+        if c.ended or c.at(*stops):
+            return literal
+        c.attempt(begin)
+    c.expression(*stops, used=used)
+    return None
 
 
-def read_krl(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
-    """Read a .src, and the .dat beside it if there is one.
-
-    Raises:
-        ProgramError: part of it is not understood.
-    """
-    ordered = tuple(sorted(sources, key=lambda s: s.name.lower().endswith(".dat")))
-    reader = Reader("krl", ordered, allowed)
-    routines = frozenset(
-        name.upper()
-        for source in ordered
-        for name in re.findall(
-            r"^[ \t]*(?:GLOBAL[ \t]+)?DEF(?:FCT[ \t]+\w+)?[ \t]+(\w+)",
-            source.text,
-            re.MULTILINE | re.IGNORECASE,
-        )
-    )
-    state = _Program(reader, routines=routines, changed=_changed(ordered, routines))
-    for index in range(len(ordered) - 1, -1, -1):  # what is declared comes first
-        for line, start, text in ordered[index].lines():
-            state.statement(index, line, start, without_comment(text, ";"))
-    return reader.program()
-
-
-def _changed(sources: tuple[Source, ...], routines: frozenset[str]) -> set[str]:
-    """Return names that a program may change while it runs: by component, again, or as a parameter."""
+def _declared(c: Cursor) -> Statement:
+    """Take what follows the type of a declaration."""
+    name, used = c.name(), Used()
     changed: set[str] = set()
-    times: Counter[str] = Counter()
-    for source in sources:
-        for _, _, text in source.lines():
-            body = without_comment(text, ";").strip()
-            if assigned := _ASSIGNED.match(body):
-                name = re.sub(r"\s", "", assigned[2]).upper()
-                times[name] += 1
-                if "." in name:
-                    changed.add(name.partition(".")[0])
-            elif {name.upper() for name in _CALLED.findall(body)} & routines or _DEF.match(body):
-                changed |= {name.upper() for name in _NAME.findall(body.partition("(")[2])}
-    return changed | {name for name, count in times.items() if count > 1}
+    gives: tuple[str, Literal] | None = None
+    while True:
+        array = c.accept("[") is not None
+        while array and not c.accept("]"):
+            if c.accept(",") is None:
+                c.expression(",", "]", used=used)
+        if c.accept("="):
+            literal = _value(c, used, ",")
+            if literal is None or array or gives is not None:
+                changed.add(name)
+            else:
+                gives = name, literal
+        if not c.accept(","):
+            break
+        name = c.name()
+    c.finish()
+    return Statement(gives=gives, calls=frozenset(used.calls), changes=frozenset(changed | used.passed))
+
+
+def _assigned(c: Cursor, name: str) -> Statement:
+    """Take what follows the first word of an assignment."""
+    used = Used()
+    index, whole = _index(c, used)
+    if name in {"$BASE", "$TOOL"}:
+        return _frame(c, name[1:], whole=whole and index is None)
+    if name in {"FDAT_ACT", "$IPO_MODE"}:
+        return _mode(c, name, whole=whole and index is None)
+    if name.startswith("$") and name not in _SETTINGS:
+        raise Misread(f"the controller's variable {name} is not known here", "leave it out")
+    literal = _value(c, used)
+    c.finish()
+    if name in {"BASE_DATA", "TOOL_DATA"}:
+        if index is None or index < 0:
+            raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
+        given = literal if whole else None
+        return _used(used, act=partial(_Program.data, which=name, ordinal=index, literal=given))
+    if literal is not None and whole and index is None and (literal.notation or "TOOL_NO" in literal.fields):
+        return Statement(gives=(name, literal))
+    return replace(_used(used), changes=frozenset(used.passed | {name}))
+
+
+def _index(c: Cursor, used: Used) -> tuple[int | None, bool]:
+    """Take index, components and `=` of an assignment.
+
+    Returns:
+        Number in the brackets: None without brackets, -1 for others. Whether all of a variable is assigned.
+    """
+    index: int | None = None
+    whole = True
+    while not c.accept("="):
+        if c.accept("["):
+            index = -1
+            if c.peek().kind == "number" and c.peek(1).text == "]" and whole:
+                index = c.number()
+            while not c.accept("]"):
+                if not c.accept(","):
+                    c.expression("]", ",", used=used)
+        else:
+            c.expect(".")
+            c.name()
+            whole = False
+    return index, whole
+
+
+def _mode(c: Cursor, name: str, *, whole: bool) -> Statement:
+    """Take the value of FDAT_ACT or $IPO_MODE."""
+    if not whole:
+        raise Misread(f"{name} is set in part", "send the .dat, with TOOL_NO and BASE_NO in numbers")
+    if name == "$IPO_MODE":
+        if c.take().text.upper() != "#BASE" or not c.ended:
+            raise Misread("the tool is fixed in the cell ($IPO_MODE)", "only tools on the flange are known")
+        return Statement()
+    literal, declared = (_aggregate(c), "") if c.at("{") else (None, c.name())
+    c.finish()
+    if declared:
+        return Statement(act=partial(_Program.declared, name=declared))
+    if literal is None:
+        raise Misread("FDAT_ACT is computed", "give TOOL_NO and BASE_NO in numbers")
+    return Statement(act=lambda program, place: program.inline(place, place, literal))
+
+
+def _frame(c: Cursor, which: str, *, whole: bool) -> Statement:
+    """Take the value of $BASE or $TOOL."""
+    computed = Misread(f"${which} is computed, or set in part", _FRAME_REMEDY)
+    if not whole:
+        raise computed
+    if c.at("{"):
+        literal = _aggregate(c)
+        c.finish()
+        if literal is None:
+            raise computed
+        return Statement(act=partial(_Program.stated, which=which, literal=literal))
+    name = c.name()
+    if name == f"{which}_DATA" and c.accept("["):
+        ordinal = c.number()
+        c.expect("]")
+        c.finish()
+        return Statement(act=partial(_Program.numbered, which=which, ordinal=ordinal))
+    if not c.ended:
+        raise computed
+    return Statement(act=partial(_named, which=which, name=name))
+
+
+def _active(c: Cursor) -> Statement:
+    """Take the rest of `BAS(#TOOL, 3)`."""
+    c.expect("(")
+    which = c.take().text[1:]
+    c.expect(",")
+    ordinal = c.number()
+    c.expect(")")
+    c.finish()
+    return Statement(act=partial(_Program.numbered, which=which, ordinal=ordinal))
+
+
+def _named(program: _Program, place: Place, which: str, name: str) -> None:
+    """Take $BASE or $TOOL by the name of a variable."""
+    known = program.constant(name, place)
+    if known is not None and name != "$NULLFRAME":
+        program.frames[name] = known
+    program.chosen(place, which, name)
+
+
+# moves
+
+
+def _move(c: Cursor, name: str) -> Statement:
+    motion, count = _MOVES[name]
+    targets: list[Literal | str] = []
+    for i in range(count):
+        if i:
+            c.expect(",")
+        literal = _aggregate(c) if c.at("{") else c.name()
+        if literal is None or (isinstance(literal, Literal) and literal.notation is None):
+            raise Misread("the target is not a whole pose or a whole set of angles in numbers", _REMEDY)
+        targets.append(literal)
+    while c.accept(*_BLENDS):
+        pass
+    own = _with(c, moves=True)
+    while c.accept(*_BLENDS):
+        pass
+    if not c.ended:
+        raise c.misread("what follows the target is not known", _REMEDY)
+    return Statement(act=partial(_Program.move, motion=motion, targets=tuple(targets), own=own))
+
+
+def _with(c: Cursor, *, moves: bool = False) -> str:
+    """Take settings behind WITH; return the name of the frames' declaration, if there is one."""
+    own: dict[str, str] = {}
+    more = c.accept("WITH")
+    while more:
+        name, used = c.word(), Used()
+        _index(c, used)
+        if name in {"$TOOL", "$BASE"} and moves:
+            own[name] = _declaration(c, name)
+        elif name in _SETTINGS or (name == "$IPO_MODE" and c.at("SIPO_MODE")):
+            _value(c, used, ",")
+        else:
+            reason = "a move or a block of moves has frames of its own"
+            raise Misread(reason, "set $TOOL and $BASE before it")
+        if used.calls:
+            raise Misread("a call in the settings of a move")
+        more = c.accept(",")
+    if own and (len(own) < 2 or len(set(own.values())) > 1):
+        raise Misread("the move has a frame of its own", "set $TOOL and $BASE before the move")
+    return own.get("$TOOL", "")
+
+
+def _declaration(c: Cursor, name: str) -> str:
+    """Take `STOOL2(FP1)` or `SBASE(FP1.BASE_NO)`; return the name of the declaration."""
+    c.expect(*(("STOOL", "STOOL2") if name == "$TOOL" else ("SBASE",)))
+    c.expect("(")
+    declaration = c.name()
+    if c.accept("."):
+        c.expect("BASE_NO", "TOOL_NO")
+    c.expect(")")
+    return declaration
+
+
+# other statements
+
+
+def _routine(c: Cursor, kind: str) -> Statement:
+    if kind == "DEFFCT":
+        c.name()
+        if c.accept("["):
+            c.expect("]")
+    name = c.name()
+    parameters = set()
+    if c.accept("("):
+        while not c.accept(")"):
+            parameters.add(c.name())
+            if c.accept(":"):
+                c.expect("IN", "OUT")
+            if not c.at(")"):
+                c.expect(",")
+    c.accept("PUBLIC")
+    c.finish()
+    return Statement(defines="" if kind == "DEFDAT" else name, changes=frozenset(parameters))
+
+
+def _header(c: Cursor, _: str) -> Statement:
+    """Take the head of a declaration: names and types only."""
+    while not c.ended:
+        if c.peek().text in _MOVES or not (
+            c.peek().kind in {"word", "text", "number"} or c.at(",", "(", ")", "[", "]", ":")
+        ):
+            raise c.misread()
+        c.take()
+    return Statement()
+
+
+def _spline(c: Cursor, _: str) -> Statement:
+    _with(c)
+    while c.accept(*_BLENDS):
+        pass
+    _with(c)
+    c.finish()
+    return Statement()
+
+
+def _type(c: Cursor, _: str) -> Statement:
+    c.accept("GLOBAL")
+    c.accept("CONST")
+    if c.accept("SIGNAL"):
+        return _header(c, "")
+    c.name()
+    return _declared(c)
+
+
+_FORMS: Final = Forms(
+    """
+    plain  END|ENDFCT|ENDDAT|ELSE|DEFAULT|HALT|EXIT|CONTINUE
+    plain  WAIT SEC e
+    plain  WAIT FOR e
+    plain  RETURN e
+    plain  RETURN
+    plain  CASE e*
+    open   IF e THEN
+    open   WHILE|SWITCH e
+    open   LOOP|REPEAT
+    open   FOR v = e TO e
+    open   FOR v = e TO e STEP e
+    close  ENDIF|ENDFOR|ENDWHILE|ENDLOOP|ENDSWITCH
+    close  UNTIL e
+    jump   GOTO w
+    plain  INTERRUPT ON n
+    plain  INTERRUPT OFF n
+    plain  INTERRUPT ON
+    plain  INTERRUPT OFF
+    plain  INTERRUPT DECL n WHEN e DO IR_STOPM ( )
+    plain  INTERRUPT DECL n WHEN e DO c
+    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO $OUT [ e ] = e
+    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO PULSE ( e* )
+    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO c
+    plain  TRIGGER WHEN DISTANCE = e DELAY = e DO c PRIO = e
+    plain  TRIGGER WHEN PATH = e DELAY = e DO $OUT [ e ] = e
+    plain  TRIGGER WHEN PATH = e DELAY = e DO PULSE ( e* )
+    plain  TRIGGER WHEN PATH = e DELAY = e DO c
+    plain  TRIGGER WHEN PATH = e DELAY = e DO c PRIO = e
+    plain  BAS ( #INITMOV , e )
+    plain  BAS ( #ACC_CP , e )
+    plain  BAS ( #ACC_PTP , e )
+    plain  BAS ( #VEL_CP , e )
+    plain  BAS ( #VEL_PTP , e )
+    plain  BAS ( #PTP_PARAMS , e )
+    plain  BAS ( #CP_PARAMS , e )
+    plain  BAS ( #PTP_DAT )
+    plain  BAS ( #CP_DAT )
+    plain  ANOUT ON e = e
+    plain  ANOUT OFF e
+    """
+)
+_RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
+    **dict.fromkeys(("DEF", "DEFFCT", "DEFDAT"), _routine),
+    **dict.fromkeys(("EXT", "EXTFCT", "EXTP", "EXTFCTP", "SIGNAL", "ENUM", "STRUC", "IMPORT"), _header),
+    **dict.fromkeys(("SPLINE", "PTP_SPLINE", "ENDSPLINE"), _spline),
+    **dict.fromkeys(("DECL", "CONST"), _type),
+}
+
+
+def _parse(c: Cursor) -> Iterable[Statement]:
+    return () if c.ended else (_statement(c),)
+
+
+def read_krl(reader: Reader) -> None:
+    """Read a .src, and the .dat files beside it."""
+    program = _Program(reader, _LEXICON, _parse, _REMEDY)
+    order = sorted(
+        range(len(reader.sources)),
+        key=lambda i: (not _is_config(reader, i), not reader.sources[i].name.lower().endswith(".dat")),
+    )
+    for index in order:  # what is declared comes first
+        source = reader.sources[index]
+        for line, start, text in source.lines():
+            if text and not text.isspace():
+                program.add(index, line, start, start + len(text))
+    program.run()

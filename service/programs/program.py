@@ -83,7 +83,9 @@ class Target:
     spans: tuple[int, ...]  # first and last + 1 character of each number, one after the other
     base: FrameName  # frame of the numbers
     tool: FrameName  # frame that is brought there
-    branch: str = ""  # what the format says of the arm's configuration (`S 2, T 35`); empty if nothing
+    # what is said of the arm's configuration: a name, first and last + 1 character of its number
+    words: tuple[tuple[str, int, int], ...] = ()
+    letters: str = ""  # what is said of it in letters: FANUC's `NUT`
 
     def at(self, text: str, spans: tuple[int, ...]) -> Target:
         """Return the target with the numbers that stand at spans of a text."""
@@ -97,7 +99,8 @@ class Target:
             spans,
             self.base,
             self.tool,
-            self.branch,
+            (),
+            self.letters,
         )
 
 

@@ -1,355 +1,469 @@
-"""Programs of ABB (RAPID, .mod): Move instructions to literal or declared robtargets and jointtargets."""
+"""Programs of ABB (RAPID, .mod): the statements that are understood."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.forms import Forms, instruction_arguments
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion, Program, Source
-from jointstiff.service.programs.reader import NUMBER, NUMBER_PATTERN, Reader
+from jointstiff.service.programs.program import FrameName, Motion
+from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, pose_of, words
+from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 from jointstiff.solver.arrays import FloatArray
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
-_N: Final = rf"\s*{NUMBER}\s*"
-
-
-def _row(count: int) -> str:
-    return rf"\s*\[{','.join([_N] * count)}\]\s*"
-
-
-_ROBTARGET: Final = re.compile(rf"\[({_row(3)}),({_row(4)}),({_row(4)}),({_row(6)})\]")
-_JOINTTARGET: Final = re.compile(rf"\[({_row(6)}),({_row(6)})\]")
-_FRAME: Final = re.compile(rf"\[({_row(3)}),({_row(4)})\]")
-_DECLARED: Final = re.compile(
-    r"(?:LOCAL\s+|TASK\s+)*(CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+([A-Za-z]\w*)\s*(\{[^}]*\})?\s*(?::=\s*(.*))?$",
-    re.IGNORECASE | re.DOTALL,
-)
+_KINDS: Final = {"L": (Motion.LINEAR, 1), "J": (Motion.JOINT, 1), "C": (Motion.CIRCULAR, 2)}
+_BEHIND: Final = {"": 0, "DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
 _MOVES: Final = {
-    "MOVEL": (Motion.LINEAR, 1),
-    "MOVEJ": (Motion.JOINT, 1),
-    "MOVEC": (Motion.CIRCULAR, 2),
-    "MOVEABSJ": (Motion.JOINT, 1),
-    "MOVELDO": (Motion.LINEAR, 1),
-    "MOVEJDO": (Motion.JOINT, 1),
-    "MOVECDO": (Motion.CIRCULAR, 2),
-    "MOVELSYNC": (Motion.LINEAR, 1),
-    "MOVEJSYNC": (Motion.JOINT, 1),
-    "MOVECSYNC": (Motion.CIRCULAR, 2),
-    "TRIGGL": (Motion.LINEAR, 1),
-    "TRIGGJ": (Motion.JOINT, 1),
-    "TRIGGC": (Motion.CIRCULAR, 2),
+    "MOVEABSJ": (_KINDS["J"], 0),
+    **{
+        f"MOVE{letter}{what}": (kind, more)
+        for letter, kind in _KINDS.items()
+        for what, more in _BEHIND.items()
+    },
+    **{f"TRIGG{letter}": (kind, 0) for letter, kind in _KINDS.items()},
 }
-_MOVE: Final = re.compile(
-    rf"({'|'.join(sorted(_MOVES, key=len, reverse=True))})\b\s*(?:\\Conc\s*,)?\s*", re.IGNORECASE
+"""Motion and count of targets, and of arguments behind the tool."""
+_OPTIONS: Final = words("CONC ID V T Z INPOS WOBJ TLOAD NOEOFFS T2 T3 T4 T5 T6 T7 T8")
+"""Optional arguments of moves that leave the target where it is."""
+_FRAMES: Final = ("TOOLDATA", "WOBJDATA")
+_TARGETS: Final = ("ROBTARGET", "JOINTTARGET")
+_CHANGING: Final = words("INCR DECR ADD CLEAR")
+"""Instructions that change their first argument."""
+_FUNCTIONS: Final = words(
+    """
+    ABS ACOS ASIN ATAN ATAN2 COS SIN TAN EXP POW SQRT ROUND TRUNC DIM PRESENT TESTDI DINPUT DOUTPUT GINPUT
+    AINPUT AOUTPUT GOUTPUT CLKREAD NUMTOSTR VALTOSTR BYTETOSTR STRLEN STRPART CROBT CJOINTT CPOS CTOOL CWOBJ
+    CDATE CTIME OPMODE RUNMODE OFFS RELTOOL POSEMULT POSEINV POSEVECT ORIENTZYX EULERZYX DISTANCE
+    MAXROBSPEED ISPERS ISVAR
+    """
 )
-_NAME: Final = re.compile(r"[A-Za-z]\w*")
-_STILL: Final = re.compile(
-    r"(?:MODULE|ENDMODULE|PROC|ENDPROC|FUNC|ENDFUNC|TRAP|ENDTRAP|LOCAL|TASK|CONST|PERS|VAR|RECORD|ENDRECORD|IF|ELSE|ELSEIF|ENDIF|FOR|ENDFOR|"
-    r"WHILE|ENDWHILE|TEST|CASE|DEFAULT|ENDTEST|RETURN|EXIT|STOP|BREAK|GOTO|WAITTIME|WAITDI|WAITDO|WAITUNTIL|WAITROB|SETDO|SETAO|SETGO|SET|RESET|"
-    r"PULSEDO|INVERTDO|TPWRITE|TPERASE|ACCSET|VELSET|CONFL|CONFJ|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|CLKSTART|CLKSTOP|CLKRESET|INCR|DECR|"
-    r"ADD|CLEAR|MOTIONSUP|TRIGGIO|TRIGGEQUIP|ERROR|UNDO|RAISE|RETRY|TRYNEXT|VERSION|LANGUAGE|ISLEEP|IDISABLE|IENABLE|ACTUNIT|DEACTUNIT)\b|[%&]|\w+:$",
-    re.IGNORECASE,
+_LEXICON: Final = Lexicon(
+    comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+\w++\s*+)*+%%%",
+    signs=":=|<>|<=|>=",
+    operators=words(". = <> < > <= >= AND OR XOR NOT DIV MOD"),
+    prefixes=words("+ - NOT"),
+    functions=_FUNCTIONS,
+    reserved=words(
+        """
+        MODULE ENDMODULE PROC ENDPROC FUNC ENDFUNC TRAP ENDTRAP RECORD ENDRECORD LOCAL TASK CONST PERS VAR
+        IF THEN ELSE ELSEIF ENDIF FOR FROM TO STEP DO ENDFOR WHILE ENDWHILE TEST CASE DEFAULT ENDTEST GOTO
+        ERROR UNDO BACKWARD CONNECT WITH RETURN RAISE RETRY TRYNEXT EXIT MOVEEXTJ
+        """
+    )
+    | frozenset(_MOVES),
 )
-_REFUSED: Final = re.compile(
-    r"(?:PDisp\w*|EOffs\w*|Soft\w*|Search\w|CorrCon|CorrWrite|Cap\w|FC\w+|WaitWObj|DropWObj|Indr?\w+|StepBwdPath|MoveExtJ)\b",
-    re.IGNORECASE,
-)
-_PROCESS: Final = re.compile(r"(?:Arc|Spot|Paint|Disp|Cap|Nut|Glue)(?:[LCJ]|[LC]\w+)\b", re.IGNORECASE)
-_COMPACT_IF: Final = re.compile(
-    rf"(?:ELSE)?IF\b.*\b(?:{'|'.join(sorted(_MOVES, key=len, reverse=True))})\b\s|IF\b.*:=",
-    re.IGNORECASE | re.DOTALL,
-)
-_OPENED: Final = re.compile(r"(?:IF\b.*\bTHEN|FOR\b|WHILE\b|TEST\b)", re.IGNORECASE | re.DOTALL)
-_CLOSED: Final = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b", re.IGNORECASE)
-_ASSIGNED: Final = re.compile(r"([A-Za-z]\w*)((?:\s*\{[^}]*\})?(?:\.\w+)*)\s*:=", re.DOTALL)
-_CALL: Final = re.compile(r"([A-Za-z]\w*)\b")
-_FAULTS: Final = (
-    (_PROCESS, "is a move of a process", "write it as MoveL, MoveJ or MoveC"),
-    (_REFUSED, "moves targets or frames while the program runs", "write targets in numbers"),
-    (_COMPACT_IF, "has a move or an assignment behind IF", "write IF ... THEN ... ENDIF"),
-)
-_MOST_SETTINGS: Final = 5_000
-"""Frames that one program sets; more are refused as frames that change."""
-_JUMP: Final = re.compile(r"^[ \t]*GOTO\b", re.IGNORECASE | re.MULTILINE)
-_NO_AXIS: Final = 8e9
 _REMEDY: Final = (
     "write [[x, y, z], [q1 ... q4], [cf1, cf4, cf6, cfx], [external axes]] in numbers, or declare it so"
 )
-
-
-@dataclass(frozen=True)
-class _Declared:
-    """A robtarget or jointtarget that the module declares."""
-
-    notation: Notation
-    numbers: tuple[tuple[int, int], ...]
-    line: int
-    branch: str
-    external: tuple[float, ...]
+_FRAME_REMEDY: Final = "declare the frame in numbers"
+_REFUSED: Final = (
+    (re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)$"), "is a move of a process",
+     "write it as MoveL, MoveJ or MoveC"),
+    (re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|CAP|FC|WAITWOBJ|DROPWOBJ|IND|STEPBWD|MOVE|TRIGG"),
+     "moves targets or frames while the program runs", "write targets in numbers"),
+)  # fmt: skip
 
 
 @dataclass
-class _Module:
+class _Module(Script):
     """The state of a module while it is read."""
 
-    reader: Reader
-    targets: dict[str, _Declared] = field(default_factory=dict)
-    changed: set[str] = field(default_factory=set)
     tools: dict[str, FrameName] = field(default_factory=lambda: {"TOOL0": FrameName("tool0", np.eye(4))})
     bases: dict[str, FrameName] = field(default_factory=lambda: {"WOBJ0": FrameName("wobj0", np.eye(4))})
-    routines: frozenset[str] = frozenset()
-    external: tuple[float, ...] | None = None
-    depth: int = 0
-    straight: bool = False
-    settings: int = 0
+    computed: set[str] = field(default_factory=set)  # tools and work objects whose numbers are not known
+    used: set[str] = field(default_factory=set)  # tools and work objects of moves, as they were declared
 
-    def line(self, offset: int) -> int:
-        """Return the line of an offset."""
-        return self.reader.sources[0].line(offset)
-
-    # declarations
-
-    def declare(self, start: int, text: str) -> None:
-        """Read a declaration, or note what a statement assigns."""
-        if assigned := _ASSIGNED.match(text):
-            self.changed.add(assigned[1].upper())
-        match = _DECLARED.match(text)
-        if not match or match[5] is None:
-            return
-        kind, name, value = match[2].lower(), match[3].upper(), match[5]
-        offset = start + match.start(5)
-        if match[4]:
-            return
-        if kind == "tooldata":
-            self._tool(offset, match[3], value)
-        elif kind == "wobjdata":
-            self._base(offset, match[3], value)
-        elif name in self.targets:
-            self.changed.add(name)
-        elif (declared := self._literal(offset, value)) and declared[1] == len(value.rstrip()):
-            self.targets[name] = declared[0]
-
-    def _tool(self, offset: int, name: str, value: str) -> None:
-        pose = self._tool_pose(value)
-        if pose is not None and name.upper() not in self.tools:
-            self.tools[name.upper()] = FrameName(name, pose)
+    def frame(self, place: Place, kind: str, written: str, pose: Literal | None) -> None:
+        """Declare a tool or a work object."""
+        name = written.upper()
+        known = self.tools if kind == "TOOLDATA" else self.bases
+        found = _pose(place, pose)
+        if found is None or name in known:
+            known.pop(name, None)
+            self.computed.add(name)
         else:
-            self.tools.pop(name.upper(), None)
-            self.reader.leave(self.line(offset), f"{name} is no tool on the flange in numbers")
+            known[name] = FrameName(written, found)
 
-    def _tool_pose(self, value: str) -> FloatArray | None:
-        """Return the pose of a tool on the flange; None for what is none in numbers."""
-        frame = re.match(r"\[\s*TRUE\s*,\s*", value, re.IGNORECASE)
-        pose = frame and _FRAME.match(value, frame.end())
-        return self._pose(pose) if pose else None
+    def set(self, place: Place, name: str, pose: Literal | None) -> None:
+        """Assign a variable: a tool or a work object takes other numbers from here on."""
+        known = self.tools if name in self.tools else self.bases
+        if name not in known:
+            return
+        found = _pose(place, pose)
+        if found is None or name in self.used:  # a move before would have another frame in the next cycle
+            self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
+        elif self.settable(place, shown(name)):
+            known[name] = FrameName(f"{known[name].name.partition(' ')[0]} of line {place.line}", found)
 
-    def _base(self, offset: int, name: str, value: str) -> None:
-        pose = self._base_pose(value)
-        if pose is not None and name.upper() not in self.bases:
-            self.bases[name.upper()] = FrameName(name, pose)
-        else:
-            self.bases.pop(name.upper(), None)
-            self.reader.leave(self.line(offset), f"{name} is no fixed work object in numbers")
+    def altered(self, place: Place, name: str) -> None:
+        """Refuse that a part of a tool or a work object changes."""
+        if name in self.tools or name in self.bases or name in self.computed:
+            self.reader.refuse(place.line, f"{shown(name)} changes while the program runs", _FRAME_REMEDY)
 
-    def _base_pose(self, value: str) -> FloatArray | None:
-        """Return the pose of a fixed work object; None for what is none in numbers."""
-        head = re.match(r"\[\s*FALSE\s*,\s*TRUE\s*,\s*\"[^\"]*\"\s*,\s*", value, re.IGNORECASE)
-        user = head and _FRAME.match(value, head.end())
-        comma = user and re.match(r"\s*,\s*", value[user.end() :])
-        part = user and comma and _FRAME.match(value, user.end() + comma.end())
-        outer, inner = (self._pose(each) if each else None for each in (user, part))
-        return None if outer is None or inner is None else outer @ inner
-
-    def _pose(self, match: re.Match[str]) -> FloatArray | None:
-        numbers = [float(x) for group in (1, 2) for x in re.findall(NUMBER, match[group])]
-        return POSE.pose(numbers) if POSE.states(numbers) else None
-
-    def _literal(self, offset: int, text: str) -> tuple[_Declared, int] | None:
-        """Read a robtarget or jointtarget at the begin of the text; return it and where it ends."""
-        for pattern, notation, groups in ((_ROBTARGET, POSE, (1, 2)), (_JOINTTARGET, JOINTS, (1,))):
-            if match := pattern.match(text):
-                spans = tuple(
-                    (offset + m.start(), offset + m.end())
-                    for group in groups
-                    for m in NUMBER_PATTERN.finditer(text, match.start(group), match.end(group))
+    def move(
+        self,
+        place: Place,
+        motion: Motion,
+        targets: Sequence[Literal | str],
+        base: str,
+        tool: str,
+        process: str,
+    ) -> None:
+        """Take a move with its work object and tool."""
+        for name, known in ((base.upper(), self.bases), (tool.upper(), self.tools)):
+            if name in self.computed or (name not in known and name in self.changed):
+                self.reader.refuse(
+                    place.line,
+                    f"{shown(name)} is no fixed frame in numbers, or changes while the program runs",
+                    _FRAME_REMEDY,
                 )
-                branch = "".join(match[3].split()).strip("[]") if notation is POSE else ""
-                axes = tuple(float(x) for x in re.findall(NUMBER, match[4 if notation is POSE else 2]))
-                external = tuple(0.0 if x > _NO_AXIS else x for x in axes)
-                return _Declared(notation, spans, self.line(offset), branch, external), match.end()
+                return
+            frame = known.get(name)
+            if frame is not None and " of line " not in frame.name:
+                self.used.add(name)
+        if process and process not in self.routines:
+            self.reader.call(place.line, process)
+        frames = self.bases.get(base.upper(), FrameName(base)), self.tools.get(tool.upper(), FrameName(tool))
+        self.targeted(place, motion, targets, [frames] * len(targets))
+
+
+def _pose(place: Place, literal: Literal | None) -> FloatArray | None:
+    """Return the pose of a tool or a work object; None for what is none in numbers."""
+    if literal is None:
         return None
-
-    # instructions
-
-    def instruction(self, start: int, text: str) -> None:
-        """Read a statement of a routine."""
-        line = self.line(start)
-        self.depth += bool(_OPENED.match(text)) - bool(_CLOSED.match(text))
-        if move := _MOVE.match(text):
-            self._move(line, move[1].upper(), text[move.end() :], start + move.end())
-        elif fault := next((fault for pattern, *fault in _FAULTS if pattern.match(text)), None):
-            self.reader.refuse(line, f"{shown(text)} {fault[0]}", fault[1])
-        elif _ASSIGNED.match(text):
-            name = text.partition(":=")[0].strip().upper()
-            if not self._set_frame(line, name, text) and (
-                name.partition(".")[0] in self.tools or name.partition(".")[0] in self.bases
-            ):
-                self.reader.refuse(
-                    line, f"{shown(name)} changes while the program runs", "declare the frame in numbers"
-                )
-        elif not _STILL.match(text):
-            called = _CALL.match(text)
-            name = called[1] if called else text
-            if name.upper() not in self.routines:
-                self.reader.call(line, name)
-
-    def _set_frame(self, line: int, name: str, text: str) -> bool:
-        """Take a tool or work object that a program without branches and other routines sets in numbers."""
-        if self.depth or not self.straight or not (name in self.tools or name in self.bases):
-            return False
-        value = text.partition(":=")[2].strip()
-        known, read = (self.tools, self._tool_pose) if name in self.tools else (self.bases, self._base_pose)
-        self.settings += 1
-        pose = read(value) if self.settings <= _MOST_SETTINGS else None
-        if pose is None:
-            return False
-        known[name] = FrameName(f"{known[name].name} of line {line}", pose)
-        return True
-
-    def _move(self, line: int, name: str, text: str, offset: int) -> None:
-        motion, count = _MOVES[name]
-        found = []
-        for _ in range(count):
-            read = self._target(line, text, offset)
-            if read is None:
-                return
-            declared, label, end = read
-            found.append((declared, label))
-            comma = re.match(r"\s*(?:\\NoEOffs)?\s*(?:\\ID:=\w+)?\s*,\s*", text[end:], re.IGNORECASE)
-            if not comma:
-                self.reader.refuse(
-                    line, f"what follows the target, {shown(text[end:])}, is not known", _REMEDY
-                )
-                return
-            text, offset = text[end + comma.end() :], offset + end + comma.end()
-        frames = self._frames(line, text, 2 if name.endswith(("DO", "SYNC")) else -1)
-        if frames:
-            self.reader.move(
-                line, motion, [self._add(line, declared, label, frames) for declared, label in found]
-            )
-
-    def _target(self, line: int, text: str, offset: int) -> tuple[_Declared, str, int] | None:
-        if read := self._literal(offset, text):
-            return read[0], "", read[1]
-        name = _NAME.match(text)
-        key = name[0].upper() if name else ""
-        follows = text[name.end() :].lstrip()[:1] if name else ""
-        if not name or key not in self.targets or key in self.changed or follows not in {",", "\\"}:
-            self.reader.refuse(
-                line, f"the target {shown(text.partition(',')[0])} is not given by numbers", _REMEDY
-            )
-            return None
-        return self.targets[key], name[0], name.end()
-
-    def _frames(self, line: int, text: str, place: int) -> tuple[FrameName, FrameName] | None:
-        """Return work object and tool, by the arguments behind the target; `place` is that of the tool."""
-        work = re.search(r"\\\s*WObj\s*:=\s*(\w+)", text, re.IGNORECASE)
-        arguments = [a.strip() for a in re.sub(r"\[[^\[\]]*\]", "", text).split(",")]
-        tool = re.match(r"([A-Za-z]\w*)", arguments[place]) if len(arguments) >= 3 else None
-        if not tool:
-            self.reader.refuse(
-                line, "the move names no tool", "write speed, zone and tool, with \\WObj:= where there is one"
-            )
-            return None
-        base, used = work[1] if work else "wobj0", tool[1]
-        for name, known in ((base, self.bases), (used, self.tools)):
-            if name.upper() not in known and name.upper() in self.changed:
-                self.reader.refuse(
-                    line, f"{shown(name)} changes while the program runs", "declare the frame in numbers"
-                )
-                return None
-        return (
-            self.bases.get(base.upper(), FrameName(base)),
-            self.tools.get(used.upper(), FrameName(used)),
-        )
-
-    def _add(
-        self, line: int, declared: _Declared, name: str, frames: tuple[FrameName, FrameName]
-    ) -> int | None:
-        if self.external is not None and declared.external != self.external:
-            self.reader.refuse(
-                line,
-                "an external axis moves",
-                "only programs that keep the external axes where they are can be corrected",
-            )
-            return None
-        self.external = declared.external
-        return self.reader.target(
-            name.upper(),
-            (0, declared.line),
-            declared.notation,
-            declared.numbers,
-            frames,
-            declared.branch,
-            line,
-        )
+    parts = [pose_of(place, replace(literal, numbers=literal.numbers[i : i + 7]))
+             for i in range(0, len(literal.numbers), 7)]  # fmt: skip
+    if any(part is None for part in parts):
+        return None
+    whole: FloatArray = parts[0] if len(parts) == 1 else parts[0] @ parts[1]  # type: ignore[assignment, operator]
+    return whole
 
 
-def read_rapid(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
-    """Read a module.
+def _parse(c: Cursor) -> Iterator[Statement]:
+    """Parse headers, and the statement behind them."""
+    while not c.ended:
+        if c.accept(";"):
+            continue
+        c.begin = c.peek().start
+        lines = c.text.count("\n", 0, c.begin) or c.text.count("\r", 0, c.begin)
+        for statement in _statement(c):
+            yield replace(statement, line=lines) if lines else statement
 
-    Raises:
-        ProgramError: part of it is not understood.
+
+def _statement(c: Cursor) -> Iterable[Statement]:
+    local = c.accept("LOCAL", "TASK")
+    name = c.word()
+    if name in {"CONST", "PERS", "VAR"}:
+        return _ended(c, _declared(c))
+    if name in {"PROC", "FUNC", "TRAP"}:
+        return _routine(c, name)
+    if name == "RECORD":
+        return _record(c)
+    if name in _HEADERS:
+        return (_header(c, name),)
+    if local:
+        raise Misread("what is declared is not known", _REMEDY)
+    if name in _MOVES:
+        return _ended(c, _move(c, name))
+    if c.accept(":"):
+        return (Statement(jumps=True),)
+    return _ended(c, _instruction(c, name))
+
+
+def _ended(c: Cursor, statement: Statement) -> Iterable[Statement]:
+    """Require the semicolon behind a statement."""
+    if not c.accept(";"):
+        raise c.misread("what stands here is not known, or a semicolon is missing before it", _REMEDY)
+    return (statement,)
+
+
+def _used(used: Used, **more: object) -> Statement:
+    return Statement(calls=frozenset(used.calls), changes=frozenset(used.passed), **more)  # type: ignore[arg-type]
+
+
+# headers
+
+
+def _routine(c: Cursor, kind: str) -> Iterable[Statement]:
+    name, parameters = c.name(), set()
+    if kind == "FUNC":
+        name = c.name()
+    if c.accept("("):
+        while not c.accept(")"):
+            if c.peek().kind == "word":
+                parameters.add(c.take().text)
+            elif not c.accept(",", "\\", "|", "{", "}", "*"):
+                raise c.misread()
+    return (Statement(defines=name, changes=frozenset(parameters)),)
+
+
+_HEADERS: Final = Forms(
+    r"""
+    plain     MODULE w ( e* )
+    plain     MODULE w
+    plain     ENDMODULE|ELSE
+    plain     DEFAULT :
+    plain     CASE e* :
+    open      IF e THEN
+    plain     ELSEIF e THEN
+    open      WHILE e DO
+    open      TEST e CASE e* :
+    open      TEST e DEFAULT :
+    open      FOR v FROM e TO e DO
+    open      FOR v FROM e TO e STEP e DO
+    open      ERROR ( e* )
+    open      ERROR|UNDO|BACKWARD
+    close     ENDIF|ENDFOR|ENDWHILE|ENDTEST
+    closeall  ENDPROC|ENDFUNC|ENDTRAP
+    """,
+    whole=False,
+)
+_FORMS: Final = Forms(
     """
-    reader = Reader("rapid", sources, allowed)
-    text = sources[0].text
-    routines = frozenset(name.upper() for name in re.findall(r"\bPROC\s+(\w+)", text, re.IGNORECASE))
-    straight = len(routines) <= 1 and not _JUMP.search(text)
-    module = _Module(reader, routines=routines, straight=straight)
-    for parameters in re.findall(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", text, re.IGNORECASE):
-        module.changed |= {name.upper() for name in _NAME.findall(parameters)}
-    statements = list(_statements(text))
-    for start, statement in statements:
-        module.declare(start, statement)
-    for start, statement in statements:
-        module.instruction(start, statement)
-    return reader.program()
-
-
-_PIECE: Final = re.compile(r'"[^"\n]*"|![^\n\r]*|;|\r\n|\n|\r')
-_BLANKS: Final = re.compile(r"\s*")
-_HEADER: Final = re.compile(
-    r"\s*(?:%%%|%|VERSION|LANGUAGE|MODULE\b|ENDMODULE|(?:LOCAL\s+)?PROC\b|ENDPROC|ENDFUNC|ENDTRAP|ENDIF|ELSE\s*$|ENDFOR|ENDWHILE|ENDTEST|ERROR\s*$|UNDO\s*$|"
-    r"DEFAULT\s*:|CASE\b.*:|IF\b.*\bTHEN\s*$|ELSEIF\b.*\bTHEN\s*$|FOR\b.*\bDO\s*$|WHILE\b.*\bDO\s*$|TEST\b|FUNC\b|TRAP\b|\w+:\s*$)",
-    re.IGNORECASE,
+    jump   GOTO w
+    plain  CONNECT w WITH w
+    plain  CONFL|CONFJ|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP a
+    plain  WAITTIME|WAITDI|WAITDO|WAITUNTIL|WAITROB|WAITGI|WAITAI a
+    plain  SETDO|SETAO|SETGO|SET|RESET|PULSEDO|INVERTDO|TPWRITE|TPERASE|ERRWRITE|ERRLOG a
+    plain  CLKSTART|CLKSTOP|CLKRESET|STOP|EXIT|BREAK|RETURN|RAISE|RETRY|TRYNEXT a
+    plain  ISLEEP|IWATCH|IDISABLE|IENABLE|IDELETE|ISIGNALDI|ISIGNALDO a
+    plain  TRIGGIO|TRIGGEQUIP|TRIGGINT|ACTUNIT|DEACTUNIT a
+    """
 )
 
 
-def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield statements with their offset; comments become blanks, so that offsets stay."""
-    plain = _PIECE.sub(lambda m: " " * len(m[0]) if m[0].startswith("!") else m[0], text)
-    start = 0
-    for piece in _PIECE.finditer(plain):
-        start = _BLANKS.match(plain, start).end()  # type: ignore[union-attr]  # it always matches
-        if start >= piece.start() and not piece[0].startswith('"'):  # an empty line, or an empty statement
-            start = max(start, piece.end())
-            continue
-        ends = piece[0] == ";"
-        if not ends and (piece[0].startswith('"') or not _HEADER.match(plain, start, piece.start())):
-            continue
-        yield from _stripped(plain, start, piece.start())
-        start = piece.end()
-    yield from _stripped(plain, start, len(plain))
+def _header(c: Cursor, name: str) -> Statement:
+    """Take the head of a part; behind IF, nothing but THEN."""
+    c.attempt(c.place - 1)
+    try:
+        return _HEADERS.take(c)
+    except Misread as fault:
+        if name != "IF":
+            raise
+        reason = "a condition that is not known, or a move, a call or an assignment behind IF"
+        raise Misread(reason, "write IF ... THEN ... ENDIF", fault.offset) from None
 
 
-def _stripped(text: str, start: int, end: int) -> Iterator[tuple[int, str]]:
-    body = text[start:end]
-    if body.strip():
-        yield start + len(body) - len(body.lstrip()), body.strip()
+def _record(c: Cursor) -> Iterable[Statement]:
+    c.name()
+    while not c.accept("ENDRECORD"):
+        c.name()
+        c.name()
+        c.expect(";")
+    return ()
+
+
+# values
+
+
+def _target(c: Cursor) -> Literal | None:
+    """Take a robtarget or a jointtarget in numbers; None, and nothing taken, if there is none."""
+    begin = c.place
+    try:
+        c.expect("[")
+        if (
+            c.peek(1).kind == "number"
+            and c.peek(12).text == "]"
+            and c.peek(2).text == ","
+            and c.peek(8).text == ","
+        ):
+            numbers = c.numbers("[", 6, "]")
+            c.expect(",")
+            literal = Literal(JOINTS, numbers, c.numbers("[", 6, "]"))
+        else:
+            place = c.numbers("[", 3, "]")
+            c.expect(",")
+            turn = c.numbers("[", 4, "]")
+            c.expect(",")
+            said = c.numbers("[", 4, "]")
+            c.expect(",")
+            axes = c.numbers("[", 6, "]")
+            stated = tuple(zip(("cf1", "cf4", "cf6", "cfx"), said, strict=True))
+            literal = Literal(POSE, place + turn, axes, stated)
+        c.expect("]")
+    except Misread:
+        c.attempt(begin)
+        return None
+    return literal
+
+
+def _frame(c: Cursor, kind: str) -> Literal | None:
+    """Take a tool or a work object in numbers; None, and nothing taken, if there is none that is fixed."""
+    begin = c.place
+    numbers: tuple[int, ...] = ()
+    try:
+        c.expect("[")
+        if kind == "TOOLDATA":
+            c.expect("TRUE")
+        else:
+            c.expect("FALSE")
+            c.expect(",")
+            c.expect("TRUE")
+            c.expect(",")
+            if c.take().kind != "text":
+                raise c.misread()
+        for _ in range(1 if kind == "TOOLDATA" else 2):
+            c.expect(",")
+            c.expect("[")
+            numbers += c.numbers("[", 3, "]")
+            c.expect(",")
+            numbers += c.numbers("[", 4, "]")
+            c.expect("]")
+        if kind == "TOOLDATA":
+            c.expect(",")
+            c.expression("]", used=Used())  # the tool's load
+        c.expect("]")
+    except Misread:
+        c.attempt(begin)
+        return None
+    return Literal(POSE, numbers)
+
+
+def _declared(c: Cursor) -> Statement:
+    kind, written, used = c.name(), c.written(c.peek()), Used()
+    name = c.name()
+    array = _indices(c, used)
+    literal: Literal | None = None
+    if c.accept(":="):
+        if not array:
+            literal = _frame(c, kind) if kind in _FRAMES else _target(c) if kind in _TARGETS else None
+        if literal is None:
+            c.expression(";", used=used)
+    if kind in _FRAMES:
+        return _used(used, act=partial(_Module.frame, kind=kind, written=written, pose=literal))
+    if literal is not None:
+        return Statement(gives=(name, literal))
+    return replace(_used(used), changes=frozenset(used.passed | {name}))
+
+
+def _indices(c: Cursor, used: Used) -> bool:
+    """Take `{2,3}` behind a name; return whether it stands there."""
+    if not c.accept("{"):
+        return False
+    while not c.accept("}"):
+        if not c.accept(","):
+            c.expression("}", ",", used=used)
+    return True
+
+
+# instructions
+
+
+def _instruction(c: Cursor, name: str) -> Statement:
+    if c.at(":=", ".", "{"):
+        return _assigned(c, name)
+    used = Used()
+    if name in _FORMS:
+        c.attempt(c.place - 1)
+        return _FORMS.take(c)
+    if name in _CHANGING:
+        first = c.peek().text
+        instruction_arguments(c, used)
+        statement = _used(used, act=partial(_Module.altered, name=first))
+        return replace(statement, changes=frozenset(used.passed | {first}))
+    for pattern, reason, remedy in _REFUSED:
+        if pattern.match(name):
+            raise Misread(reason, remedy)
+    begin = c.place
+    instruction_arguments(c, used)
+    given = {c.peek(i).text for i in range(begin - c.place, 0) if c.peek(i).kind == "word"}
+    return Statement(calls=frozenset(used.calls | {name}), changes=frozenset(used.passed | given))
+
+
+def _assigned(c: Cursor, name: str) -> Statement:
+    """Take an assignment; one to a whole tool or work object may be understood."""
+    used, whole = Used(), c.at(":=")
+    while not c.accept(":="):
+        if not _indices(c, used):
+            c.expect(".")
+            c.name()
+    literal = (_frame(c, "TOOLDATA") or _frame(c, "WOBJDATA")) if whole else None
+    if literal is None:
+        c.expression(";", used=used)
+    act = partial(_Module.set, name=name, pose=literal) if whole else partial(_Module.altered, name=name)
+    return replace(_used(used, act=act), changes=frozenset(used.passed | {name}))
+
+
+def _move(c: Cursor, name: str) -> Statement:
+    (motion, count), behind = _MOVES[name]
+    options: dict[str, str] = {}
+    _options(c, options)
+    c.accept(",")
+    targets: list[Literal | str] = []
+    for _ in range(count):
+        literal = _target(c)
+        if literal is None and (c.peek().kind != "word" or c.peek(1).text not in {",", "\\"}):
+            raise c.misread("the target is not given by numbers", _REMEDY)
+        targets.append(c.name() if literal is None else literal)
+        _options(c, options)
+        if not c.accept(","):
+            raise c.misread("what follows the target is not known", _REMEDY)
+    rest, used = [], Used()  # speed, zone and tool; signal and value
+    for i in range(3 + name.startswith("TRIGG") + behind):
+        if i and not c.accept(","):
+            raise c.misread(
+                "the move names no speed, zone and tool", "write them, with \\WObj:= where there is one"
+            )
+        rest.append(c.peek())
+        c.expression(",", "\\", ";", used=used)
+        _options(c, options)
+    if c.at(",") and c.peek(1).text == "\\":
+        c.take()
+        _options(c, options)
+    tool = rest[2 + name.startswith("TRIGG")]
+    if tool.kind != "word" or used.calls:
+        raise Misread(
+            "the move names no tool, or computes something", "write speed, zone and tool by their names"
+        )
+    process = rest[-1].text.strip('"').upper() if name.endswith("SYNC") else ""
+    act = partial(
+        _Module.move,
+        motion=motion,
+        targets=tuple(targets),
+        base=options.get("WOBJ", "wobj0"),
+        tool=c.written(tool),
+        process=process,
+    )
+    return Statement(act=act)
+
+
+def _options(c: Cursor, options: dict[str, str]) -> None:
+    """Take optional arguments of a move."""
+    while c.accept("\\"):
+        name, used = c.name(), Used()
+        if name not in _OPTIONS or name in options:
+            raise Misread(f"the argument \\{name} moves the target, or is not known", "leave it out")
+        options[name] = ""
+        if c.accept(":="):
+            options[name] = c.written(c.peek()) if c.peek(1).text in {",", "\\", ";"} else ""
+            c.expression(",", "\\", ";", used=used)
+        if used.calls or (name == "WOBJ" and not options[name]):
+            raise Misread(f"the argument \\{name} is computed", _FRAME_REMEDY)
+
+
+_CHUNK: Final = re.compile(r"(?:[^;\"!]++|\"[^\"\r\n]*+\"|![^\r\n]*+|\")*+;?")
+
+
+def read_rapid(reader: Reader) -> None:
+    """Read a module."""
+    module = _Module(reader, _LEXICON, _parse, _REMEDY, ordered=False)
+    source = reader.sources[0]
+    line, place = 0, 0
+    while place < len(source.text):
+        end = max(_CHUNK.match(source.text, place).end(), place + 1)  # type: ignore[union-attr]  # it always matches
+        start = place + len(source.text[place:end]) - len(source.text[place:end].lstrip())
+        if start < end:
+            while line < len(source.starts) and source.starts[line] <= start:
+                line += 1
+            module.add(0, line, start, end)
+        place = end
+    module.run()

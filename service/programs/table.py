@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion, Program, Source
-from jointstiff.service.programs.reader import NUMBER, NUMBER_PATTERN, Reader
+from jointstiff.service.programs.program import FrameName, Motion
+from jointstiff.service.programs.reader import Literal, Place, Reader
+from jointstiff.service.programs.scanner import NUMBER, NUMBER_PATTERN
 
 _ORIENTATIONS: Final = {
     ("a", "b", "c"): Orientation.EULER_ZYX,
@@ -26,7 +27,7 @@ _JOINTS: Final = (
     tuple(f"q{i}" for i in range(1, 7)),
 )
 _HEADER: Final = re.compile(
-    r"([a-z]+\d?)\s*(?:[\[(_ ]\s*(mm|m|deg|degree|rad|\xb0)\s*[\])]?)?", re.IGNORECASE
+    r"([a-z]++\d?)\s*+(?:[\[(_]?\s*+(mm|m|degree|deg|rad|\xb0)\s*+[\])]?)?", re.IGNORECASE
 )
 _UNITS: Final = {"mm": MM, "m": 1.0, "deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
 _LENGTHS: Final = {"mm", "m"}
@@ -36,22 +37,19 @@ _REMEDY: Final = (
 )
 
 
-def read_table(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
-    """Read a table of targets.
-
-    Raises:
-        ProgramError: part of it is not understood.
-    """
-    reader = Reader("csv", sources, allowed)
-    rows = [row for row in sources[0].lines() if row[2].strip() and not row[2].lstrip().startswith("#")]
+def read_table(reader: Reader) -> None:
+    """Read a table of targets."""
+    source = reader.sources[0]
+    rows = [row for row in source.lines() if row[2].strip() and not row[2].lstrip().startswith("#")]
     if not rows:
-        return reader.program()
+        return
     line, _, header = rows[0]
     delimiter = max(";\t,", key=header.count)
     columns = _columns(reader, line, header, delimiter)
     if columns is None:
-        return reader.program()
+        return
     notation, places, width = columns
+    literal = Literal(notation, tuple(range(len(places))))
     frames = (
         FrameName("base", np.eye(4)) if notation.orientation is Orientation.JOINTS else FrameName("part"),
         FrameName("tool"),
@@ -67,14 +65,13 @@ def read_table(sources: tuple[Source, ...], allowed: Collection[str]) -> Program
         else:
             numbers = _numbers(reader, row, delimiter, places, width)
         if numbers:
-            target = reader.target("", (0, row[0]), notation, numbers, frames)
-            reader.move(row[0], motion, (target,))
-    return reader.program()
+            place = Place(0, row[0], source.text, row[1], row[1] + len(row[2]), tuple(numbers))
+            reader.move(row[0], motion, (reader.target("", place, literal, frames),))
 
 
 def _usual_row(places: list[int], width: int, delimiter: str) -> re.Pattern[str]:
     """Return the pattern of a row whose numbers stand without quotes, a group for each from the left."""
-    number, other = rf"[ ]*({NUMBER})[ ]*", f"[^{delimiter}]*"
+    number, other = rf"[ ]*+({NUMBER})[ ]*+", f"[^{delimiter}]*+"
     return re.compile(delimiter.join(number if i in places else other for i in range(width)) + "$")
 
 

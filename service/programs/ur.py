@@ -1,278 +1,361 @@
-"""Programs of Universal Robots (URScript): moves to literal poses p[...] and joints [...]."""
+"""Programs of Universal Robots (URScript): the statements that are understood."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 import numpy as np
 
+from jointstiff.service.programs.forms import Forms
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Motion, Program, Source
-from jointstiff.service.programs.reader import (
-    NO_TARGET,
-    NUMBER,
-    NUMBER_PATTERN,
-    Reader,
-    without_comment,
-    words,
-)
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.service.programs.program import FrameName, Motion
+from jointstiff.service.programs.reader import Literal, Place, Reader, Script, Statement, pose_of, words
+from jointstiff.service.programs.scanner import Cursor, Lexicon, Misread, Used
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
-_ROW: Final = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER}){{5}}\s*\]"
-_LITERAL: Final = re.compile(rf"(p?)({_ROW})\s*")
-_NAME: Final = re.compile(r"[A-Za-z_]\w*")
-_ASSIGNED: Final = re.compile(r"(?:(?:global|local)\s+)?([A-Za-z_]\w*)\s*=(?!=)\s*(.*)$")
-_CALL: Final = re.compile(r"([A-Za-z_]\w*)\s*\((.*)$")
-_CALLED: Final = re.compile(r"\b([A-Za-z_]\w*)\s*\(")
-_BLOCK: Final = re.compile(
-    r"(?:if|elif|else|while|for|switch|case|default|return|break|continue|end|halt|pass)\b"
-)
-_OPENED: Final = re.compile(r"(?:def|sec|thread|if|while|for|switch)\b")
-_CLOSED: Final = re.compile(r"end\b")
 _MOVES: Final = {
     "movej": (Motion.JOINT, 1),
     "movel": (Motion.LINEAR, 1),
     "movep": (Motion.LINEAR, 1),
     "movec": (Motion.CIRCULAR, 2),
 }
+_ARGUMENTS: Final = words("a v t r mode")
+_MOVING: Final = words(
+    """
+    servoj servoc servol speedj speedl force_mode freedrive_mode end_freedrive_mode teach_mode
+    end_teach_mode tool_contact optimovej optimovel track_conveyor_linear track_conveyor_circular
+    stop_conveyor_tracking path_offset_enable path_offset_set path_offset_set_raw path_offset_disable
+    set_conveyor_tick_count screw_driving move_until_contact position_deviation_warning
+    reset_revolution_counter set_pos
+    """
+)
+"""Routines that move the robot where no target in numbers says."""
 _STILL: Final = words(
     """
     sleep sync textmsg popup halt set_payload set_payload_mass set_payload_cog set_target_payload
-    set_gravity get_inverse_kin set_digital_out set_analog_out set_standard_digital_out
-    set_standard_analog_out set_tool_digital_out set_tool_analog_out set_configurable_digital_out
-    set_tool_voltage set_flag get_flag get_digital_in get_standard_digital_in get_analog_in
-    get_configurable_digital_in get_tool_digital_in set_standard_analog_input_domain
-    set_tool_communication set_analog_outputdomain set_input_actions_to_default set_runstate_outputs
-    stopl stopj get_actual_tcp_pose get_actual_joint_positions get_target_tcp_pose to_str str_cat
-    norm abs floor ceil sqrt sin cos tan asin acos atan d2r r2d write_output_boolean_register
-    write_output_integer_register write_output_float_register read_input_boolean_register
-    read_input_integer_register read_input_float_register enter_critical exit_critical
-    modbus_set_output_signal modbus_set_output_register rpc_factory socket_open socket_close
-    socket_send_string not and or if while elif return set_analog_inputrange
-    set_tool_analog_input_domain set_tool_output_mode set_tool_digital_output_mode set_watchdog zero_ftsensor
-    set_configurable_digital_input_action set_standard_digital_input_action
-    set_tool_digital_input_action set_safety_mode_transition_hardness set_baselight_mode
+    set_gravity set_digital_out set_analog_out set_standard_digital_out set_standard_analog_out
+    set_tool_digital_out set_tool_analog_out set_configurable_digital_out set_tool_voltage set_flag get_flag
+    set_standard_analog_input_domain set_tool_communication set_analog_outputdomain
+    set_input_actions_to_default set_runstate_outputs set_runstate_standard_digital_output_to_value
+    set_runstate_tool_digital_output_to_value stopl stopj write_output_boolean_register
+    write_output_integer_register write_output_float_register enter_critical exit_critical
+    modbus_set_output_signal modbus_set_output_register modbus_add_signal modbus_delete_signal
+    modbus_set_runstate_dependent_choice socket_open socket_close socket_send_string socket_send_line
+    socket_send_int socket_send_byte set_analog_inputrange set_tool_analog_input_domain set_tool_output_mode
+    set_tool_digital_output_mode set_watchdog zero_ftsensor set_configurable_digital_input_action
+    set_standard_digital_input_action set_tool_digital_input_action set_safety_mode_transition_hardness
+    set_baselight_mode write_port_bit write_port_register rtde_set_watchdog
     """
 )
 """Routines that neither move the robot nor change its frames."""
-_MOVING: Final = words(
+_FUNCTIONS: Final = _STILL | words(
     """
-    servoj servoc servol speedj speedl force_mode freedrive_mode teach_mode tool_contact optimovej
-    optimovel track_conveyor_linear track_conveyor_circular path_offset_enable path_offset_set
-    path_offset_set_raw set_conveyor_tick_count screw_driving move_until_contact
+    get_inverse_kin get_forward_kin get_digital_in get_digital_out get_standard_digital_in
+    get_standard_digital_out get_standard_analog_in get_standard_analog_out get_analog_in get_analog_out
+    get_configurable_digital_in get_configurable_digital_out get_tool_digital_in get_tool_digital_out
+    get_tool_analog_in get_tool_current get_actual_tcp_pose get_actual_joint_positions get_target_tcp_pose
+    get_target_joint_positions get_actual_tcp_speed get_actual_joint_speeds get_target_joint_speeds
+    get_target_tcp_speed get_tcp_force get_joint_torques get_joint_temp get_tcp_offset get_target_payload
+    get_target_payload_cog get_controller_temp get_steptime get_target_waypoint get_conveyor_tick_count
+    get_freedrive_status get_euromap_input get_euromap_output force is_steady is_within_safety_limits
+    pose_trans pose_add pose_sub pose_inv pose_dist point_dist interpolate_pose rpy2rotvec rotvec2rpy
+    wrench_trans to_str to_num str_cat str_at str_find str_len str_sub str_empty norm normalize length floor
+    ceil sqrt pow log sin cos tan asin acos atan atan2 d2r r2d random abs binary_list_to_integer
+    integer_to_binary_list read_output_boolean_register read_output_integer_register
+    read_output_float_register read_input_boolean_register read_input_integer_register
+    read_input_float_register read_port_bit read_port_register modbus_get_signal_status
+    modbus_get_signal_error rpc_factory socket_get_var socket_read_ascii_float socket_read_string
+    socket_read_line socket_read_binary_integer socket_read_byte_list make_list
     """
 )
-"""Routines that move it where no target in numbers says."""
-_LABEL: Final = re.compile(r"\$\s*\d+\s+\"")
-
-
-@dataclass(frozen=True)
-class _Literal:
-    """A pose p[...] or joints [...] in the text: notation, spans, line."""
-
-    notation: Notation
-    numbers: tuple[tuple[int, int], ...]
-    line: int
-
-
-@dataclass
-class _Script:
-    """The state of a script while it is read: frames and the variables that hold literals."""
-
-    reader: Reader
-    tool: FrameName
-    literals: dict[str, _Literal]
-    changed: set[str]
-    routines: frozenset[str]
-    frames: dict[str, _Literal] = field(default_factory=dict)
-    poses: dict[int, FloatArray] = field(default_factory=dict)
-    unsteady: set[str] = field(default_factory=set)
-    depth: int = 0
-    moved: bool = False
-
-    def statement(self, line: int, start: int, text: str) -> None:
-        """Read one line without its comment."""
-        body = text.strip()
-        offset = start + len(text) - len(text.lstrip())
-        if not body or _LABEL.match(body):  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
-            return
-        self.depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
-        if body.startswith(("def ", "sec ", "thread ")):
-            return
-        if assigned := _ASSIGNED.match(body):
-            self._assigned(line, assigned, offset)
-            return
-        if (called := _CALL.match(body)) and called[1] in _MOVES:
-            self._move(line, called[1], called[2], offset + called.start(2))
-        elif called and called[1] == "set_tcp":
-            self._tool(line, called[2], offset + called.start(2))
-        elif called or _BLOCK.match(body):
-            self._calls(line, body)
-        else:
-            self.reader.refuse(line, "the statement is not known", NO_TARGET)
-
-    def _calls(self, line: int, body: str) -> None:
-        for name in _CALLED.findall(re.sub(r'"[^"]*"', '""', body)):
-            if name in _MOVES or name == "set_tcp":
-                self.reader.refuse(
-                    line, f"{name} stands inside another statement", "give it a line of its own"
-                )
-            elif name in _MOVING and name.upper() not in self.reader.allowed:
-                self.reader.refuse(
-                    line, f"{name} moves the robot where no target says", "use movej, movel, movep or movec"
-                )
-            elif name not in _STILL and name not in self.routines:
-                self.reader.call(line, name)
-
-    def _assigned(self, line: int, assigned: re.Match[str], offset: int) -> None:
-        name, value = assigned[1], assigned[2]
-        literal = self._literal(line, value, offset + assigned.start(2))
-        whole = literal is not None and literal[1].strip() == ""
-        self.frames.pop(name, None)
-        if literal and whole and literal[0].notation is POSE and name not in self.unsteady:
-            self.frames[name] = literal[0]
-        if literal and whole and name not in self.literals:
-            self.literals[name] = literal[0]
-            return
-        self.changed.add(name)
-        self._calls(line, value)
-
-    def _literal(self, line: int, text: str, offset: int) -> tuple[_Literal, str] | None:
-        """Read a literal at the begin of the text; return it and what follows."""
-        match = _LITERAL.match(text)
-        if not match:
-            return None
-        spans = tuple(
-            (offset + m.start(), offset + m.end())
-            for m in NUMBER_PATTERN.finditer(text, match.start(2), match.end(2))
-        )
-        return _Literal(POSE if match[1] else JOINTS, spans, line), text[match.end() :]
-
-    def _tool(self, line: int, text: str, offset: int) -> None:
-        literal = self._literal(line, text, offset)
-        if self.depth > 1:
-            self.reader.refuse(
-                line, "the tool changes in a branch or a loop", "set it once, before the moves"
-            )
-            return
-        if len(self.routines) > 1 and self.moved:
-            self.reader.refuse(line, "the tool changes between routines", "set it once, before all moves")
-            return
-        if literal is None or literal[0].notation is not POSE:
-            self.reader.refuse(
-                line, "the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])"
-            )
-            return
-        self.tool = FrameName("set_tcp", self._pose(literal[0]))
-
-    def _pose(self, literal: _Literal) -> FloatArray:
-        text = self.reader.sources[0].text
-        return POSE.pose([float(text[a:b]) for a, b in literal.numbers])
-
-    def _move(self, line: int, name: str, text: str, offset: int) -> None:
-        motion, count = _MOVES[name]
-        self.moved = True
-        targets = []
-        for _ in range(count):
-            read = self._target(line, text, offset)
-            if read is None:
-                self.reader.refuse(line, f"a target of {name} is not given by numbers", _REMEDY)
-                return
-            target, rest = read
-            targets.append(target)
-            following = rest.lstrip().removeprefix(",")
-            offset += len(text) - len(following)
-            text = following
-        self.reader.move(line, motion, targets)
-
-    def _target(self, line: int, text: str, offset: int) -> tuple[int | None, str] | None:
-        """Read a target at the begin of the text: a literal, a variable, or either in a frame."""
-        stripped = text.lstrip()
-        offset += len(text) - len(stripped)
-        for wrapper in ("get_inverse_kin", "pose_trans"):
-            if inner := re.match(rf"{wrapper}\s*\(", stripped):
-                return self._wrapped(wrapper, line, stripped[inner.end() :], offset + inner.end())
-        return self._plain(line, stripped, offset, FrameName("robot base", np.eye(4)))
-
-    def _wrapped(self, wrapper: str, line: int, text: str, offset: int) -> tuple[int | None, str] | None:
-        base = FrameName("robot base", np.eye(4))
-        if wrapper == "pose_trans":
-            frame = _NAME.match(text)
-            if not frame or frame[0] not in self.frames:
-                return None
-            literal = self.frames[frame[0]]
-            place = literal.numbers[0][0]
-            if place not in self.poses:
-                self.poses[place] = self._pose(literal)
-            base = FrameName(frame[0], self.poses[place])
-            comma = re.match(r"\s*,\s*", text[frame.end() :])
-            if not comma:
-                return None
-            skip = frame.end() + comma.end()
-            text, offset = text[skip:], offset + skip
-        read = self._plain(line, text, offset, base)
-        if read is None:
-            return None
-        target, rest = read
-        closing = re.match(rf"\s*(?:,\s*(?:qnear\s*=\s*)?(?:\w+|{_ROW}))?\s*\)", rest)
-        return (target, rest[closing.end() :]) if closing else None
-
-    def _plain(self, line: int, text: str, offset: int, base: FrameName) -> tuple[int | None, str] | None:
-        literal = self._literal(line, text, offset)
-        name = ""
-        if literal is None:
-            variable = _NAME.match(text)
-            if not variable or variable[0] not in self.literals or variable[0] in self.changed:
-                return None
-            name = variable[0]
-            literal = self.literals[name], text[variable.end() :]
-        found, rest = literal
-        if not re.match(r"\s*[,)]", rest):
-            return None
-        frames = (base, self.tool)
-        return self.reader.target(name, (0, found.line), found.notation, found.numbers, frames), rest
-
-
+"""Routines that a value may be taken from."""
+_LEXICON: Final = Lexicon(
+    comment=r"#[^\r\n]*+",
+    signs="==|!=|<=|>=",
+    folded=False,
+    operators=words(". == != < > <= >= % and or xor not"),
+    prefixes=words("+ - not"),
+    functions=_FUNCTIONS,
+    reserved=words(
+        """
+        def sec thread end if elif else while for switch case default return break continue halt pass global
+        local run kill join set_tcp
+        """
+    )
+    | frozenset(_MOVES)
+    | _MOVING,
+)
 _REMEDY: Final = (
     "write p[x, y, z, rx, ry, rz] or [q1, ..., q6] in numbers, or a variable that is given such numbers once"
 )
+_WORLD: Final = FrameName("robot base", np.eye(4))
 
 
-def read_ur(sources: tuple[Source, ...], allowed: Collection[str]) -> Program:
-    """Read a script.
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """A target of a move: numbers or the name of some, in a frame."""
+
+    numbers: Literal | str
+    frame: Literal | str = ""  # that pose_trans takes them in; empty for the robot's base
+
+
+@dataclass
+class _Script(Script):
+    """The state of a script while it is read."""
+
+    tool: FrameName = field(default_factory=lambda: FrameName("active TCP"))
+    frames: dict[str, FrameName] = field(default_factory=dict)  # poses that variables have by now
+
+    def frame(self, place: Place, frame: Literal | str) -> FrameName | None:
+        """Return a frame of targets; None if it is not known."""
+        if isinstance(frame, Literal):
+            pose = pose_of(place, frame)
+            return None if pose is None else FrameName(f"frame of line {place.line}", pose)
+        return self.frames.get(frame) if frame else _WORLD
+
+    def assigned(self, place: Place, name: str, literal: Literal | None) -> None:
+        """Take a pose that a variable gets: a frame, where the program's way does not decide of it."""
+        pose = None if literal is None else pose_of(place, literal)
+        several = self.jumps or self.calls or len(self.routines) > 1
+        steady = name not in self.changed or not (several or name in self.branched | self.parameters)
+        if pose is None or not steady:
+            self.frames.pop(name, None)
+            self.lost.add(name)
+        elif name not in self.lost:
+            self.frames[name] = FrameName(name, pose)
+
+    lost: set[str] = field(default_factory=set)  # variables that once had no pose in numbers
+
+    def threaded(self, _: Place) -> None:
+        """Begin a thread, which runs beside the program."""
+        self.thread = self.depth + 1
+
+    def ended(self, _: Place) -> None:
+        """End a block."""
+        self.thread = self.thread if self.depth >= self.thread else 0
+
+    thread: int = 0  # depth of blocks in the thread that is open; 0 outside of threads
+
+    def set_tool(self, place: Place, literal: Literal) -> None:
+        """Take set_tcp."""
+        pose = pose_of(place, literal)
+        if pose is None:
+            self.reader.refuse(
+                place.line, "the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])"
+            )
+            return
+        tool = FrameName("set_tcp", pose)
+        if self.thread:
+            self.reader.refuse(place.line, "a thread changes the tool", "set it in the program")
+        elif self.tool.same(tool) or self.settable(place, "the tool"):
+            self.tool = tool
+
+    def move(self, place: Place, motion: Motion, targets: Sequence[_Target]) -> None:
+        """Take a move."""
+        if self.thread:
+            self.reader.refuse(
+                place.line, "a thread moves the robot beside the program", "move it in the program"
+            )
+            return
+        bases = [self.frame(place, target.frame) for target in targets]
+        frames = [(base, self.tool) for base in bases if base is not None]
+        if len(frames) < len(targets):
+            self.moved = True
+            self.reader.refuse(place.line, "the frame of a target is not given by numbers that stay", _REMEDY)
+        else:
+            self.targeted(place, motion, [target.numbers for target in targets], frames)
+
+
+def _parse(c: Cursor) -> Iterator[Statement]:
+    """Parse the statements of a line."""
+    if c.accept("$"):  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
+        c.number()
+        while c.peek().kind == "text":
+            c.take()
+        c.finish()
+    while not c.ended:
+        yield _statement(c)
+
+
+def _statement(c: Cursor) -> Statement:
+    scope = c.accept("global", "local")
+    name = c.name() if scope else c.word()
+    if scope:
+        return _assigned(c, name)
+    if name in _RULES:
+        return _RULES[name](c, name)
+    if name in _FORMS and not (name == "halt" and c.at("(")):
+        c.attempt(c.place - 1)
+        return _FORMS.take(c)
+    if name in _MOVING:
+        raise Misread(f"{name} moves the robot where no target says", "use movej, movel, movep or movec")
+    if not c.at("("):
+        return _assigned(c, name)
+    used = Used()
+    c.arguments(used)
+    return Statement(calls=frozenset(used.calls if name in _STILL else used.calls | {name}))
+
+
+def _routine(c: Cursor, kind: str) -> Statement:
+    name, parameters = c.name(), set()
+    c.expect("(")
+    while not c.accept(")"):
+        parameters.add(c.name())
+        if c.accept("="):
+            c.expression(",", ")", used=Used())
+        c.accept(",")
+    c.expect(":")
+    act = None if kind == "def" else _Script.threaded
+    return Statement(act=act, defines=name, changes=frozenset(parameters), depth=int(kind != "def"))
+
+
+_FORMS: Final = Forms(
+    """
+    plain  break|continue|pass|halt
+    plain  kill|join w
+    plain  elif|case e :
+    plain  else|default :
+    open   if|while|switch e :
+    """,
+    whole=False,
+)
+
+
+def _literal(c: Cursor) -> Literal | None:
+    """Take p[...] or [...] in numbers; None, and nothing taken, if there is none."""
+    begin = c.place
+    notation = POSE if c.at("p") and c.peek(1).text == "[" else JOINTS
+    if notation is POSE:
+        c.take()
+    try:
+        return Literal(notation, c.numbers("[", 6, "]"))
+    except Misread:
+        c.attempt(begin)
+        return None
+
+
+def _assigned(c: Cursor, name: str) -> Statement:
+    used, whole = Used(), True
+    while not c.accept("="):
+        whole = False
+        if c.accept("["):
+            c.expression("]", used=used)
+            c.expect("]")
+        else:
+            c.expect(".")
+            c.name()
+    c.accept("run")  # starts a thread
+    literal = _literal(c) if whole else None
+    if literal is None or not c.ended:
+        c.expression(used=used) if literal is None else c.finish()
+    act = partial(_Script.assigned, name=name, literal=literal)
+    if literal is not None:
+        return Statement(act=act, gives=(name, literal))
+    return Statement(act=act, calls=frozenset(used.calls), changes=frozenset({name}))
+
+
+def _return(c: Cursor, _: str) -> Statement:
+    used = Used()
+    if not c.ended:
+        c.expression(used=used)
+    return Statement(calls=frozenset(used.calls))
+
+
+def _set_tcp(c: Cursor, _: str) -> Statement:
+    c.expect("(")
+    literal = _literal(c)
+    if literal is None or literal.notation is not POSE:
+        raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
+    if c.accept(",") and c.take().kind != "text":
+        raise Misread("the name of the tool is no text")
+    c.expect(")")
+    return Statement(act=partial(_Script.set_tool, literal=literal))
+
+
+def _move(c: Cursor, name: str) -> Statement:
+    motion, count = _MOVES[name]
+    targets, used = [], Used()
+    c.expect("(")
+    for i in range(count):
+        if i:
+            c.expect(",")
+        targets.append(_target(c))
+        if not c.at(",", ")"):
+            raise c.misread("what follows the target is not known", _REMEDY)
+    while c.accept(","):
+        if c.peek().text in _ARGUMENTS and c.peek(1).text == "=":
+            c.take()
+            c.take()
+        c.expression(",", ")", used=used)
+    c.expect(")")
+    act = partial(_Script.move, motion=motion, targets=tuple(targets))
+    return Statement(act=act, calls=frozenset(used.calls))
+
+
+def _target(c: Cursor) -> _Target:
+    """Take a literal or a variable, in a frame or through inverse kinematics."""
+    kind = c.peek().text if c.peek(1).text == "(" else ""
+    if kind not in {"", "get_inverse_kin", "pose_trans"}:
+        raise Misread("a target is not given by numbers", _REMEDY)
+    if kind:
+        c.take()
+        c.take()
+    frame: Literal | str = ""
+    if kind == "pose_trans":
+        frame = _numbers(c)
+        c.expect(",")
+    elif kind and c.peek().text == "pose_trans":
+        inner = _target(c)
+        _near(c)
+        return inner
+    target = _Target(_numbers(c), frame)
+    if kind == "get_inverse_kin":
+        _near(c)
+    elif kind:
+        c.expect(")")
+    return target
+
+
+def _near(c: Cursor) -> None:
+    """Take what get_inverse_kin is told of the angles near its answer."""
+    if c.accept(","):
+        if c.accept("qnear"):
+            c.expect("=")
+        _numbers(c)
+    c.expect(")")
+
+
+def _numbers(c: Cursor) -> Literal | str:
+    """Take a literal, or the name of a variable.
 
     Raises:
-        ProgramError: part of it is not understood.
+        Misread: there is neither.
     """
-    reader = Reader("ur", sources, allowed)
-    routines = frozenset(re.findall(r"^[ \t]*(?:def|sec|thread)[ \t]+(\w+)", sources[0].text, re.MULTILINE))
-    names = re.findall(
-        r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(\w+)[ \t]*=(?!=)", sources[0].text, re.MULTILINE
-    )
-    repeated = {name for name, times in Counter(names).items() if times > 1}
-    heads = re.findall(r"^[ \t]*def[ \t]+\w+[ \t]*\(([^)\n]*)\)", sources[0].text, re.MULTILINE)
-    parameters = frozenset(name for head in heads for name in _NAME.findall(head))
-    repeated |= parameters
-    several = frozenset(repeated) if len(routines) > 1 else frozenset()
-    unsteady = set(several | parameters | _in_branches(sources[0]) & repeated)
-    script = _Script(reader, FrameName("active TCP"), {}, repeated, routines, unsteady=unsteady)
-    for line, start, text in sources[0].lines():
-        script.statement(line, start, without_comment(text, "#"))
-    return reader.program()
+    literal = _literal(c)
+    if literal is not None:
+        return literal
+    if c.peek().kind != "word" or c.peek().text in _LEXICON.reserved or c.peek(1).text not in {",", ")"}:
+        raise c.misread("a target is not given by numbers", _REMEDY)
+    return c.name()
 
 
-def _in_branches(source: Source) -> frozenset[str]:
-    """Return the variables that are assigned in a branch or a loop."""
-    depth, found = 0, set()
-    for _, _, text in source.lines():
-        body = without_comment(text, "#").strip()
-        depth += bool(_OPENED.match(body)) - bool(_CLOSED.match(body))
-        if depth > 1 and (assigned := _ASSIGNED.match(body)):
-            found.add(assigned[1])
-    return frozenset(found)
+_RULES: Final[Mapping[str, Callable[[Cursor, str], Statement]]] = {
+    **dict.fromkeys(_MOVES, _move),
+    **dict.fromkeys(("def", "sec", "thread"), _routine),
+    "set_tcp": _set_tcp,
+    "return": _return,
+    "end": lambda _, __: Statement(act=_Script.ended, depth=-1),
+}
+
+
+def read_ur(reader: Reader) -> None:
+    """Read a script."""
+    script = _Script(reader, _LEXICON, _parse, _REMEDY)
+    for line, start, text in reader.sources[0].lines():
+        if text and not text.isspace():
+            script.add(0, line, start, start + len(text))
+    script.run()

@@ -35,6 +35,12 @@ def read(kind):
     return read_program(files_of(kind), leave_alone=PROGRAMS[kind][1])
 
 
+def configuration(program, target):
+    """What a target says of the arm's configuration, as it is written."""
+    text = program.sources[target.source].text
+    return [(name, text[start:end]) for name, start, end in target.words]
+
+
 def refusal(name, content, **options):
     with pytest.raises(ProgramError) as caught:
         read_program([(name, content.encode("latin-1"))], **options)
@@ -95,7 +101,7 @@ def test_krl_targets_frames_and_places_that_the_controller_keeps():
         (40, Motion.SPLINE),
     ]
     declared = program.targets[program.moves[4].targets[0]]
-    assert (declared.name, declared.branch) == ("XP7", "S 2, T 35")
+    assert (declared.name, configuration(program, declared)) == ("XP7", [("S", "2"), ("T", "35")])
     assert program.sources[declared.source].name == "cell.dat"
     assert (declared.base.name, declared.tool.name) == ("BASE_DATA[2]", "TOOL_DATA[3]")
     np.testing.assert_allclose(program.targets[1].tool.pose[:3, 3], [0, 0, 0.2155])
@@ -107,7 +113,9 @@ def test_fanuc_targets_have_their_frames_and_configuration():
     assert program.moves[-1].motion is Motion.CIRCULAR
     assert len(program.moves[-1].targets) == 2
     assert {(t.base.name, t.tool.name) for t in program.targets} == {("UF 2", "UT 3")}
-    assert program.targets[1].branch == "N U T, 0, 0, 0"
+    target = program.targets[1]
+    assert target.letters == "NUT"
+    assert configuration(program, target) == [("turn1", "0"), ("turn4", "0"), ("turn6", "0")]
 
 
 def test_fanuc_columns_stay_where_they_are():
@@ -122,7 +130,7 @@ def test_rapid_frames_are_composed():
     target = program.targets[program.moves[1].targets[0]]
     np.testing.assert_allclose(target.base.pose[:3, 3], [1.2, -0.3, 0.8])
     np.testing.assert_allclose(target.tool.pose[:3, 3], [0, 0, 0.2155])
-    assert target.branch == "0,-1,0,1"
+    assert [value for _, value in configuration(program, target)] == ["0", "-1", "0", "1"]
     assert program.moves[-1].targets == program.moves[1].targets  # used twice, corrected once
 
 

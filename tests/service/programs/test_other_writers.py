@@ -65,7 +65,9 @@ END
 def test_krl_of_a_post_processor():
     program = read("a.src", POSTED)
     assert frames(program) == [("$BASE of line 13", "$TOOL of line 14")] * 4
-    assert program.targets[1].branch == "S 'B010', T 35"
+    target = program.targets[1]
+    text = program.sources[0].text
+    assert [(name, text[start:end]) for name, start, end in target.words] == [("S", "'B010'"), ("T", "35")]
     assert program.targets[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
 
 
@@ -219,7 +221,10 @@ def test_loops_over_axes_and_registers_that_no_move_uses_are_left():
     loop = "FOR I=1 TO 6\n$VEL_AXIS[I]=50\n$ACC_AXIS[I]=50\nENDFOR\n"
     assert len(read("a.src", f"DEF a()\n{loop}LIN {{X 1,Y 2,Z 3,A 0,B 0,C 0}}\nEND").moves) == 1
     assert len(read("a.LS", fanuc(FANUC_MOVES + "   6:  PR[1,2]=R[3] ;\n")).moves) == 2
-    assert frames(read("a.mod", rapid(f'MoveLSync {POSE},v100,z1,t1,"p1";', TOOL))) == [("wobj0", "t1")]
+    module = rapid(f'MoveLSync {POSE},v100,z1,t1,"p1";', TOOL)
+    assert "P1" in refusal("a.mod", module).reason
+    program = read_program([("a.mod", module.encode())], leave_alone=["p1"])
+    assert frames(program) == [("wobj0", "t1")]
 
 
 def test_blanks_within_a_line_of_fanuc_take_no_time():

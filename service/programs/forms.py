@@ -1,0 +1,121 @@
+"""Forms of statements: what a language understands beside moves and frames, as a table to read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from jointstiff.service.programs.reader import ALL, Statement
+from jointstiff.service.programs.scanner import Cursor, Misread, Used
+
+_DEPTHS: Final = {"open": 1, "close": -1, "closeall": ALL}
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    effect: str
+    elements: tuple[str, ...]
+
+
+class Forms:
+    """Forms by their first word.
+
+    A line of the table is an effect (`plain`, `open` or `close` a branch or a loop, `jump`) and the elements
+    of the statement, blanks between: `e` an expression, `e*` any number of them with commas, `v` a variable
+    that gets another value, `w` a word, `n` a number, `c` a routine that is called, with its arguments, `a`
+    arguments of an instruction, `?X` what may be left out; all else stands for itself.
+    """
+
+    def __init__(self, table: str, *, whole: bool = True) -> None:
+        """Read a table; `whole` if nothing but a semicolon may follow a statement."""
+        self._whole = whole
+        self._forms: dict[str, list[_Form]] = {}
+        for line in table.strip().splitlines():
+            effect, firsts, *rest = line.split()
+            for first in firsts.split("|"):
+                self._forms.setdefault(first, []).append(_Form(effect, (first, *rest)))
+
+    def __contains__(self, word: str) -> bool:
+        """Tell whether a statement begins with a word."""
+        return word in self._forms
+
+    def take(self, c: Cursor) -> Statement:
+        """Take the statement that begins here.
+
+        Raises:
+            Misread: it has none of the forms.
+        """
+        begin, fault = (
+            c.place,
+            Misread("the statement is not known: it may move the robot, targets or frames"),
+        )
+        for form in self._forms.get(c.peek().text, ()):
+            c.attempt(begin)
+            try:
+                return self._taken(c, form)
+            except Misread as other:
+                fault = max(fault, other, key=lambda each: each.offset)
+        raise fault
+
+    def _taken(self, c: Cursor, form: _Form) -> Statement:
+        used, changed = Used(), set[str]()
+        for element, following in zip(form.elements, (*form.elements[1:], ""), strict=True):
+            if element == "v":
+                changed.add(c.name())
+            else:
+                _take(c, element, following.removeprefix("?"), used)
+        if self._whole and not c.ended and not c.at(";"):
+            raise c.misread()
+        return Statement(
+            calls=frozenset(used.calls),
+            changes=frozenset(used.passed | changed),
+            depth=_DEPTHS.get(form.effect, 0),
+            jumps=form.effect == "jump",
+        )
+
+
+def _take(c: Cursor, element: str, following: str, used: Used) -> None:
+    stops = (following, ";") if following else (";",)
+    if element in _PARTS:
+        _PARTS[element](c, used, stops)
+    elif c.peek().text == element.removeprefix("?"):
+        c.take()
+    elif not element.startswith("?"):
+        raise c.misread()
+
+
+def _list(c: Cursor, used: Used, stops: tuple[str, ...]) -> None:
+    while not c.ended and not c.at(*stops):
+        c.expression(",", *stops, used=used)
+        if not c.accept(","):
+            break
+
+
+def _call(c: Cursor, used: Used, _: object) -> None:
+    used.calls.add(c.name())
+    if c.at("("):
+        c.arguments(used)
+
+
+def instruction_arguments(c: Cursor, used: Used) -> None:
+    r"""Take arguments without brackets: expressions, and optional ones behind a backslash (`\Num:=n`)."""
+    while not c.ended and not c.at(";"):
+        if c.accept("\\"):
+            c.name()
+            if c.accept(":="):
+                c.expression(",", "\\", ";", used=used)
+        elif not c.accept(","):
+            c.expression(",", "\\", ";", used=used)
+            if not c.ended and not c.at(",", "\\", ";"):
+                raise c.misread()
+
+
+_PARTS: Final[Mapping[str, Callable[[Cursor, Used, tuple[str, ...]], object]]] = {
+    "e": lambda c, used, stops: c.expression(*stops, used=used),
+    "e*": _list,
+    "c": _call,
+    "a": lambda c, used, _: instruction_arguments(c, used),
+    "w": lambda c, _, __: c.name(),
+    "n": lambda c, _, __: c.number(),
+}
