@@ -118,26 +118,28 @@ def _equilibrate(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> tuple[
 
 def _optima(problems: _Scaled) -> tuple[FloatArray, Support]:
     """Optimum and support of well-conditioned problems, by pivoting or else by the exact path."""
-    x = snap(_polish(problems, _pivot(problems)), problems.lower, problems.upper)
+    x = snap(_pivoted(problems), problems.lower, problems.upper)
     for k in np.flatnonzero(~_certified(problems, x)):
         x[k] = _solve_alone(problems, k)
     return x, support_at(x, problems.lower, problems.upper)
 
 
-def _pivot(problems: _Scaled) -> Support:
-    """Pivot on all problems that are not settled yet; see `supports.pivot`."""
-    active = np.zeros(problems.b.shape, dtype=np.int8)
-    unsettled = np.arange(len(active))
+def _pivoted(problems: _Scaled) -> FloatArray:
+    """Return the polished points (K, n) of the supports that pivoting no longer changes; see `pivot`."""
+    points, active = np.empty(problems.b.shape), np.zeros(problems.b.shape, dtype=np.int8)
+    unsettled, part = np.arange(len(active)), problems
     for _ in range(MOST_PIVOTS):
-        part, side = problems.select(unsettled), active[unsettled]
-        x = _polish(part, side)
+        side = active[unsettled]
+        points[unsettled] = x = _polish(part, side)
         moved = pivot(side, x, _gradient(part, x), part.lower, part.upper)
         changed = (moved != side).any(axis=1)
         unsettled = unsettled[changed]
         active[unsettled] = moved[changed]
         if not len(unsettled):
-            break
-    return active
+            return points
+        part = problems.select(unsettled)
+    points[unsettled] = _polish(part, active[unsettled])
+    return points
 
 
 def _polish(problems: _Scaled, active: Support) -> FloatArray:

@@ -25,7 +25,7 @@ from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.budget import LeftOut
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling.blocks import GramBlocks, blocks_of_identified
+from jointstiff.solver.resampling.blocks import blocks_of_identified
 from jointstiff.solver.resampling.draws import fit_subsets
 from jointstiff.solver.robot.model import Robot
 
@@ -143,11 +143,12 @@ def leave_postures_out(
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", complementary_stiffness=False, prior=None, order=())
     blocks = blocks_of_identified(robot, measurements, plain, estimate.characteristic_length)
-    fits = _fits_without(blocks, groups, plain)
     observation = np.nonzero(measurements.present)[0]  # of each reading
     left_out = np.full(len(measurements), -1, dtype=np.intp)
     for p, group in enumerate(groups):
         left_out[group] = p
+    others = (left_out != np.arange(len(groups))[:, None]).astype(np.float64)
+    fits = fit_subsets(blocks, others, plain.bounds)[0]
     read = np.flatnonzero((left_out[observation] >= 0) & (load[observation] > 0.0))
     posture = left_out[observation[read]]
     compliance = fits[posture][:, blocks.visible]
@@ -226,15 +227,3 @@ def _postures(measurements: Measurements, loaded: BoolArray) -> tuple[list[Index
     if count > MOST_LEFT_OUT:
         groups = [groups[k] for k in np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
     return groups, count
-
-
-def _fits_without(blocks: GramBlocks, groups: list[IndexArray], settings: Settings) -> FloatArray:
-    """(P, n) compliances without each group of observations; NaN where undetermined."""
-    compliance = np.empty((len(groups), blocks.parameters))
-    sizes = np.array([len(group) for group in groups])
-    everything = np.arange(len(blocks))
-    for size in np.unique(sizes):  # together, as many as have a length in common
-        same = np.flatnonzero(sizes == size)
-        others = np.array([np.delete(everything, groups[p]) for p in same])
-        compliance[same] = fit_subsets(blocks, others, settings.bounds).compliance
-    return compliance

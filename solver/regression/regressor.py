@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -20,6 +22,9 @@ from jointstiff.solver.robot.model import Robot
 BLOCK_LENGTH = 2048
 """Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
+_MOST_KEPT = 256
+"""Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
+_KEPT: WeakKeyDictionary[Measurements, tuple[Robot, dict[str, Any]]] = WeakKeyDictionary()
 _BALANCE_ROUNDS = 40
 """Maximum number of iterations: each shrinks the error by the ratio of K_c to the joint stiffness."""
 _BALANCED = 1e-15
@@ -86,10 +91,24 @@ def regressor_blocks(
         SolverError: the load finds no balance with joints of that compliance.
     """
     if len(measurements) <= BLOCK_LENGTH:
-        yield _block(robot, measurements, compliance)
+        yield (
+            _unloaded(robot, measurements) if compliance is None else _block(robot, measurements, compliance)
+        )
         return
     for start in range(0, len(measurements), BLOCK_LENGTH):
         yield _block(robot, measurements[start : start + BLOCK_LENGTH], compliance)
+
+
+def _unloaded(robot: Robot, measurements: Measurements) -> RegressorBlock:
+    """Return the regressors of a whole set, kept with it: fit, prediction and refits read the same."""
+    kept = _KEPT.get(measurements)
+    if kept is not None and kept[0] is robot:
+        return RegressorBlock(measurements=measurements, **kept[1])
+    block = _block(robot, measurements, None)
+    if len(measurements) <= _MOST_KEPT:
+        parts = {name: part for name, part in vars(block).items() if name != "measurements"}
+        _KEPT[measurements] = robot, parts
+    return block
 
 
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:

@@ -142,27 +142,38 @@ def resample(
     step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
     draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
-    return Resamples.concatenate([fit_subsets(blocks, drawn, bounds) for drawn in draws])
+    parts = []
+    for drawn in draws:
+        compliance, active = fit_subsets(blocks, _counts(drawn, len(blocks)), bounds)
+        parts.append(Resamples(compliance, active, blocks.compensation(compliance)))
+    return Resamples.concatenate(parts)
 
 
-def fit_subsets(blocks: GramBlocks, drawn: IndexArray, bounds: Bounds) -> Resamples:
-    """Fit the given subsets of the configurations (K, m), stage by stage.
+def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> tuple[FloatArray, Support]:
+    """Fit subsets of the configurations, stage by stage.
+
+    Args:
+        blocks: of the method, weighting and measurement set.
+        weights: (K, N) how often each configuration counts in each subset.
+        bounds: on all n compliances.
+
+    Returns:
+        (K, n) compliances [rad/(N·m)], NaN where undetermined, and the bounds that hold them.
 
     Raises:
         SolverError: if optimality of an estimate could not be certified.
     """
-    weights = _counts(drawn, len(blocks))
-    compliance = np.full((len(drawn), blocks.parameters), np.nan)
+    compliance = np.full((len(weights), blocks.parameters), np.nan)
     active = np.zeros(compliance.shape, dtype=np.int8)
     for stage in blocks.stages:
         known = compliance[:, stage.known]
-        solved = _solve_stage(stage, drawn, weights, known, bounds.select(stage.joints))
+        solved = _solve_stage(stage, weights, known, bounds.select(stage.joints))
         compliance[:, stage.joints], active[:, stage.joints] = solved
-    return Resamples(compliance, active, blocks.compensation(compliance))
+    return compliance, active
 
 
 def _solve_stage(
-    stage: StageBlocks, drawn: IndexArray, weights: FloatArray, known: FloatArray, bounds: Bounds
+    stage: StageBlocks, weights: FloatArray, known: FloatArray, bounds: Bounds
 ) -> tuple[FloatArray, Support]:
     """Compliances (K, p) of a stage's joints, given those that are known (K, q) [rad/(N·m)].
 
@@ -179,10 +190,11 @@ def _solve_stage(
     solution = solve_batch(gram[fit], moment[fit], box)
     x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
     x[fit], active[fit] = solution.compliance, solution.active
-    pending = np.ones(len(drawn), dtype=np.bool_)
+    pending = np.ones(len(weights), dtype=np.bool_)
     pending[fit] = ~solution.certified
     for k in np.flatnonzero(pending):
-        x[k], active[k] = _solve_rows(stage, drawn[k], offset[k], box)
+        drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
+        x[k], active[k] = _solve_rows(stage, drawn, offset[k], box)
     return exactly_at_bounds(x * unit, active, bounds), active
 
 

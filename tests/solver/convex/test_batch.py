@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import partial
 
 import numpy as np
 import pytest
@@ -128,7 +129,10 @@ def test_a_wrong_support_is_never_certified(monkeypatch):
     expected = solve_batch(gram, moment, Bounds.positive(5))
     assert (expected.active != 0).any(axis=1).mean() > 0.5
     for wrong in (0, -1):
-        monkeypatch.setattr(module, "_pivot", lambda p, wrong=wrong: np.full(p.b.shape, wrong, dtype=np.int8))
+        support = partial(np.full, fill_value=wrong, dtype=np.int8)
+        monkeypatch.setattr(
+            module, "_pivoted", lambda p, support=support: module._polish(p, support(p.b.shape))
+        )
         found = solve_batch(gram, moment, Bounds.positive(5))
         np.testing.assert_array_equal(found.active, expected.active)
         np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-9)
