@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jointstiff.schemas.run.budget import Budget
-from jointstiff.schemas.run.model import IdentifiedModel
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import EncoderResidual, RunRequest, RunResult
 from jointstiff.service.conversion.measurements import to_warnings
@@ -13,7 +11,6 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_identified_model
-from jointstiff.service.kinds.run.budgets import to_budget
 from jointstiff.service.kinds.run.elastic import ElasticWork
 from jointstiff.service.kinds.run.resampling import ResamplingWork, decode, encode
 from jointstiff.service.kinds.run.results import to_encoder_residuals, to_resampling_result, to_result
@@ -25,7 +22,7 @@ from jointstiff.solver.design.advice import advise
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.identification import identify, refuse_unsupported
-from jointstiff.solver.inference.budget import UncertaintyBudget
+from jointstiff.solver.inference.budget import LeftOut, UncertaintyBudget
 from jointstiff.solver.inference.encoder_prediction import predict_encoders
 from jointstiff.solver.inference.estimate import Estimate
 from jointstiff.solver.inference.plausibility import judge
@@ -78,9 +75,17 @@ class RunWork(SteppedWork[Resamples]):
         Raises:
             JointstiffError: as `run_identification` does.
         """
-        settings, estimate = _identified(self._prepared, self._options)
-        result = _reported(self._prepared, self._options, settings, estimate, parts)
-        return result.model_copy(update=_beyond_the_fit(self._prepared, settings, estimate))
+        prepared, options = self._prepared, self._options
+        settings, estimate = _identified(prepared, options)
+        model = JointModel.of(prepared.robot, estimate, settings.constraints)
+        error: ModelError | JointstiffError
+        try:
+            error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
+        except JointstiffError as none:  # the run stands without it, and predictions say why
+            error = none
+        left_out = error.left_out if isinstance(error, ModelError) else None
+        result = _reported(prepared, options, settings, estimate, parts, left_out)
+        return result.model_copy(update={"model": to_identified_model(model, error)})
 
 
 def work(inputs: Inputs, request: RunRequest) -> RunWork | ElasticWork:
@@ -138,6 +143,7 @@ def _reported(
     settings: Settings,
     estimate: Estimate,
     parts: Sequence[Resamples],
+    left_out: LeftOut | None = None,
 ) -> RunResult:
     prediction = predict(
         prepared.robot,
@@ -158,7 +164,7 @@ def _reported(
         prepared.readings,
         warnings,
         advice,
-        UncertaintyBudget.of(estimate, settings.confidence),
+        UncertaintyBudget.of(estimate, settings.confidence, left_out),
     )
     result = result.model_copy(update={"encoder_residuals": _encoder_residuals(prepared, settings, estimate)})
     if options.resampling is None or not parts:
@@ -167,22 +173,6 @@ def _reported(
     repetitions = options.resampling.repetitions
     resampling = to_resampling_result(summary, result.joints, repetitions)
     return result.model_copy(update={"resampling": resampling})
-
-
-def _beyond_the_fit(
-    prepared: PreparedSet, settings: Settings, estimate: Estimate
-) -> dict[str, IdentifiedModel | Budget | None]:
-    """Return what it takes refits without each posture for: the model that predicts, and the budget."""
-    model = JointModel.of(prepared.robot, estimate, settings.constraints)
-    error: ModelError | JointstiffError
-    try:
-        error = leave_postures_out(prepared.robot, prepared.measurements, settings, estimate, model)
-    except JointstiffError as none:  # the run stands without it, and predictions say why
-        error = none
-    left_out = error.left_out if isinstance(error, ModelError) else None
-    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out)
-    names = prepared.robot.joint_names
-    return {"model": to_identified_model(model, error), "budget": to_budget(budget, names)}
 
 
 def _encoder_residuals(
