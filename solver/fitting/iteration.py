@@ -171,9 +171,10 @@ def neglected_shift(
 ) -> FloatArray:
     """Return the change of the compliances if K_c were included, to first order.
 
-    The same estimator, linear where bounds stay as active as they are, of what the model left out. Of a set
-    beyond `SHIFT_OBSERVATIONS` as many stand for the whole, evenly spread. Where loads of all directions
-    make the observations' shares cancel, that overstates it: by the root of the set's size over theirs.
+    The readings lose what the model left out, and the estimator is linear where bounds stay as active as they
+    are. Of a set beyond `SHIFT_OBSERVATIONS` as many stand for the whole, evenly spread. Where loads of all
+    directions make the observations' shares cancel, that overstates it: by the root of the set's size over
+    theirs.
 
     Args:
         robot: n joints.
@@ -189,7 +190,7 @@ def neglected_shift(
     shift, share = np.zeros(robot.n), min(1.0, SHIFT_OBSERVATIONS / len(measurements))
     for block in _even_part(robot, measurements, neglected):
         left_out = replace(block, measurements=neglected_readings(block, fit.compliance))
-        shift += neglected.method.response(left_out, estimated, prior)
+        shift -= neglected.method.response(left_out, estimated, prior)
     return shift / share
 
 

@@ -160,6 +160,23 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     assert np.abs(without.displacement - found.displacement).max() > 1e-7
 
 
+def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
+    """Beside differences of exact balances in which one joint is softer by a tenth of a per mille."""
+    load = cases()
+    found = exact_model().deflect(load)
+    step = 1e-4 * ARM.compliances
+    covariances = np.stack([np.outer(step, step), np.diag(step**2), np.zeros((6, 6))])
+    lengths = [
+        np.linalg.norm(
+            JointModel(ROBOT, ARM.compliances + change, None, POSITIVE).deflect(load).displacement, axis=1
+        )
+        for change in (*np.diag(step), step, 0.0 * step)
+    ]
+    changes = np.array(lengths[:-1]) - lengths[-1]
+    expected = np.stack([np.abs(changes[6]), np.linalg.norm(changes[:6], axis=0), 0.0 * changes[6]], axis=1)
+    np.testing.assert_allclose(found.length_uncertainties(covariances), expected, rtol=1e-3, atol=1e-18)
+
+
 def test_a_load_without_balance_is_refused():
     load = cases()
     with pytest.raises(RequestError, match="balance"):

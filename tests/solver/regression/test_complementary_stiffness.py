@@ -215,6 +215,9 @@ class TestReported:
         expected = np.abs(change[known] / uncertainty[known]).max()
         size = neglected.complementary_stiffness
         assert size.largest_shift == pytest.approx(expected, rel=0.03)
+        np.testing.assert_allclose(
+            size.shift[known] / uncertainty[known], change[known] / uncertainty[known], atol=0.03 * expected
+        )
         assert (size.included, size.iterations) == (False, 0)
         other = included.complementary_stiffness
         assert other.included
