@@ -14,7 +14,6 @@ from jointstiff.solver.convex.scaled import Scaled
 
 _NO_DIRECTION = 1e-13
 """Relative singular value that counts as zero."""
-_ROUNDING = 64 * np.finfo(float).eps
 _TIGHT = 1e-12
 """Largest slack, relative to the variables, that counts as rounding."""
 
@@ -91,26 +90,6 @@ def polish(scaled: Scaled, active: BoolArray, near: FloatArray) -> FloatArray:
         step = np.linalg.lstsq(scaled.A @ along, scaled.b - scaled.A @ x, rcond=_NO_DIRECTION)[0]
         x = x + along @ step
     return np.asarray(x, dtype=np.float64)
-
-
-def conditions(scaled: Scaled, x: FloatArray) -> tuple[float, float]:
-    """Evaluate the conditions of Karush, Kuhn and Tucker at x, dimensionless, beyond rounding.
-
-    Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
-    construction, and it does not matter that the rows may depend on each other.
-
-    Returns:
-        Greatest violation of a row; greatest component of the gradient that no multipliers balance.
-    """
-    G, h = rows_of(scaled)
-    size = max(1.0, float(np.abs(x).max()))
-    violation = float((h - G @ x).max(initial=0.0))
-    multipliers = multipliers_of(scaled, x)
-    left = np.abs(scaled.gradient(x) - G.T @ multipliers)
-    # A balance is known to the rounding of its largest terms: rows that are nearly parallel, as where a joint
-    # hardly shows, pull against each other with multipliers far beyond the gradient.
-    largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
-    return max(0.0, violation - _ROUNDING * size), max(0.0, float(left.max()) - _ROUNDING * largest)
 
 
 def multipliers_of(scaled: Scaled, x: FloatArray, slack: float = _TIGHT) -> FloatArray:

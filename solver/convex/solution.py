@@ -131,12 +131,12 @@ _Finder = Callable[[Scaled], list[_Candidate]]
 def _first_certified(
     problem: IdentificationProblem, scaled: Scaled, finders: tuple[_Finder, ...]
 ) -> Solution:
-    certificate = Certificate(np.inf, np.inf, 0.0, "clarabel")
+    certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
     for find in finders:
         for candidate in find(scaled):
             x = snap(candidate.x, scaled.lower, scaled.upper)
             certificate = certify_scaled(scaled, x, candidate.solved_by)
-            if certificate.holds:
+            if certificate.is_optimal():
                 return _unscaled(problem, scaled, x, certificate)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "

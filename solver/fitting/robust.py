@@ -256,7 +256,7 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
         damping = max(0.1 * damping, _LEAST_DAMPING)
         same = stated is not None and np.array_equal(stated == 0.0, compliance == 0.0)
         certificate = problem.certificate(compliance, "clarabel" if same else solver.solved_by)
-        if certificate.holds:
+        if certificate.is_optimal():
             return compliance, certificate
     raise SolverError(
         "the fit with the Huber loss did not converge to an optimum (primal "

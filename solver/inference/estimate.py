@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.certificate import Certificate
+from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.fitting.common import CommonErrors
 from jointstiff.solver.fitting.fit import Fit
@@ -19,7 +19,6 @@ from jointstiff.solver.fitting.scale import Scale, SigmaTest, scale_of, sigma_te
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.fitting.with_prior import prior_to_data
 from jointstiff.solver.inference.joint import JointCompliance
-from jointstiff.solver.inference.stages import StagesCertificate
 from jointstiff.solver.inference.verdict import Evidence, verdicts
 from jointstiff.solver.observability.identifiability import Identifiability, Observability
 from jointstiff.solver.observability.indices import ObservabilityIndices, observability_indices

@@ -113,9 +113,7 @@ def estimate_elastic(
         degrees_of_freedom=left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
-        certificate=LinkCertificate(
-            least, solution.certificate.dual, gap, float(scale), solution.certificate.tolerance
-        ),
+        certificate=LinkCertificate(least, solution.certificate.dual, gap, float(scale), solution.tolerance),
         companion=_companion(shared, shared_weight, measurements.sigma, sigma, chi_square, left),
     )
 

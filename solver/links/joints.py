@@ -52,7 +52,8 @@ def with_links(
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
         dual=certificate.dual,
-        complementarity=certificate.gap,
+        gap=certificate.gap,
+        multipliers=np.zeros(0),
         solved_by="clarabel",
     )
     return replace(

@@ -112,10 +112,10 @@ class LossProblem:
     def gap_at(self, compliances: FloatArray, weight: float, fitted: LossFit) -> float:
         """Return the gap of compliances (P,) near a fit, in units of `size`."""
         x = compliances[self.formulation.columns] / self.formulation.unit
-        if fitted.solution.dual is None:
-            return certify_cone(self.formulation.program(weight), x, 0.0).gap
+        if self.model.loss == "squared":
+            return certify_cone(self.formulation.program(weight), x).gap
         robust = self._robust(weight, fitted.threshold)
-        return certify_robust(robust, x, fitted.solution.dual, 0.0).gap
+        return certify_robust(robust, x, fitted.solution.certificate.multipliers).gap
 
     def joints_only(self) -> FloatArray:
         """(p,) parameters of a model without penalised elements under squares, exactly."""

@@ -14,13 +14,12 @@ from math import isfinite
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.certificate import Certificate
+from jointstiff.solver.convex.certificate import Certificate, StagesCertificate
 from jointstiff.solver.convex.problem import Bounds, IdentificationProblem, Inequalities
 from jointstiff.solver.convex.solution import solve, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.settings import Settings
 from jointstiff.solver.inference.joint import stiffness_of
-from jointstiff.solver.inference.stages import StagesCertificate
 from jointstiff.solver.observability.identifiability import Spectrum
 from jointstiff.solver.regression.compression import Compression
 from jointstiff.solver.resampling.blocks import GramBlocks, StageBlocks

@@ -18,8 +18,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.convex.semidefinite.cone import Cone, trace_penalty
-from jointstiff.solver.convex.semidefinite.solve import ConeCertificate, ConeSolution, outside_of, refuse_gap
+from jointstiff.solver.convex.semidefinite.solve import ConeSolution, outside_of, refuse_gap
 
 _LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of Clarabel, tried in this order."""
@@ -81,17 +82,15 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
         x = program.loss.cone.project(found[0])
         # Each cone's multipliers are (weight, −ν).
         dual = -found[1].reshape(-1, 4)[:, 1:]
-        certificate = certify_robust(program, x, dual, tolerance)
-        if certificate.primal >= 0.0 and (best is None or certificate.gap < best.certificate.gap):
-            best = ConeSolution(x, certificate, dual)
+        certificate = certify_robust(program, x, dual)
+        if certificate.primal == 0.0 and (best is None or certificate.gap < best.certificate.gap):
+            best = ConeSolution(x, certificate, tolerance)
         if best is not None and best.certificate.gap <= gap:
             break
     return refuse_gap(best, gap if accepted is None else accepted)
 
 
-def certify_robust(
-    program: RobustProgram, x: FloatArray, dual: FloatArray, tolerance: float
-) -> ConeCertificate:
+def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
     """Evaluate primal and dual, whatever led to them.
 
     ν is moved so that the free scalars' slacks are not negative, then shrunk into its balls and until the
@@ -101,7 +100,6 @@ def certify_robust(
         program: the program.
         x: (p,) in the cone.
         dual: (K, 3) ν, near a feasible one.
-        tolerance: of Clarabel, for the record.
     """
     loss, h = program.loss, program.threshold
     A = loss.A.reshape(-1, len(x))
@@ -119,11 +117,12 @@ def certify_robust(
     feasible = bool((scalars >= -_SLACK_ROUNDING).all()) and np.isfinite(x).all()
     slack[free] = np.abs(scalars)
     gap = float(_young(loss.residuals(x), nu, h).sum() + max(0.0, slack @ x))
-    return ConeCertificate(
-        primal=loss.cone.least(x),
+    return Certificate(
+        primal=max(0.0, -loss.cone.least(x)),
         dual=float(outside / program.weight),
         gap=gap if feasible else float("inf"),
-        tolerance=tolerance,
+        multipliers=nu,
+        solved_by="clarabel",
     )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.convex import programs
+from jointstiff.solver.convex.certificate import Certificate
 from jointstiff.solver.convex.semidefinite.cone import Cone, SemidefiniteProgram
 from jointstiff.solver.convex.semidefinite.face import polished
 from jointstiff.solver.convex.semidefinite.symmetric import to_matrix
@@ -34,27 +35,13 @@ _SLACK_ROUNDING: Final = 1e-13
 """Largest negative slack that counts as zero, in units of the column's norm and the readings'."""
 
 
-@dataclass(frozen=True)
-class ConeCertificate:
-    """Evidence of optimality, computed from the data at the answer itself; lengths with ‖z‖ = 1."""
-
-    primal: float  #: least scalar or eigenvalue; zero or positive
-    dual: float  #: how far the slack is outside of its cone, over λ; the dual point is moved by as much
-    #: root of the difference between the objective at the answer and its value at a point that is feasible
-    #: in the dual. The fitted readings differ from those of the optimum by no more. For a robust loss the
-    #: difference itself.
-    gap: float
-    tolerance: float  #: of Clarabel, that sufficed
-
-
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
     """The optimum (p,) with its evidence."""
 
     x: FloatArray  #: the optimum
-    certificate: ConeCertificate  #: at x
-    #: (K, 3) near a feasible point of the dual, for a robust loss; None for squares, where x gives it
-    dual: FloatArray | None = None
+    certificate: Certificate  #: at x
+    tolerance: float  #: of Clarabel, that sufficed
 
 
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
@@ -105,13 +92,13 @@ def _proposals(program: SemidefiniteProgram) -> Iterator[ConeSolution]:
                 if proposed is None:
                     break
                 x = program.cone.project(proposed)
-                certificate = certify_cone(program, x, tolerance)
-                if certificate.primal >= 0.0:
-                    yield ConeSolution(x, certificate)
+                certificate = certify_cone(program, x)
+                if certificate.primal == 0.0:
+                    yield ConeSolution(x, certificate, tolerance)
                 proposed = polished(program, x)
 
 
-def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) -> ConeCertificate:
+def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     """Evaluate primal and dual at x, whatever led to it.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
@@ -135,11 +122,12 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray, tolerance: float) 
     feasible = bool((scalars >= -_SLACK_ROUNDING).all()) and np.isfinite(x).all()
     slack[free] = np.abs(scalars)
     gap = float(np.square(0.5 * shrink * dual - residual).sum() + max(0.0, slack @ x))
-    return ConeCertificate(
-        primal=cone.least(x),
+    return Certificate(
+        primal=max(0.0, -cone.least(x)),
         dual=float(outside / program.weight),
         gap=float(np.sqrt(gap)) if feasible else float("inf"),
-        tolerance=tolerance,
+        multipliers=shrink * dual,
+        solved_by="clarabel",
     )
 
 

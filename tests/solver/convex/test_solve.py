@@ -53,7 +53,7 @@ def test_thousands_of_problems_against_exact_arithmetic(solver, count):
         assert (found.compliance[~free] == 0).all(), "the support differs"
         if free.any():
             worst = max(worst, np.abs(found.compliance[free] / exact[free] - 1).max())
-        assert found.certificate.holds
+        assert found.certificate.is_optimal()
         active[int((~free).sum())] += 1
         finders[found.certificate.solved_by] += 1
     assert worst <= 1e-8
@@ -124,7 +124,7 @@ def test_bounds_of_every_kind(solver, A, b, lower, width):
     upper = np.maximum(lower, -2.0) + width
     found = solver(IdentificationProblem(A, b, Bounds(lower, upper)))
     assert ((lower <= found.compliance) & (found.compliance <= upper)).all()
-    assert found.certificate.holds
+    assert found.certificate.is_optimal()
     x = cp.Variable(4)
     below, above = np.isfinite(lower), np.isfinite(upper)
     constraints = [x[below] >= lower[below], x[above] <= upper[above]]
@@ -211,11 +211,26 @@ class TestOrder:
             rows = np.vstack([np.eye(n), order.matrix])
             exact = by_enumeration(A, b, rows, np.zeros(len(rows)))
             np.testing.assert_allclose(found.compliance, exact, rtol=1e-8, atol=1e-10)
-            assert found.certificate.holds
+            assert found.certificate.is_optimal()
+            self.balance(problem, found)
             level = constraints.level(found.compliance, found.tight)
             assert constraints.hold(level)
             finders[found.certificate.solved_by] += 1
         assert finders[finder] > 140, finders
+
+    def balance(self, problem, found):
+        """The multipliers alone balance the gradient, with the signs that they must have, of tight rows."""
+        norms, size = np.linalg.norm(problem.R, axis=0), np.linalg.norm(problem.z)
+        n, unit = len(norms), size / norms
+        gradient = (problem.R / norms).T @ (problem.R @ found.compliance - problem.z) / size
+        rows = problem.inequalities.matrix * unit
+        of_bounds, of_rows = np.split(found.certificate.multipliers, [n])
+        balanced = of_bounds + of_rows @ (rows / np.linalg.norm(rows, axis=1)[:, None])
+        np.testing.assert_allclose(balanced, gradient, atol=1e-11)
+        assert (of_rows >= 0.0).all()
+        assert (of_rows[~found.tight] == 0.0).all()
+        assert (of_bounds[found.active == 0] == 0.0).all()
+        assert (of_bounds >= 0.0).all()
 
     def test_isotonic_regression_with_weights_over_decades(self):
         """A joint that hardly shows, between two that do: the rows of the order are nearly parallel."""
@@ -243,7 +258,7 @@ class TestOrder:
         A = np.array([[1.0, 0.4, 0.4], [0.0, 1.0, 1.0], [0.2, 0.0, 0.0]])
         order = Constraints(Bounds.positive(3), ((0, 1), (1, 2)))
         found = solve(IdentificationProblem(A, np.array([3.0, 1.0, 0.2]), order.bounds, order.inequalities))
-        assert found.certificate.holds
+        assert found.certificate.is_optimal()
         assert order.hold(order.level(found.compliance, found.tight))
 
     def test_wrong_rows_are_never_certified(self, monkeypatch):

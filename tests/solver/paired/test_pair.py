@@ -128,7 +128,7 @@ def test_the_order_is_never_crossed(dead_weight):
     assert (ordered.second[seen] <= ordered.first[seen]).all()
     assert ordered.equal.tolist() == [False, False, False, False, False, True]
     assert ordered.chi_square_increase > 5
-    assert all(certificate.holds for certificate in ordered.certificates)
+    assert all(certificate.is_optimal() for certificate in ordered.certificates)
     assert not seen[0]
 
 
