@@ -27,7 +27,6 @@ import type {
   Program,
   Robot,
   RobotChange,
-  RobotRequest,
   RobotSource,
   RobotSummary,
   Run,
@@ -152,115 +151,75 @@ const id = encodeURIComponent;
 
 const SESSION = "/v1/session";
 
+/** The addresses that all collections share. */
+function collection<Item, Summary, Change = never>(name: string) {
+  const at = (item: string) => `/v1/${name}/${id(item)}`;
+  return {
+    list: (filters: Filters = {}, signal?: AbortSignal) =>
+      call<Page<Summary>>("GET", `/v1/${name}${query(filters)}`, options(signal)),
+    one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), options(signal)),
+    add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
+    change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
+    delete: (item: string) => call<undefined>("DELETE", at(item)),
+    restore: (item: string) => call<Item>("POST", `${at(item)}/restore`),
+    /** The address of a file of an item. */
+    file: (item: string, name: string) => `${at(item)}/${name}`,
+  };
+}
+
+/** Of jobs; where they may take long one waits a second for the answer. */
+function jobs<Job, Summary>(name: string, quick = false) {
+  const common = collection<Job, Summary>(name);
+  return {
+    ...common,
+    add: (body: unknown, key: string) => call<Job>("POST", `/v1/${name}${quick ? "" : "?wait=1"}`, { body, key }),
+    cancel: (job: string) => call<Job>("POST", common.file(job, "cancel")),
+  };
+}
+
+const runs = jobs<Run, RunSummary>("runs");
+const maps = jobs<WorkMap, MapSummary>("maps");
+const programs = jobs<Program, ProgramSummary>("programs");
+const robots = collection<Robot, RobotSummary, RobotChange>("robots");
+
 /** Every address of the API that the page uses. */
 export const api = {
   session: () => call<Session>("GET", SESSION),
   signIn: (secret: { key: string } | { link: string }) => call<Session>("POST", SESSION, { body: secret }),
   signOut: () => call<undefined>("DELETE", SESSION),
   health: (signal?: AbortSignal) => call<Health>("GET", "/health", options(signal)),
-
-  robots: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<RobotSummary>>("GET", `/v1/robots${query(filters)}`, options(signal)),
-  robot: (robot: string, signal?: AbortSignal) => call<Robot>("GET", `/v1/robots/${id(robot)}`, options(signal)),
-  addRobot: (document: RobotRequest, key: string) => call<Robot>("POST", "/v1/robots", { body: document, key }),
-  changeRobot: (robot: string, change: RobotChange) =>
-    call<Robot>("PATCH", `/v1/robots/${id(robot)}`, { body: change }),
   catalogue: () => call<Catalogue>("GET", "/v1/catalogue"),
-  deleteRobot: (robot: string) => call<undefined>("DELETE", `/v1/robots/${id(robot)}`),
-  restoreRobot: (robot: string) => call<Robot>("POST", `/v1/robots/${id(robot)}/restore`),
-  trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
-    call<Trend>("GET", `/v1/robots/${id(robot)}/trend${query(filters)}`, options(signal)),
-  addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
-    call<unknown>("POST", `/v1/robots/${id(robot)}/trend/baselines`, { body }),
-  acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
-    call<unknown>("POST", `/v1/robots/${id(robot)}/trend/acknowledgements`, { body }),
   fleet: (signal?: AbortSignal) => call<Fleet>("GET", "/v1/fleet", options(signal)),
   kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
     call<Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, ...options(signal) }),
-
-  sets: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<MeasurementSetSummary>>("GET", `/v1/measurement-sets${query(filters)}`, options(signal)),
-  set: (set: string, signal?: AbortSignal) =>
-    call<MeasurementSet>("GET", `/v1/measurement-sets/${id(set)}`, options(signal)),
-  deleteSet: (set: string) => call<undefined>("DELETE", `/v1/measurement-sets/${id(set)}`),
-  restoreSet: (set: string) => call<MeasurementSet>("POST", `/v1/measurement-sets/${id(set)}/restore`),
-  changeSet: (set: string, change: SetChange) =>
-    call<MeasurementSetSummary>("PATCH", `/v1/measurement-sets/${id(set)}`, { body: change }),
   /** What files of readings were understood as; nothing is stored. */
   importFiles: (files: File[], stated: ImportOptions = {}, signal?: AbortSignal) =>
     call<ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), ...options(signal) }),
-  addSet: (document: unknown, key: string) =>
-    call<MeasurementSet>("POST", "/v1/measurement-sets", { body: document, key }),
 
-  runs: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<RunSummary>>("GET", `/v1/runs${query(filters)}`, options(signal)),
-  run: (run: string, signal?: AbortSignal) => call<Run>("GET", `/v1/runs/${id(run)}`, options(signal)),
-  addRun: (request: unknown, key: string) => call<Run>("POST", "/v1/runs?wait=1", { body: request, key }),
-  cancelRun: (run: string) => call<Run>("POST", `/v1/runs/${id(run)}/cancel`),
-  deleteRun: (run: string) => call<undefined>("DELETE", `/v1/runs/${id(run)}`),
-  restoreRun: (run: string) => call<Run>("POST", `/v1/runs/${id(run)}/restore`),
+  robots,
+  trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
+    call<Trend>("GET", `${robots.file(robot, "trend")}${query(filters)}`, options(signal)),
+  addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
+    call<unknown>("POST", robots.file(robot, "trend/baselines"), { body }),
+  acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
+    call<unknown>("POST", robots.file(robot, "trend/acknowledgements"), { body }),
+  sets: collection<MeasurementSet, MeasurementSetSummary, SetChange>("measurement-sets"),
 
-  comparisons: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<ComparisonSummary>>("GET", `/v1/comparisons${query(filters)}`, options(signal)),
-  comparison: (comparison: string, signal?: AbortSignal) =>
-    call<Comparison>("GET", `/v1/comparisons/${id(comparison)}`, options(signal)),
-  addComparison: (request: unknown, key: string) =>
-    call<Comparison>("POST", "/v1/comparisons?wait=1", { body: request, key }),
-  cancelComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/cancel`),
-
-  deleteComparison: (comparison: string) => call<undefined>("DELETE", `/v1/comparisons/${id(comparison)}`),
-  restoreComparison: (comparison: string) => call<Comparison>("POST", `/v1/comparisons/${id(comparison)}/restore`),
-
-  runReport: (run: string, format: "pdf" | "html") => `/v1/runs/${id(run)}/report.${format}`,
+  runs,
   authorisations: (run: string, signal?: AbortSignal) =>
-    call<AuthorisationList>("GET", `/v1/runs/${id(run)}/authorisations`, options(signal)),
+    call<AuthorisationList>("GET", runs.file(run, "authorisations"), options(signal)),
   authorise: (run: string, note: string) =>
-    call<Authorisation>("POST", `/v1/runs/${id(run)}/authorisations`, { body: { note: note || null } }),
-  runModel: (run: string, format: "csv" | "xlsx" | "urdf" | "sdf" | "mjcf") => `/v1/runs/${id(run)}/model.${format}`,
-
-  pairs: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<PairSummary>>("GET", `/v1/pairs${query(filters)}`, options(signal)),
-  pair: (pair: string, signal?: AbortSignal) => call<Pair>("GET", `/v1/pairs/${id(pair)}`, options(signal)),
-  deletePair: (pair: string) => call<undefined>("DELETE", `/v1/pairs/${id(pair)}`),
-  restorePair: (pair: string) => call<Pair>("POST", `/v1/pairs/${id(pair)}/restore`),
-  addPair: (request: unknown, key: string) => call<Pair>("POST", "/v1/pairs", { body: request, key }),
-
-  geometries: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<GeometrySummary>>("GET", `/v1/geometries${query(filters)}`, options(signal)),
-  geometry: (geometry: string, signal?: AbortSignal) =>
-    call<Geometry>("GET", `/v1/geometries/${id(geometry)}`, options(signal)),
-  addGeometry: (request: unknown, key: string) => call<Geometry>("POST", "/v1/geometries", { body: request, key }),
-  deleteGeometry: (geometry: string) => call<undefined>("DELETE", `/v1/geometries/${id(geometry)}`),
-  restoreGeometry: (geometry: string) => call<Geometry>("POST", `/v1/geometries/${id(geometry)}/restore`),
-
-  plans: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<PlanSummary>>("GET", `/v1/plans${query(filters)}`, options(signal)),
-  plan: (plan: string, signal?: AbortSignal) => call<Plan>("GET", `/v1/plans/${id(plan)}`, options(signal)),
-  addPlan: (request: unknown, key: string) => call<Plan>("POST", "/v1/plans", { body: request, key }),
-  deletePlan: (plan: string) => call<undefined>("DELETE", `/v1/plans/${id(plan)}`),
-  restorePlan: (plan: string) => call<Plan>("POST", `/v1/plans/${id(plan)}/restore`),
-  program: (program: string, signal?: AbortSignal) =>
-    call<Program>("GET", `/v1/programs/${id(program)}`, options(signal)),
-  programTable: (program: string) => `/v1/programs/${id(program)}/points.csv`,
-  programPoints: (program: string) => textOf(api.programTable(program)),
-  programFile: (program: string, file: string) => `/v1/programs/${id(program)}/program${query({ file })}`,
-  programs: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<ProgramSummary>>("GET", `/v1/programs${query(filters)}`, options(signal)),
-  addProgram: (files: File[], stated: unknown, key: string) =>
-    call<Program>("POST", "/v1/programs?wait=1", { body: form(files, stated), key }),
-  cancelProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/cancel`),
-  deleteProgram: (program: string) => call<undefined>("DELETE", `/v1/programs/${id(program)}`),
-  restoreProgram: (program: string) => call<Program>("POST", `/v1/programs/${id(program)}/restore`),
-
-  maps: (filters: Filters = {}, signal?: AbortSignal) =>
-    call<Page<MapSummary>>("GET", `/v1/maps${query(filters)}`, options(signal)),
-  map: (map: string, signal?: AbortSignal) => call<WorkMap>("GET", `/v1/maps/${id(map)}`, options(signal)),
-  mapFile: (map: string, extension: "csv" | "npz") => `/v1/maps/${id(map)}/map.${extension}`,
-  mapTable: (map: string) => textOf(api.mapFile(map, "csv")),
-  addMap: (request: unknown, key: string) => call<WorkMap>("POST", "/v1/maps?wait=1", { body: request, key }),
-  cancelMap: (map: string) => call<WorkMap>("POST", `/v1/maps/${id(map)}/cancel`),
-  deleteMap: (map: string) => call<undefined>("DELETE", `/v1/maps/${id(map)}`),
-  restoreMap: (map: string) => call<WorkMap>("POST", `/v1/maps/${id(map)}/restore`),
+    call<Authorisation>("POST", runs.file(run, "authorisations"), { body: { note: note || null } }),
+  comparisons: jobs<Comparison, ComparisonSummary>("comparisons"),
+  pairs: jobs<Pair, PairSummary>("pairs", true),
+  geometries: jobs<Geometry, GeometrySummary>("geometries", true),
+  plans: jobs<Plan, PlanSummary>("plans", true),
+  maps,
+  mapTable: (map: string) => textOf(maps.file(map, "map.csv")),
+  programs,
+  addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
+  programPoints: (program: string) => textOf(programs.file(program, "points.csv")),
+  programFile: (program: string, file: string) => programs.file(program, `program${query({ file })}`),
 };
 
 /** Files, and what is stated of them. */

@@ -7,7 +7,8 @@ export interface Standing {
   progress: Progress | null;
 }
 
-export type Collection = "runs" | "comparisons" | "maps" | "programs";
+/** Kinds of work, as the API names them. */
+export type Collection = "runs" | "comparisons" | "pairs" | "geometries" | "plans" | "maps" | "programs";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

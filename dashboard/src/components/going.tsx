@@ -16,23 +16,13 @@ interface Job {
   progress?: Progress | null;
 }
 
-export function Going({
-  collection,
-  job,
-  cancel,
-  ended,
-}: {
-  collection: Collection;
-  job: Job;
-  cancel: () => Promise<unknown>;
-  ended: () => void;
-}) {
+export function Going({ collection, job, ended }: { collection: Collection; job: Job; ended: () => void }) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
   const [away, setAway] = useState(false);
   useEffect(() => follow(collection, job.id, (now, end) => (end ? ended() : set(now)), setAway), [collection, job.id]);
   const alone = useNoWorker(standing.progress?.done ?? 0);
   const stuck = away ? text.run.away : alone ? text.run.noWorker : null;
-  const stop = useAction(cancel);
+  const stop = useAction(() => api[collection].cancel(job.id));
   return (
     <section class="card going" aria-live="polite">
       <Busy label={text.states[standing.state]} />

@@ -26,10 +26,10 @@ export const namesChanged = (): void => forget(KEY);
 async function loadNames(): Promise<Names> {
   const away = { archived: "true" };
   const [robots, sets, oldRobots, oldSets] = await Promise.all([
-    every(api.robots, {}, 1000),
-    every(api.sets, {}, 1000),
-    every(api.robots, away, 1000),
-    every(api.sets, away, 1000),
+    every(api.robots.list, {}, 1000),
+    every(api.sets.list, {}, 1000),
+    every(api.robots.list, away, 1000),
+    every(api.sets.list, away, 1000),
   ]);
   const robotNames = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.name]));
   const setNames = new Map([...sets, ...oldSets].map((set) => [set.id, set.name]));

@@ -15,7 +15,7 @@ import { text } from "../i18n";
 const words = text.assessment;
 
 export function BeforeAfter({ run, origin }: { run: Run; origin: string }) {
-  const before = valueOf(useCached(`run/${origin}`, () => api.run(origin), Number.POSITIVE_INFINITY));
+  const before = valueOf(useCached(`run/${origin}`, () => api.runs.one(origin), Number.POSITIVE_INFINITY));
   const { unit } = useSettings();
   if (!before?.result || !run.result) return null;
   const [was, is] = [before.result, run.result];

@@ -61,7 +61,7 @@ export function CampaignFlow({
   const identify = useAction(async () => {
     if (!set) return;
     const read = statesNoise(form.noise) ? await withNoise(set, form.noise) : set;
-    const run = await api.addRun(form.request(read.id), freshKey("run"));
+    const run = await api.runs.add(form.request(read.id), freshKey("run"));
     go(link(["runs", run.id]));
   });
   const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
@@ -175,10 +175,10 @@ function useStored(campaign: Campaign | null, robot: string, setId: string): Sto
 async function store(campaign: Campaign, robot: string): Promise<MeasurementSet> {
   const robotId =
     robot === FROM_FILE && campaign.robot
-      ? (await api.addRobot(campaign.robot, contentKey("robot", campaign.robot))).id
+      ? (await api.robots.add(campaign.robot, contentKey("robot", campaign.robot))).id
       : robot;
   const document = { ...campaign.set, robot_id: robotId };
-  const set = await api.addSet(document, contentKey("set", document));
+  const set = await api.sets.add(document, contentKey("set", document));
   namesChanged();
   return set;
 }

@@ -54,7 +54,7 @@ function StartMethods({ names }: { names: Names }) {
   const start = useAction(async () => {
     const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
     const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
-    const comparison = await api.addComparison({ measurement_set_id: set, resampling }, freshKey("comparison"));
+    const comparison = await api.comparisons.add({ measurement_set_id: set, resampling }, freshKey("comparison"));
     go(link(["compare", "methods", comparison.id]));
   });
   return (
@@ -72,8 +72,8 @@ function StartMethods({ names }: { names: Names }) {
         kind="methods"
         names={names}
         title={(item: ComparisonSummary) => <Name>{names.set(item.measurement_set_id)}</Name>}
-        list={api.comparisons}
-        restore={api.restoreComparison}
+        list={api.comparisons.list}
+        restore={api.comparisons.restore}
       />
     </>
   );
@@ -103,7 +103,7 @@ function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: 
 
 function StartPair({ names }: { names: Names }) {
   const runs =
-    valueOf(useLoad((signal) => api.runs({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
+    valueOf(useLoad((signal) => api.runs.list({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
       ?.items ?? [];
   const options = sideOptions(names, runs);
   const newest = names.sets[0];
@@ -113,7 +113,7 @@ function StartPair({ names }: { names: Names }) {
   const [second, setSecond] = useState(query.get("second") ?? `set:${newest?.id ?? ""}`);
   const [ordered, setOrdered] = useState(false);
   const start = useAction(async () => {
-    const pair = await api.addPair({ first: side(first), second: side(second), ordered }, freshKey("pair"));
+    const pair = await api.pairs.add({ first: side(first), second: side(second), ordered }, freshKey("pair"));
     go(link(["compare", "pairs", pair.id]));
   });
   const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
@@ -140,8 +140,8 @@ function StartPair({ names }: { names: Names }) {
             <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
           </>
         )}
-        list={api.pairs}
-        restore={api.restorePair}
+        list={api.pairs.list}
+        restore={api.pairs.restore}
       />
     </>
   );

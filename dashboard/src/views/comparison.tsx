@@ -1,21 +1,17 @@
 /** Methods side by side on one set: the layout of the paper's Table II, and the same as a chart. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { goesOn } from "../api/events";
-import type { ComparedFit, Comparison, JointResult, MeasurementSet } from "../api/types";
+import type { ComparedFit, JointResult } from "../api/types";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Badge } from "../components/badge";
-import { Choice, Name, ProblemNote, Prose, Show, State, Title, When } from "../components/basics";
-import { Cancelled, Going } from "../components/going";
-import { JobActions } from "../components/job_actions";
+import { Choice, Name, Prose } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { Term } from "../components/term";
 import { Scroll, type Table } from "../components/table";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
 import { changeIn, inUnit, intervalIn, maybeInUnit, STIFFNESS_UNITS, type StiffnessUnit } from "../lib/units";
-import { useLoad } from "../state/load";
 import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
@@ -27,70 +23,35 @@ import { VerdictCard } from "./verdict_card";
 const words = text.compare;
 
 export function ComparisonView({ id }: { id: string }) {
-  const loaded = useLoad(
-    async (signal) => {
-      const comparison = await api.comparison(id, signal);
-      return { comparison, set: await storedSet(comparison.request.measurement_set_id) };
-    },
-    [id],
-  );
   return (
-    <Show of={loaded} title={words.methods}>
-      {({ comparison, set }) => <Page comparison={comparison} set={set} ended={loaded.reload} />}
-    </Show>
-  );
-}
-
-function Page({ comparison, set, ended }: { comparison: Comparison; set: MeasurementSet; ended: () => void }) {
-  return (
-    <>
-      <div class="head">
-        <Title kind={words.methods} plain={words.of(set.name)}>
-          <Name>{set.name}</Name>
-        </Title>
-        <p class="meta">
-          {comparison.result ? (
-            <Badge verdict={comparison.result.assessment.verdict} />
-          ) : (
-            !goesOn(comparison.state) && <State state={comparison.state} />
-          )}
-          <a href={link(["sets", set.id])}>{text.sets.kind}</a>
-          <When time={comparison.provenance.created_at} />
-        </p>
-        <JobActions
-          kind="comparison"
-          job={comparison}
-          name={set.name}
-          remove={goesOn(comparison.state) ? null : () => api.deleteComparison(comparison.id)}
-          restore={() => api.restoreComparison(comparison.id)}
-          list="#/compare/methods"
-        >
-          {comparison.result && (
-            <a class="button" href={`/v1/comparisons/${comparison.id}/table.csv`} download>
-              {text.figure.csv}
-            </a>
-          )}
-        </JobActions>
-      </div>
-      {goesOn(comparison.state) && (
-        <Going
-          collection="comparisons"
-          job={comparison}
-          cancel={() => api.cancelComparison(comparison.id)}
-          ended={ended}
-        />
-      )}
-      {comparison.state === "cancelled" && <Cancelled progress={comparison.progress} />}
-      {comparison.error && <ProblemNote problem={comparison.error} />}
-      {comparison.result && (
+    <JobPage
+      collection="comparisons"
+      id={id}
+      kind={words.methods}
+      load={async (signal) => {
+        const comparison = await api.comparisons.one(id, signal);
+        return { job: comparison, set: await storedSet(comparison.request.measurement_set_id) };
+      }}
+      head={({ job, set }) => ({
+        name: set.name,
+        list: "#/compare/methods",
+        about: <a href={link(["sets", set.id])}>{text.sets.kind}</a>,
+        actions: job.result && (
+          <a class="button" href={api.comparisons.file(id, "table.csv")} download>
+            {text.figure.csv}
+          </a>
+        ),
+      })}
+    >
+      {({ assessment, warnings, entries }, { job }) => (
         <>
-          <VerdictCard assessment={comparison.result.assessment} context={null} />
-          <Further warnings={unsaid(comparison.result.warnings, comparison.result.assessment.reasons)} />
-          <TableTwo entries={comparison.result.entries} />
-          <Methods entries={comparison.result.entries} level={percent(comparison.request.confidence ?? 0.95)} />
+          <VerdictCard assessment={assessment} context={null} />
+          <Further warnings={unsaid(warnings, assessment.reasons)} />
+          <TableTwo entries={entries} />
+          <Methods entries={entries} level={percent(job.request.confidence ?? 0.95)} />
         </>
       )}
-    </>
+    </JobPage>
   );
 }
 

@@ -29,7 +29,7 @@ export function FrameForm({
   const geometries = valueOf(
     useLoad(
       async (signal) =>
-        robot ? (await api.geometries({ robot_id: robot, state: "succeeded", limit: 20 }, signal)).items : [],
+        robot ? (await api.geometries.list({ robot_id: robot, state: "succeeded", limit: 20 }, signal)).items : [],
       [robot],
     ),
   );

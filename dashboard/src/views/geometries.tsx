@@ -112,7 +112,7 @@ function Start({ readings }: { readings: Readings }) {
   }, [chosen, readings]);
   const start = useAction(async () => {
     const request = { ...readings.request, ...source };
-    const made = await api.addGeometry(request, contentKey("geometry", request));
+    const made = await api.geometries.add(request, contentKey("geometry", request));
     go(link(["geometries", made.id]));
   });
   return (
@@ -142,7 +142,7 @@ function Start({ readings }: { readings: Readings }) {
 }
 
 function Earlier() {
-  const found = valueOf(useLoad((signal) => api.geometries({ limit: 50 }, signal), []));
+  const found = valueOf(useLoad((signal) => api.geometries.list({ limit: 50 }, signal), []));
   if (!found || found.items.length === 0) return null;
   return (
     <section>

@@ -3,13 +3,11 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
 import { Arm } from "../components/arm";
-import { Badge } from "../components/badge";
-import { type Fact, Facts, Name, ProblemNote, Show, State, Title, When } from "../components/basics";
-import { JobActions } from "../components/job_actions";
+import { type Fact, Facts, ProblemNote } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { fixed, significant } from "../lib/format";
 import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
-import { useLoad } from "../state/load";
 import { namesChanged } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
@@ -19,37 +17,16 @@ import { VerdictCard } from "./verdict_card";
 const words = text.geometry;
 
 export function GeometryView({ id }: { id: string }) {
-  const loaded = useLoad((signal) => api.geometry(id, signal), [id]);
   return (
-    <Show of={loaded} title={words.title}>
-      {(geometry) => (
-        <>
-          <div class="head">
-            <Title kind={words.title} plain={geometry.name}>
-              <Name>{geometry.name}</Name>
-            </Title>
-            <p class="meta">
-              {geometry.result ? (
-                <Badge verdict={geometry.result.assessment.verdict} />
-              ) : (
-                <State state={geometry.state} />
-              )}
-              <When time={geometry.provenance.created_at} />
-            </p>
-            <JobActions
-              kind="geometry"
-              job={geometry}
-              name={geometry.name}
-              remove={() => api.deleteGeometry(id)}
-              restore={() => api.restoreGeometry(id)}
-              list="#/geometries"
-            />
-          </div>
-          {geometry.error && <ProblemNote problem={geometry.error} />}
-          {geometry.result && <Found geometry={geometry} result={geometry.result} />}
-        </>
-      )}
-    </Show>
+    <JobPage
+      collection="geometries"
+      id={id}
+      kind={words.title}
+      load={async (signal) => ({ job: await api.geometries.one(id, signal) })}
+      head={({ job }) => ({ name: job.name, list: "#/geometries" })}
+    >
+      {(result, { job }) => <Found geometry={job} result={result} />}
+    </JobPage>
   );
 }
 
@@ -116,7 +93,7 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
   const [name, setName] = useState(words.asMeasured(geometry.name));
   const save = useAction(async () => {
     const document: RobotRequest = { name, model: { format: "geometry", geometry_id: geometry.id } };
-    const robot = await api.addRobot(document, `robot-${geometry.id}-${name}`.slice(0, 200));
+    const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));
     namesChanged();
     go(link(["robots", robot.id]));
   });

@@ -68,10 +68,10 @@ export function ImportFlow({
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
     const document = { ...set, ...notedIn(typed), noise, frame: framed, robot_id: robot };
-    const added = await api.addSet(document, contentKey("set", document));
+    const added = await api.sets.add(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
-    const run = await api.addRun(form.request(added.id), freshKey("run"));
+    const run = await api.runs.add(form.request(added.id), freshKey("run"));
     keepFiles(null);
     go(link(["runs", run.id]));
   });

@@ -2,10 +2,10 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { goesOn } from "../api/events";
-import type { Map as WorkMap, MeasurementSet, Posture, Run } from "../api/types";
-import { Choice, Facts, Name, ProblemNote, Select, Show, State, Title, When } from "../components/basics";
-import { Cancelled, Going } from "../components/going";
-import { JobActions } from "../components/job_actions";
+import type { Map as WorkMap, Posture } from "../api/types";
+import { Choice, Facts, Name, ProblemNote, Select } from "../components/basics";
+import { Going } from "../components/going";
+import { JobPage } from "../components/job_page";
 import { RampLegend, share, SliceChart } from "../components/slice";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { freshKey } from "../lib/hash";
@@ -31,90 +31,60 @@ import { go, link } from "../state/router";
 import { useWidth } from "../state/size";
 import { storedSet } from "../state/stored";
 import { text } from "../i18n";
+import { contextOfEnded, type RunContext } from "./run_context";
 
 const words = text.map;
 const AXES = ["x", "y", "z"] as const;
 
 /** A map with what it is about; without places while it goes on. */
-interface Loaded {
+interface Loaded extends RunContext {
   map: WorkMap;
-  run: Run;
-  set: MeasurementSet;
   places: MapPlace[];
 }
 
-async function load(id: string, signal?: AbortSignal): Promise<Loaded> {
-  const map = await api.map(id, signal);
-  const run = await cached(`run/${map.request.run_id}`, () => api.run(map.request.run_id));
-  const set = await storedSet(run.request.measurement_set_id);
+async function load(id: string, signal: AbortSignal): Promise<Loaded> {
+  const map = await api.maps.one(id, signal);
   const places = map.result ? parseMap(await cached(`map/${id}`, () => api.mapTable(id))) : [];
-  return { map, run, set, places };
+  return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 
 export function MapView({ id, beside }: { id: string; beside: string | null }) {
-  const loaded = useLoad(
-    async (signal) => ({ own: await load(id, signal), other: beside ? await load(beside, signal) : null }),
-    [id, beside],
-  );
   return (
-    <Show of={loaded} title={words.kind}>
-      {({ own, other }) => (
-        <>
-          <Head loaded={own} />
-          <Body own={own} other={other} ended={loaded.reload} />
-        </>
-      )}
-    </Show>
-  );
-}
-
-function Head({ loaded: { map, run, set } }: { loaded: Loaded }) {
-  const name = map.request.name ?? words.title(set.name);
-  return (
-    <div class="head">
-      <Title kind={words.kind} plain={name}>
-        <Name>{name}</Name>
-      </Title>
-      <p class="meta">
-        {!map.result && !goesOn(map.state) && <State state={map.state} />}
-        <a href={link(["runs", run.id])}>
-          <Name>{set.name}</Name>
-        </a>
-        <When time={map.provenance.created_at} />
-      </p>
-      <JobActions
-        kind="map"
-        job={map}
-        name={name}
-        remove={goesOn(map.state) ? null : () => api.deleteMap(map.id)}
-        restore={() => api.restoreMap(map.id)}
-        list={link(["runs", run.id])}
-      >
-        {map.result &&
+    <JobPage
+      key={beside}
+      collection="maps"
+      id={id}
+      kind={words.kind}
+      load={async (signal) => {
+        const own = await load(id, signal);
+        return { job: own.map, own, other: beside ? await load(beside, signal) : null };
+      }}
+      head={({ job, own: { run, set } }) => ({
+        name: job.request.name ?? words.title(set.name),
+        list: link(["runs", run.id]),
+        about: (
+          <a href={link(["runs", run.id])}>
+            <Name>{set.name}</Name>
+          </a>
+        ),
+        actions:
+          job.result &&
           (["csv", "npz"] as const).map((extension) => (
-            <a class="button" href={api.mapFile(map.id, extension)} download>
+            <a class="button" href={api.maps.file(id, `map.${extension}`)} download>
               {words[extension]}
             </a>
-          ))}
-      </JobActions>
-    </div>
+          )),
+      })}
+    >
+      {(_, { own, other }, reload) =>
+        other && goesOn(other.map.state) ? (
+          <Going collection="maps" job={other.map} ended={reload} />
+        ) : (
+          <Explorer own={own} other={other} />
+        )
+      }
+    </JobPage>
   );
-}
-
-function Body({ own, other, ended }: { own: Loaded; other: Loaded | null; ended: () => void }) {
-  const going = [own, other].find((one) => one && goesOn(one.map.state));
-  if (going)
-    return <Going collection="maps" job={going.map} cancel={() => api.cancelMap(going.map.id)} ended={ended} />;
-  const { map } = own;
-  if (map.state === "cancelled") return <Cancelled progress={map.progress} />;
-  if (map.error)
-    return (
-      <>
-        <h2>{words.failed}</h2>
-        <ProblemNote problem={map.error} />
-      </>
-    );
-  return map.result ? <Explorer own={own} other={other} /> : null;
 }
 
 function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
@@ -355,7 +325,7 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
 function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
   const runs = valueOf(
     useCached(`runs/robot/${own.set.robot_id}`, () =>
-      api.runs({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }),
+      api.runs.list({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }),
     ),
   );
   const sets = useLoad(async () => {
@@ -365,7 +335,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
   const names = valueOf(sets);
   const make = useAction(async (run: string) => {
     if (run === "") return go(link(["maps", own.map.id]));
-    const made = await api.addMap({ ...own.map.request, run_id: run }, freshKey("map"));
+    const made = await api.maps.add({ ...own.map.request, run_id: run }, freshKey("map"));
     go(link(["maps", own.map.id], { beside: made.id }));
   });
   const options = (runs?.items ?? [])

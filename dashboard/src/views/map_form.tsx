@@ -39,7 +39,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = set.observations[Number(near)]?.joints.map((value) => value * angle);
-    const made = await api.addMap(
+    const made = await api.maps.add(
       {
         run_id: run.id,
         area: [numbers(least), numbers(greatest)],

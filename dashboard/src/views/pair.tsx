@@ -4,15 +4,13 @@ import type { Pair } from "../api/types";
 import { Bars } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Intervals } from "../charts/intervals";
-import { Badge } from "../components/badge";
-import { Name, ProblemNote, Show, State, Title, When } from "../components/basics";
-import { JobActions } from "../components/job_actions";
+import { Name } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
 import { percent, pValue, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { axisStiffness } from "../lib/stiffness";
 import { intervalIn, maybeInUnit, STIFFNESS_UNITS } from "../lib/units";
-import { useLoad } from "../state/load";
 import { storedSet } from "../state/stored";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
@@ -28,64 +26,54 @@ const sideOf = (side: Pair["request"]["first"]): string =>
   side.run_id ? `run:${side.run_id}` : `set:${side.measurement_set_id ?? ""}`;
 
 export function PairView({ id }: { id: string }) {
-  const loaded = useLoad(
-    async (signal) => {
-      const pair = await api.pair(id, signal);
-      const [first, second] = await Promise.all([storedSet(pair.first_set_id), storedSet(pair.second_set_id)]);
-      const same = first.name === second.name;
-      const named = (name: string, side: string) => (same ? `${name} (${side})` : name);
-      return { pair, first: named(first.name, words.first), second: named(second.name, words.second) };
-    },
-    [id],
-  );
   return (
-    <Show of={loaded} title={words.kind}>
-      {({ pair, first, second }) => (
-        <>
-          <div class="head">
-            <Title kind={words.kind} plain={words.title(first, second)}>
-              <Name>{first}</Name> → <Name>{second}</Name>
-            </Title>
-            <p class="meta">
-              {pair.result ? <Badge verdict={pair.result.assessment.verdict} /> : <State state={pair.state} />}
-              <a href={link(["sets", pair.first_set_id])}>
-                <Name>{first}</Name>
-              </a>
-              <a href={link(["sets", pair.second_set_id])}>
-                <Name>{second}</Name>
-              </a>
-              <When time={pair.provenance.created_at} />
-            </p>
-            <JobActions
-              kind="pair"
-              job={pair}
-              name={words.title(first, second)}
-              remove={() => api.deletePair(pair.id)}
-              restore={() => api.restorePair(pair.id)}
-              list="#/compare/pairs"
-            >
-              <a
-                class="button"
-                href={link(["compare", "pairs"], {
-                  first: sideOf(pair.request.second),
-                  second: sideOf(pair.request.first),
-                })}
-              >
-                {words.swap}
-              </a>
-            </JobActions>
-          </div>
-          {pair.error && <ProblemNote problem={pair.error} />}
-          {pair.result && (
-            <PairPage
-              result={pair.result}
-              sides={[first, second]}
-              level={percent(pair.request.confidence ?? pair.request.options?.confidence ?? 0.95)}
-            />
-          )}
-        </>
+    <JobPage
+      collection="pairs"
+      id={id}
+      kind={words.kind}
+      load={async (signal) => {
+        const pair = await api.pairs.one(id, signal);
+        const [first, second] = await Promise.all([storedSet(pair.first_set_id), storedSet(pair.second_set_id)]);
+        const same = first.name === second.name;
+        const named = (name: string, side: string) => (same ? `${name} (${side})` : name);
+        return { job: pair, sides: [named(first.name, words.first), named(second.name, words.second)] as const };
+      }}
+      head={({ job, sides: [first, second] }) => ({
+        name: words.title(first, second),
+        title: (
+          <>
+            <Name>{first}</Name> → <Name>{second}</Name>
+          </>
+        ),
+        list: "#/compare/pairs",
+        about: (
+          <>
+            <a href={link(["sets", job.first_set_id])}>
+              <Name>{first}</Name>
+            </a>
+            <a href={link(["sets", job.second_set_id])}>
+              <Name>{second}</Name>
+            </a>
+          </>
+        ),
+        actions: (
+          <a
+            class="button"
+            href={link(["compare", "pairs"], { first: sideOf(job.request.second), second: sideOf(job.request.first) })}
+          >
+            {words.swap}
+          </a>
+        ),
+      })}
+    >
+      {(result, { job, sides }) => (
+        <PairPage
+          result={result}
+          sides={sides}
+          level={percent(job.request.confidence ?? job.request.options?.confidence ?? 0.95)}
+        />
       )}
-    </Show>
+    </JobPage>
   );
 }
 

@@ -1,15 +1,14 @@
 /** One plan: its promise beside other plans', its certificate, and its check-list. */
 import { api } from "../api/client";
-import type { MeasurementSet, Plan, PlanResult, Robot } from "../api/types";
-import { Name, ProblemNote, Show, State, Title, When } from "../components/basics";
+import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
+import { Name } from "../components/basics";
 import { save } from "../components/download";
-import { JobActions } from "../components/job_actions";
+import { JobPage } from "../components/job_page";
 import { DataTable } from "../components/table";
 import { toFillIn } from "../lib/checklist";
 import { csv, fileName } from "../lib/csv";
 import { percent, significant } from "../lib/format";
 import { degrees } from "../lib/units";
-import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
@@ -19,86 +18,71 @@ const words = text.plan;
 
 type Promised = PlanResult["joints"][number];
 
-interface Loaded {
-  plan: Plan;
-  robot: Robot;
-  base: MeasurementSet | null;
-}
-
 export function PlanView({ id }: { id: string }) {
-  const loaded = useLoad<Loaded>(
-    async (signal) => {
-      const plan = await api.plan(id, signal);
-      const setId = plan.request.measurement_set_id;
-      const base = setId ? await storedSet(setId) : null;
-      return { plan, base, robot: await storedRobot(base?.robot_id ?? plan.request.robot_id ?? "") };
-    },
-    [id],
-  );
   return (
-    <Show of={loaded} title={words.kind}>
-      {(found) => <PlanPage {...found} />}
-    </Show>
-  );
-}
-
-function PlanPage({ plan, robot, base }: Loaded) {
-  const subject = base?.name ?? robot.name;
-  const { result } = plan;
-  return (
-    <>
-      <div class="head">
-        <Title kind={words.kind} plain={words.title(subject)}>
-          <Name>{subject}</Name>
-        </Title>
-        <p class="meta">
-          <State state={plan.state} />
+    <JobPage
+      collection="plans"
+      id={id}
+      kind={words.kind}
+      load={async (signal) => {
+        const plan = await api.plans.one(id, signal);
+        const setId = plan.request.measurement_set_id;
+        const base = setId ? await storedSet(setId) : null;
+        const robot = await storedRobot(base?.robot_id ?? plan.request.robot_id ?? "");
+        return { job: plan, base, robot, subject: base?.name ?? robot.name };
+      }}
+      head={({ job, base, robot, subject }) => ({
+        name: words.title(subject),
+        title: <Name>{subject}</Name>,
+        list: "#/plans",
+        about: (
           <a href={base ? link(["sets", base.id]) : link(["robots", robot.id])}>
             <Name>{subject}</Name>
           </a>
-          <When time={plan.provenance.created_at} />
-        </p>
-        <JobActions
-          kind="plan"
-          job={plan}
-          name={words.title(subject)}
-          remove={() => api.deletePlan(plan.id)}
-          restore={() => api.restorePlan(plan.id)}
-          list="#/plans"
-        >
-          {result && (
-            <>
-              <button
-                type="button"
-                class="button primary"
-                onClick={() =>
-                  save(
-                    JSON.stringify(toFillIn(plan.request, result.readings, robot.id, base), null, 1),
-                    "application/json",
-                    fileName(`${subject} planned`, "json"),
-                  )
-                }
-              >
-                {words.fillIn}
-              </button>
-              <button
-                type="button"
-                class="button"
-                onClick={() => save(listOf(result, robot), "text/csv", fileName(`${subject} plan`, "csv"))}
-              >
-                {words.csv}
-              </button>
-            </>
-          )}
-        </JobActions>
-      </div>
-      {plan.error && <ProblemNote problem={plan.error} />}
-      {result && (
+        ),
+        actions: job.result && <Files {...{ request: job.request, result: job.result, base, robot, subject }} />,
+      })}
+    >
+      {(result, { job, robot }) => (
         <>
-          <Checklist plan={plan} result={result} robot={robot} />
+          <Checklist plan={job} result={result} robot={robot} />
           <Promise result={result} />
         </>
       )}
+    </JobPage>
+  );
+}
+
+function Files({
+  request,
+  result,
+  base,
+  robot,
+  subject,
+}: {
+  request: PlanRequest;
+  result: PlanResult;
+  base: MeasurementSet | null;
+  robot: Robot;
+  subject: string;
+}) {
+  const toMeasure = () => JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
+  return (
+    <>
+      <button
+        type="button"
+        class="button primary"
+        onClick={() => save(toMeasure(), "application/json", fileName(`${subject} planned`, "json"))}
+      >
+        {words.fillIn}
+      </button>
+      <button
+        type="button"
+        class="button"
+        onClick={() => save(listOf(result, robot), "text/csv", fileName(`${subject} plan`, "csv"))}
+      >
+        {words.csv}
+      </button>
     </>
   );
 }

@@ -155,9 +155,9 @@ function Readings({ result, robot, done }: { result: PlanResult; robot: Robot; d
     const held = result.readings.filter((each) => each.validation && read.labels.includes(each.label));
     if (held.length === read.labels.length) return setFault(words.nothingRead);
     const document = { ...read.document, robot_id: robot.id };
-    const stored = await api.addSet(document, contentKey("set", document));
+    const stored = await api.sets.add(document, contentKey("set", document));
     const request = { measurement_set_id: stored.id, leave_out: held.map(({ label }) => label) };
-    const run = await api.addRun(request, contentKey("run", request));
+    const run = await api.runs.add(request, contentKey("run", request));
     setFound({ run, fitted: read.labels.length - held.length, held: held.length });
     done(result.readings.map(({ label }) => label).filter((label) => read.labels.includes(label)));
   });

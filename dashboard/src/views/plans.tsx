@@ -60,7 +60,7 @@ function Form({ names, given }: { names: Names; given: string }) {
   const options = optionsOf(asked);
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
-    const plan = await api.addPlan({ ...whose, ...(options as object) }, freshKey("plan"));
+    const plan = await api.plans.add({ ...whose, ...(options as object) }, freshKey("plan"));
     go(link(["plans", plan.id]));
   });
   const pick = (value: string) => {
@@ -216,7 +216,7 @@ function Joints({ robot, chosen, change }: { robot: string; chosen: string[]; ch
 }
 
 function Earlier({ names }: { names: Names }) {
-  const found = valueOf(useLoad((signal) => api.plans({ limit: 20 }, signal), []));
+  const found = valueOf(useLoad((signal) => api.plans.list({ limit: 20 }, signal), []));
   if (!found || found.items.length === 0) return null;
   return (
     <section>

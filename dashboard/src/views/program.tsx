@@ -1,11 +1,9 @@
 /** A compensated program: the path over the robot by its deflection, before and after, the worst points, the files. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { goesOn } from "../api/events";
-import type { Program, ProgramResult, Run } from "../api/types";
-import { Busy, Choice, Facts, Name, ProblemNote, Show, State, Title, When } from "../components/basics";
-import { Cancelled, Going } from "../components/going";
-import { JobActions } from "../components/job_actions";
+import type { Program, ProgramResult } from "../api/types";
+import { Busy, Choice, Facts } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
 import { DataTable } from "../components/table";
 import { significant } from "../lib/format";
@@ -13,101 +11,66 @@ import { parsePoints, type PathPoint, thinned } from "../lib/program";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { useKinematics } from "../state/posture";
-import { cached } from "../state/cache";
-import { useLoad } from "../state/load";
 import { link } from "../state/router";
-import { storedSet } from "../state/stored";
 import { text } from "../i18n";
+import { contextOfEnded, type RunContext } from "./run_context";
 
 const words = text.program;
 const MOST_DRAWN = 3_000;
 const WIDTH = 0.012; // of a point, in m
 
-interface Loaded {
-  program: Program;
-  run: Run;
-  robot: string;
+interface Loaded extends RunContext {
+  job: Program;
   points: PathPoint[];
 }
 
-async function load(id: string, signal?: AbortSignal): Promise<Loaded> {
-  const program = await api.program(id, signal);
-  const run = await cached(`run/${program.request.run_id}`, () => api.run(program.request.run_id));
-  const set = await storedSet(run.request.measurement_set_id);
-  const points = program.result ? parsePoints(await api.programPoints(id)) : [];
-  return { program, run, robot: set.robot_id, points };
+async function load(id: string, signal: AbortSignal): Promise<Loaded> {
+  const job = await api.programs.one(id, signal);
+  const points = job.result ? parsePoints(await api.programPoints(id)) : [];
+  return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 
 export function ProgramView({ id }: { id: string }) {
-  const loaded = useLoad((signal) => load(id, signal), [id]);
   return (
-    <Show of={loaded} title={words.kind}>
-      {(found) => (
+    <JobPage
+      collection="programs"
+      id={id}
+      kind={words.kind}
+      load={(signal) => load(id, signal)}
+      head={({ job, run }) => ({
+        name: job.request.files[0]?.name ?? words.kind,
+        list: link(["runs", run.id]),
+        about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
+        actions: job.result && (
+          <>
+            {job.result.files.map((file) => (
+              <a class="button primary" href={api.programFile(id, file.name)} download={file.name}>
+                {words.download(file.name)}
+              </a>
+            ))}
+            <a class="button" href={api.programs.file(id, "points.csv")} download>
+              {words.table}
+            </a>
+          </>
+        ),
+      })}
+    >
+      {(result, loaded) => (
         <>
-          <Head loaded={found} />
-          <Body loaded={found} ended={loaded.reload} />
+          <Counts result={result} />
+          <Scene loaded={loaded} />
+          <h2>{words.worst}</h2>
+          <Worst result={result} />
+          {result.remarks.length > 0 && (
+            <ul>
+              {result.remarks.map((remark) => (
+                <li>{remark}</li>
+              ))}
+            </ul>
+          )}
         </>
       )}
-    </Show>
-  );
-}
-
-function Head({ loaded: { program, run } }: { loaded: Loaded }) {
-  const name = program.request.files[0]?.name ?? words.kind;
-  return (
-    <div class="head">
-      <Title kind={words.kind} plain={name}>
-        <Name>{name}</Name>
-      </Title>
-      <p class="meta">
-        {!program.result && !goesOn(program.state) && <State state={program.state} />}
-        <a href={link(["runs", run.id])}>{text.run.kind}</a>
-        <When time={program.provenance.created_at} />
-      </p>
-      <JobActions
-        kind="program"
-        job={program}
-        name={name}
-        remove={goesOn(program.state) ? null : () => api.deleteProgram(program.id)}
-        restore={() => api.restoreProgram(program.id)}
-        list={link(["runs", run.id])}
-      >
-        {program.result?.files.map((file) => (
-          <a class="button primary" href={api.programFile(program.id, file.name)} download={file.name}>
-            {words.download(file.name)}
-          </a>
-        ))}
-        {program.result && (
-          <a class="button" href={api.programTable(program.id)} download>
-            {words.table}
-          </a>
-        )}
-      </JobActions>
-    </div>
-  );
-}
-
-function Body({ loaded, ended }: { loaded: Loaded; ended: () => void }) {
-  const { program } = loaded;
-  if (goesOn(program.state))
-    return <Going collection="programs" job={program} cancel={() => api.cancelProgram(program.id)} ended={ended} />;
-  if (program.state === "cancelled") return <Cancelled progress={program.progress} />;
-  if (program.error) return <ProblemNote problem={program.error} />;
-  if (!program.result) return null;
-  return (
-    <>
-      <Counts result={program.result} />
-      <Scene loaded={loaded} />
-      <h2>{words.worst}</h2>
-      <Worst result={program.result} />
-      {program.result.remarks.length > 0 && (
-        <ul>
-          {program.result.remarks.map((remark) => (
-            <li>{remark}</li>
-          ))}
-        </ul>
-      )}
-    </>
+    </JobPage>
   );
 }
 
@@ -135,7 +98,7 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
-  const { kinematics } = useKinematics(point ? { robot_id: robot } : null, point ? [point.joints] : []);
+  const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
   const posture = kinematics?.postures[0];
   const greatest = useMemo(
     () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),

@@ -8,7 +8,7 @@ import { text } from "../i18n";
 const SHOWN = 20;
 
 export function ProgramList({ robot }: { robot: string }) {
-  const found = useLoad((signal) => api.programs({ robot_id: robot, limit: SHOWN }, signal), [robot]);
+  const found = useLoad((signal) => api.programs.list({ robot_id: robot, limit: SHOWN }, signal), [robot]);
   const items = valueOf(found)?.items ?? [];
   if (items.length === 0) return null;
   return (

@@ -51,14 +51,14 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <Changes
             name={robot.name}
             archived={robot.archived}
-            change={(change) => api.changeRobot(robot.id, change)}
+            change={(change) => api.robots.change(robot.id, change)}
             changed={changed}
           />
           <DeleteButton
             name={robot.name}
             list="#/robots"
-            remove={() => api.deleteRobot(robot.id)}
-            restore={() => api.restoreRobot(robot.id)}
+            remove={() => api.robots.delete(robot.id)}
+            restore={() => api.robots.restore(robot.id)}
           />
         </div>
       </div>

@@ -40,7 +40,7 @@ export function RobotNewView() {
       format === "catalogue" && arm
         ? { name: document.name, model: { format: "catalogue" as const, arm: arm.name } }
         : { ...document, name: name.trim() };
-    const robot = await api.addRobot(named, contentKey("robot", named));
+    const robot = await api.robots.add(named, contentKey("robot", named));
     namesChanged();
     go(link(["robots", robot.id]));
   });

@@ -38,12 +38,12 @@ export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>
 }
 
 async function twinsOf(robot: Robot, signal: AbortSignal): Promise<Twin[]> {
-  const { items: robots } = await api.robots({ content_hash: robot.content_hash, limit: MOST }, signal);
+  const { items: robots } = await api.robots.list({ content_hash: robot.content_hash, limit: MOST }, signal);
   const each = <Item,>(list: (of: { robot_id: string }) => Promise<Item[]>) =>
     Promise.all(robots.map(({ id }) => list({ robot_id: id }))).then((lists) => lists.flat());
   const [sets, runs] = await Promise.all([
-    each((of) => every(api.sets, of, 100, signal)),
-    each((of) => every(api.runs, { ...of, state: "succeeded" }, 100, signal)),
+    each((of) => every(api.sets.list, of, 100, signal)),
+    each((of) => every(api.runs.list, { ...of, state: "succeeded" }, 100, signal)),
   ]);
   const known = new Map(sets.map((set) => [set.id, set]));
   const names = new Map(robots.map(({ id, name }) => [id, name]));
@@ -55,7 +55,7 @@ async function twinsOf(robot: Robot, signal: AbortSignal): Promise<Twin[]> {
       serial: known.get(summary.measurement_set_id)?.serial_number ?? null,
       encoders: known.get(summary.measurement_set_id)?.encoders ?? null,
       at: known.get(summary.measurement_set_id)?.measured_at ?? summary.created_at,
-      run: await api.run(summary.id, signal),
+      run: await api.runs.one(summary.id, signal),
     })),
   );
 }

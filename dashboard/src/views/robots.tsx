@@ -182,5 +182,5 @@ export function SetList({ names, sets }: { names: Names | null; sets: Names["set
 }
 
 export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
-  return useLoad((signal) => every(api.runs, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
+  return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
 }

@@ -1,17 +1,13 @@
-/** One run: its state while it goes on, then its result in four parts. */
+/** One run: its result in parts. */
 import { api } from "../api/client";
-import { goesOn } from "../api/events";
-import { Badge } from "../components/badge";
-import { Name, ProblemNote, Show, State, Tabs, Title, When } from "../components/basics";
-import { Cancelled, Going } from "../components/going";
-import { JobActions } from "../components/job_actions";
+import type { Run } from "../api/types";
+import { Name, ProblemNote, Tabs } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
-import { useLoad } from "../state/load";
-import { storedRobot, storedSet } from "../state/stored";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
-import { isElastic, type RunContext } from "./run_context";
+import { contextOf, isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
@@ -21,110 +17,75 @@ import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
-  const loaded = useLoad(
-    async (signal): Promise<RunContext> => {
-      const run = await api.run(id, signal);
-      const set = await storedSet(run.request.measurement_set_id);
-      return { run, set, robot: await storedRobot(set.robot_id) };
-    },
-    [id],
-  );
   return (
-    <Show of={loaded} title={text.run.kind}>
-      {(context) => (
-        <>
-          <Head context={context} />
-          <Body context={context} part={part} query={query} ended={loaded.reload} />
-        </>
-      )}
-    </Show>
+    <JobPage
+      collection="runs"
+      id={id}
+      kind={text.run.kind}
+      load={async (signal) => {
+        const run = await api.runs.one(id, signal);
+        return { job: run, ...(await contextOf(run)) };
+      }}
+      head={({ run, set, robot }) => ({
+        name: set.name,
+        list: "#/runs",
+        about: <About run={run} robot={robot} />,
+        actions: <Repeat run={run} />,
+      })}
+    >
+      {(_, context) => <Parts context={context} part={part} query={query} />}
+    </JobPage>
   );
 }
 
-function Head({ context: { run, set, robot } }: { context: RunContext }) {
+function About({ run, robot }: Pick<RunContext, "run" | "robot">) {
+  const { method, positive, elasticity, variant_of: origin } = run.request;
+  const constraint = positive === false ? text.options.unconstrained : text.options.constrained;
+  return (
+    <>
+      {origin !== null && <a href={link(["runs", origin])}>{text.assessment.variantOf}</a>}
+      <span>
+        {text.methods[method]}, {constraint}
+        {isElastic(run) && `, ${text.elasticities[elasticity]}`}
+      </span>
+      <a href={link(["robots", robot.id])}>
+        <Name>{robot.name}</Name>
+      </a>
+    </>
+  );
+}
+
+function Repeat({ run }: { run: Run }) {
   const repeat = useAction(async () => {
-    const again = await api.addRun(run.request, freshKey("run"));
+    const again = await api.runs.add(run.request, freshKey("run"));
     go(link(["runs", again.id]));
   });
   return (
     <>
-      <div class="head">
-        <Title kind={text.run.kind} plain={set.name}>
-          <Name>{set.name}</Name>
-        </Title>
-        <p class="meta">
-          {run.result ? (
-            <Badge verdict={run.result.assessment.verdict} />
-          ) : (
-            !goesOn(run.state) && <State state={run.state} />
-          )}
-          {run.request.variant_of !== null && (
-            <a href={link(["runs", run.request.variant_of])}>{text.assessment.variantOf}</a>
-          )}
-          <span>
-            {text.methods[run.request.method]},{" "}
-            {run.request.positive === false ? text.options.unconstrained : text.options.constrained}
-            {isElastic(run) && `, ${text.elasticities[run.request.elasticity]}`}
-          </span>
-          <a href={link(["robots", robot.id])}>
-            <Name>{robot.name}</Name>
-          </a>
-          <When time={run.provenance.created_at} />
-        </p>
-        <JobActions
-          kind="run"
-          job={run}
-          name={set.name}
-          remove={goesOn(run.state) ? null : () => api.deleteRun(run.id)}
-          restore={() => api.restoreRun(run.id)}
-          list="#/runs"
-        >
-          <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
-            {text.run.repeat}
-          </button>
-        </JobActions>
-      </div>
+      <button type="button" class="button" disabled={repeat.busy} onClick={repeat.run}>
+        {text.run.repeat}
+      </button>
       {repeat.problem && <ProblemNote problem={repeat.problem} />}
     </>
   );
 }
 
-function Body({
-  context,
-  part,
-  query,
-  ended,
-}: {
-  context: RunContext;
-  part: string;
-  query: URLSearchParams;
-  ended: () => void;
-}) {
-  const { run } = context;
-  if (goesOn(run.state))
-    return <Going collection="runs" job={run} cancel={() => api.cancelRun(run.id)} ended={ended} />;
-  if (run.state === "cancelled") return <Cancelled progress={run.progress} />;
-  if (run.error)
-    return (
-      <>
-        <h2>{text.run.failed}</h2>
-        <ProblemNote problem={run.error} />
-      </>
-    );
-  if (!run.result) return null;
+function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
+  const { result } = context.run;
+  if (!result) return null;
   const views = text.run.views;
   const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
     id,
     label: views[id],
-    href: link(id === "result" ? ["runs", run.id] : ["runs", run.id, id]),
+    href: link(id === "result" ? ["runs", context.run.id] : ["runs", context.run.id, id]),
   }));
   return (
     <>
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       {part === "deflection" ? (
-        <DeflectionPart context={context} result={run.result} at={query.get("at")} />
+        <DeflectionPart context={context} result={result} at={query.get("at")} />
       ) : part === "robot" ? (
-        <RobotPart context={context} result={run.result} query={query} />
+        <RobotPart context={context} result={result} query={query} />
       ) : part === "map" ? (
         <MapForm context={context} />
       ) : part === "program" ? (
@@ -133,9 +94,9 @@ function Body({
           <ProgramList robot={context.set.robot_id} />
         </>
       ) : part === "evidence" ? (
-        <EvidencePart context={context} result={run.result} />
+        <EvidencePart context={context} result={result} />
       ) : (
-        <StiffnessPart context={context} result={run.result} />
+        <StiffnessPart context={context} result={result} />
       )}
     </>
   );

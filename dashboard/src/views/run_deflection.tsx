@@ -107,7 +107,7 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
   const found = valueOf(
     useLoad(
       async (signal) => {
-        const page = await api.runs(
+        const page = await api.runs.list(
           { measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 },
           signal,
         );
@@ -127,7 +127,7 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
   );
   if (!found) return null;
   const toggle = async (id: string, on: boolean) =>
-    change(on ? [...shown, await api.run(id)].slice(0, MARKS.length) : shown.filter((other) => other.id !== id));
+    change(on ? [...shown, await api.runs.one(id)].slice(0, MARKS.length) : shown.filter((other) => other.id !== id));
   return (
     <fieldset class="overlay">
       <legend>{text.deflection.overlay}</legend>

@@ -14,14 +14,20 @@ export function RunFiles({ run }: { run: string }) {
       <h2>{words.title}</h2>
       <p class="soft">{words.note}</p>
       <div class="actions">
-        <a class="button" href={api.runReport(run, "pdf")} download>
+        <a class="button" href={api.runs.file(run, "report.pdf")} download>
           {words.pdf}
         </a>
-        <a class="button" href={api.runReport(run, "html")} target="_blank" rel="noreferrer">
+        <a class="button" href={api.runs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {words.html}
         </a>
         {(Object.keys(words.models) as (keyof typeof words.models)[]).map((format) => (
-          <a class="button" key={format} href={api.runModel(run, format)} title={words.models[format][1]} download>
+          <a
+            class="button"
+            key={format}
+            href={api.runs.file(run, `model.${format}`)}
+            title={words.models[format][1]}
+            download
+          >
             {words.models[format][0]}
           </a>
         ))}

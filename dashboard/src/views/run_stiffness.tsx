@@ -57,17 +57,17 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
 async function otherConstraint(run: Run): Promise<Run> {
   const wanted = { ...run.request, positive: !run.request.positive };
   const plain = JSON.stringify({ ...wanted, resampling: null });
-  const page = await api.runs({
+  const page = await api.runs.list({
     measurement_set_id: run.request.measurement_set_id,
     method: run.request.method,
     state: "succeeded",
     limit: 50,
   });
   for (const summary of page.items.filter((item) => item.positive === wanted.positive).slice(0, 8)) {
-    const found = await api.run(summary.id);
+    const found = await api.runs.one(summary.id);
     if (JSON.stringify({ ...wanted, ...found.request, resampling: null }) === plain) return found;
   }
-  return api.addRun({ ...wanted, resampling: null }, freshKey("run"));
+  return api.runs.add({ ...wanted, resampling: null }, freshKey("run"));
 }
 
 function Summary({ result }: { result: RunResult }) {

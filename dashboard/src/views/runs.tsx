@@ -36,7 +36,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   const remove = (run: RunSummary) => {
     const name = names?.set(run.measurement_set_id) ?? run.id;
     take(run.id);
-    api.deleteRun(run.id).then(
+    api.runs.delete(run.id).then(
       () => toast(text.runs.deleted(name), { label: text.runs.undo, run: () => restore(run) }),
       (error: unknown) => {
         put(run);
@@ -45,7 +45,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
     );
   };
   const restore = (run: RunSummary) => {
-    api.restoreRun(run.id).then(
+    api.runs.restore(run.id).then(
       () => {
         if (state === "deleted") take(run.id);
         else put(run);
@@ -201,7 +201,7 @@ function useRunPages(state: Filter, robot: string) {
   };
   const ask = (cursor: string | null, hear: (page: Page<RunSummary>) => void) => {
     setProblem(null);
-    api.runs({ ...filters, limit: 100, cursor }).then(
+    api.runs.list({ ...filters, limit: 100, cursor }).then(
       (page) => {
         hear(page);
         setNext(page.next);

@@ -53,14 +53,14 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
           <Changes
             name={set.name}
             archived={set.archived}
-            change={(change) => api.changeSet(set.id, change)}
+            change={(change) => api.sets.change(set.id, change)}
             changed={changed}
           />
           <DeleteButton
             name={set.name}
             list="#/sets"
-            remove={() => api.deleteSet(set.id)}
-            restore={() => api.restoreSet(set.id)}
+            remove={() => api.sets.delete(set.id)}
+            restore={() => api.sets.restore(set.id)}
           />
         </div>
       </div>

@@ -17,7 +17,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
   const save = useAction(async () => {
     const noted = notedIn(typed);
     if (noted === null) return;
-    await api.changeSet(set.id, noted);
+    await api.sets.change(set.id, noted);
     storedChanged();
     namesChanged();
     setEditing(false);

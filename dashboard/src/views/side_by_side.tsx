@@ -31,7 +31,7 @@ interface Column {
 export function SideBySideView({ ids }: { ids: string[] }) {
   const loaded = useLoad(
     async (signal) => {
-      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.run(id, signal)));
+      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
       const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
       return runs.map((run, i): Column => ({ run, name: sets[i]?.name ?? run.id }));
     },
@@ -59,7 +59,7 @@ function Page({ columns }: { columns: Column[] }) {
   const [first, second] = columns;
   const pair = useAction(async () => {
     if (!first || !second) return;
-    const made = await api.addPair(
+    const made = await api.pairs.add(
       { first: { run_id: first.run.id }, second: { run_id: second.run.id } },
       freshKey("pair"),
     );

@@ -44,7 +44,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
 }
 
 function Recent() {
-  const recent = useLoad((signal) => api.runs({ limit: 5 }, signal), []);
+  const recent = useLoad((signal) => api.runs.list({ limit: 5 }, signal), []);
   const names = valueOf(useNames());
   if (recent.state === "loading") return <Busy />;
   if (recent.state === "failed") return <ProblemNote problem={recent.problem} retry={recent.reload} />;

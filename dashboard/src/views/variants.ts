@@ -22,7 +22,7 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
       return post({ ...asked, elasticity: "automatic", loss: null });
     case "apply_joint_map": {
       const named = withJointMap(robot, action, text.assessment.corrected.map(robot.name));
-      const added = await api.addRobot(named, contentKey("robot", named));
+      const added = await api.robots.add(named, contentKey("robot", named));
       return onOtherSet(asked, { ...bare(set), robot_id: added.id });
     }
     default: {
@@ -39,7 +39,7 @@ export async function variantBy({ run, set, robot }: RunContext, action: Action)
   }
 }
 
-const post = (request: RunRequest): Promise<Run> => api.addRun(request, contentKey("run", request));
+const post = (request: RunRequest): Promise<Run> => api.runs.add(request, contentKey("run", request));
 
 async function onOtherSet(request: RunRequest, document: Bare): Promise<Run> {
   const added = await stored(document);
@@ -53,7 +53,7 @@ export async function withNoise(set: MeasurementSet, noise: StatedNoise): Promis
 }
 
 async function stored(document: unknown): Promise<MeasurementSet> {
-  const added = await api.addSet(document, contentKey("set", document));
+  const added = await api.sets.add(document, contentKey("set", document));
   namesChanged();
   return added;
 }

@@ -83,7 +83,7 @@ describe("names and the archive", () => {
 describe("what is noted about a set", () => {
   it("is shown, changed, and sent with null where nothing is", async () => {
     const set = { id: "s1", operator: "M. Keller", notes: "one\ntwo" } as MeasurementSet;
-    const send = vi.spyOn(api, "changeSet").mockResolvedValue({} as never);
+    const send = vi.spyOn(api.sets, "change").mockResolvedValue({} as never);
     const root = await drawn(<SetMetadata set={set} changed={() => {}} />);
     expect(root.textContent).toContain("M. Keller");
     await press(root, "Edit");

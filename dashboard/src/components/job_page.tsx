@@ -1,0 +1,147 @@
+/** The page of a job of any kind: its head, then its progress, its problem, or what came of it. */
+import type { ComponentChildren } from "preact";
+import { api } from "../api/client";
+import { type Collection, goesOn } from "../api/events";
+import type { Problem, Progress, RunState, Usability } from "../api/types";
+import { fileName } from "../lib/csv";
+import { useDeletion } from "../state/deletion";
+import { useLoad } from "../state/load";
+import { toast } from "../state/toasts";
+import { text } from "../i18n";
+import { Badge } from "./badge";
+import { Name, ProblemNote, Show, State, Title, When } from "./basics";
+import { save } from "./download";
+import { Cancelled, Going } from "./going";
+
+/** Reports for information; that of a run, which is signed, stands among its files. */
+const REPORTED: readonly Collection[] = ["comparisons", "pairs", "plans", "maps", "programs"];
+
+export interface Job {
+  id: string;
+  state: RunState;
+  progress: Progress | null;
+  result: object | null;
+  error: Problem | null;
+  provenance: { created_at: string };
+}
+
+/** What the head of a page says of its job. */
+export interface Head {
+  /** Plain: in the browser's tab, and after the job was deleted. */
+  name: string;
+  /** The title, where it is more than the name. */
+  title?: ComponentChildren;
+  /** Links to what the job is about, and how it was asked for. */
+  about?: ComponentChildren;
+  /** Address of the list that it stands in. */
+  list: string;
+  /** What can be done with this kind of job. */
+  actions?: ComponentChildren;
+}
+
+export function JobPage<Of extends Job, Context>({
+  collection,
+  id,
+  kind,
+  load,
+  head,
+  children,
+}: {
+  collection: Collection;
+  id: string;
+  /** Its word, above the title. */
+  kind: string;
+  /** The job, and what it is about. */
+  load: (signal: AbortSignal) => Promise<{ job: Of } & Context>;
+  head: (loaded: { job: Of } & Context) => Head;
+  /** What came of it. */
+  children: (result: NonNullable<Of["result"]>, loaded: { job: Of } & Context, reload: () => void) => ComponentChildren;
+}) {
+  const loaded = useLoad(load, [id]);
+  return (
+    <Show of={loaded} title={kind}>
+      {(found) => {
+        const { job } = found;
+        const { name, title, about, list, actions } = head(found);
+        return (
+          <>
+            <div class="head">
+              <Title kind={kind} plain={name}>
+                {title ?? <Name>{name}</Name>}
+              </Title>
+              <p class="meta">
+                <Standing job={job} />
+                {about}
+                <When time={job.provenance.created_at} />
+              </p>
+              <Actions collection={collection} job={job} name={name} list={list}>
+                {actions}
+              </Actions>
+            </div>
+            {goesOn(job.state) && <Going collection={collection} job={job} ended={loaded.reload} />}
+            {job.state === "cancelled" && <Cancelled progress={job.progress} />}
+            {job.error && <ProblemNote problem={job.error} />}
+            {job.result && children(job.result, found, loaded.reload)}
+          </>
+        );
+      }}
+    </Show>
+  );
+}
+
+/** The verdict on what came of it, or why nothing has. */
+function Standing({ job }: { job: Job }) {
+  const { assessment } = (job.result ?? {}) as { assessment?: { verdict: Usability } };
+  if (assessment) return <Badge verdict={assessment.verdict} />;
+  return job.result || goesOn(job.state) ? null : <State state={job.state} />;
+}
+
+/** What can be done with any job: its link, its file, its report, its end. */
+function Actions({
+  collection,
+  job,
+  name,
+  list,
+  children,
+}: {
+  collection: Collection;
+  job: Job;
+  name: string;
+  list: string;
+  children: ComponentChildren;
+}) {
+  const share = () => {
+    if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
+    void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
+  };
+  const deletion = useDeletion({
+    remove: () => api[collection].delete(job.id),
+    restore: () => api[collection].restore(job.id),
+    list,
+    deleted: text.runs.deleted(name),
+  });
+  const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
+  const download = () => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"));
+  return (
+    <div class="actions">
+      {children}
+      <button type="button" class="button" onClick={share}>
+        {text.run.share}
+      </button>
+      <button type="button" class="button" title={text.run.downloadHint} onClick={download}>
+        {text.run.download}
+      </button>
+      {REPORTED.includes(collection) && job.result && (
+        <a class="button" href={api[collection].file(job.id, "report.pdf")} download>
+          {text.run.report}
+        </a>
+      )}
+      {!goesOn(job.state) && (
+        <button type="button" class="button quiet" disabled={deletion.busy} onClick={deletion.run}>
+          {text.run.delete}
+        </button>
+      )}
+      {deletion.problem && <ProblemNote problem={deletion.problem} />}
+    </div>
+  );
+}
