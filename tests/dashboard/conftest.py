@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -24,9 +26,11 @@ from support.browsing import (
     run_npm,
 )
 from support.processes import Service
+from support.programs import START, path, tool_poses
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.document import robot_document
+from jointstiff.simulator.programs import program_text
 
 
 @pytest.fixture(scope="session")
@@ -145,4 +149,23 @@ def stored(api: httpx.Client) -> Stored:
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
     made = post(api, "/v1/maps", work | tool)["id"]
-    return Stored(robot, first, second, run, comparison, pair, plan, made)
+    sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
+    geometry = post(api, "/v1/geometries", sweeps)["id"]
+    return Stored(robot, first, second, run, comparison, pair, plan, made, compensated(api, run), geometry)
+
+
+def compensated(api: httpx.Client, run: str) -> str:
+    """Return a small program, corrected by a run."""
+    options = {
+        "run_id": run,
+        "units": {"length": "mm", "angle": "deg", "force": "N"},
+        "accuracy_option": "off",
+        "load": {"force": [0.0, 0.0, -500.0]},
+        "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
+        "bases": [{"values": [0.0] * 6}],
+        "start": [math.degrees(angle) for angle in START],
+    }
+    file = ("pocket.src", program_text("krl", tool_poses(path(6)), 4).encode())
+    answer = api.post("/v1/programs?wait=1", data={"options": json.dumps(options)}, files={"files": file})
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["id"])

@@ -81,7 +81,7 @@ class Visit:
 
 @dataclass(frozen=True)
 class Stored:
-    """What the tests look at: one robot, two sets of it, a run, a comparison, a pair, a plan, a map."""
+    """What the tests look at: one robot, two sets of it, one job of each kind."""
 
     robot: str
     set: str
@@ -91,6 +91,8 @@ class Stored:
     pair: str
     plan: str
     map: str
+    program: str
+    geometry: str
 
 
 def campaign(**options: Any) -> dict[str, Any]:
@@ -119,11 +121,14 @@ VIEWS = (
     "#/runs/{run}/map",
     "#/runs/{run}/program",
     "#/maps/{map}",
+    "#/programs/{program}",
     "#/robots",
     "#/robots/new",
     "#/robots/{robot}",
     "#/sets",
     "#/sets/{set}",
+    "#/geometries",
+    "#/geometries/{geometry}",
     "#/plans?robot={robot}",
     "#/plans/{plan}",
     "#/compare/methods",
