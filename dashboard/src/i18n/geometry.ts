@@ -22,7 +22,6 @@ export const geometry = {
   identify: "Identify the geometry",
   going: "Identifying…",
   goingHint: "A few seconds. The result is stored as soon as it is there.",
-  earlier: "Earlier geometries",
   axesInScene: "Identified axes, model angle zero, R0",
   save: "Save as a robot",
   saving: "Saving…",

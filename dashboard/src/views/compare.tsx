@@ -1,7 +1,7 @@
 /** Where comparisons start: methods on one set, two sets, one robot over time. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { ComparisonSummary, PairSummary, RunSummary } from "../api/types";
+import type { RunSummary } from "../api/types";
 import { Empty, Name, ProblemNote, Select, Show, Tabs, Title, Toggle } from "../components/basics";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -69,11 +69,9 @@ function StartMethods({ names }: { names: Names }) {
         </button>
       </section>
       <Earlier
-        kind="methods"
+        collection="comparisons"
         names={names}
-        title={(item: ComparisonSummary) => <Name>{names.set(item.measurement_set_id)}</Name>}
-        list={api.comparisons.list}
-        restore={api.comparisons.restore}
+        title={(item) => <Name>{names.set(item.measurement_set_id)}</Name>}
       />
     </>
   );
@@ -133,15 +131,13 @@ function StartPair({ names }: { names: Names }) {
         </button>
       </section>
       <Earlier
-        kind="pairs"
+        collection="pairs"
         names={names}
-        title={(item: PairSummary) => (
+        title={(item) => (
           <>
             <Name>{names.set(item.first_set_id)}</Name> → <Name>{names.set(item.second_set_id)}</Name>
           </>
         )}
-        list={api.pairs.list}
-        restore={api.pairs.restore}
       />
     </>
   );

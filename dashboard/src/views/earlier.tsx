@@ -1,7 +1,9 @@
-/** Comparisons or pairs made before, newest first, and those that were deleted, to bring them back. */
+/** Jobs of a kind made before, newest first, and those that were deleted, to bring them back. */
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
-import { problemOf } from "../api/client";
-import type { ComparisonSummary, Page, PairSummary } from "../api/types";
+import { api, problemOf } from "../api/client";
+import type { Collection } from "../api/events";
+import type { Page, RunState, RunSummary, Usability } from "../api/types";
 import { Badge } from "../components/badge";
 import { Choice, Empty, Name, ProblemNote, State, When } from "../components/basics";
 import { useLoad } from "../state/load";
@@ -11,27 +13,48 @@ import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { Figures } from "./run_list";
 
-const words = text.compare;
+const words = text.earlier;
 const MOST = 50;
 
-export function Earlier<Item extends ComparisonSummary | PairSummary>({
-  kind,
+type Listed = Exclude<Collection, "runs">;
+type Summary<Of extends Listed> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
+
+interface Item
+  extends Partial<Pick<RunSummary, "compensation" | "joints_identified" | "joint_count" | "warning_count">> {
+  id: string;
+  robot_id: string | null;
+  state: RunState;
+  created_at: string;
+  verdict?: Usability | null;
+}
+
+const addressOf = (collection: Listed, id: string): string =>
+  collection === "comparisons"
+    ? link(["compare", "methods", id])
+    : link(collection === "pairs" ? ["compare", "pairs", id] : [collection, id]);
+
+export function Earlier<Of extends Listed>({
+  collection,
+  filters = {},
   names,
   title,
-  list,
-  restore,
 }: {
-  kind: "methods" | "pairs";
-  names: Names;
-  title: (item: Item) => preact.ComponentChildren;
-  list: (filters: Record<string, string | number>, signal: AbortSignal) => Promise<Page<Item>>;
-  restore: (id: string) => Promise<unknown>;
+  collection: Of;
+  filters?: Record<string, string>;
+  names: Names | null;
+  title: (item: Summary<Of>) => ComponentChildren;
 }) {
   const [shown, setShown] = useState<"kept" | "deleted">("kept");
   const deleted = shown === "deleted";
-  const found = useLoad((signal) => list({ limit: MOST, ...(deleted ? { deleted: "true" } : {}) }, signal), [shown]);
+  const found = useLoad(
+    (signal) => {
+      const wanted = { ...filters, limit: MOST, ...(deleted ? { deleted: "true" } : {}) };
+      return api[collection].list(wanted, signal) as Promise<Page<Item & Summary<Of>>>;
+    },
+    [shown, JSON.stringify(filters)],
+  );
   const bringBack = (id: string) =>
-    void restore(id).then(
+    void api[collection].restore(id).then(
       () => {
         toast(words.restored);
         found.reload();
@@ -42,7 +65,7 @@ export function Earlier<Item extends ComparisonSummary | PairSummary>({
   return (
     <section class="earlier">
       <div class="filters">
-        <h2>{words.earlier}</h2>
+        <h2>{words.of[collection]}</h2>
         <Choice
           label={text.runs.state}
           value={shown}
@@ -67,7 +90,7 @@ export function Earlier<Item extends ComparisonSummary | PairSummary>({
                 {deleted ? (
                   <div class="main">{row}</div>
                 ) : (
-                  <a class="main" href={link(["compare", kind, item.id])}>
+                  <a class="main" href={addressOf(collection, item.id)}>
                     {row}
                   </a>
                 )}
@@ -85,24 +108,19 @@ export function Earlier<Item extends ComparisonSummary | PairSummary>({
   );
 }
 
-function Row({
-  item,
-  names,
-  title,
-}: {
-  item: ComparisonSummary | PairSummary;
-  names: Names;
-  title: preact.ComponentChildren;
-}) {
+function Row({ item, names, title }: { item: Item; names: Names | null; title: ComponentChildren }) {
+  const { compensation = null, joints_identified = null, joint_count = 0, warning_count = null } = item;
   return (
     <>
       <span class="what">
         <span>{title}</span>
-        <small>
-          <Name>{names.robot(item.robot_id)}</Name>
-        </small>
+        {item.robot_id !== null && (
+          <small>
+            <Name>{names?.robot(item.robot_id) ?? "…"}</Name>
+          </small>
+        )}
       </span>
-      <Figures of={item} />
+      <Figures of={{ compensation, joints_identified, joint_count, warning_count }} />
       <span class="when">
         <When time={item.created_at} />
       </span>

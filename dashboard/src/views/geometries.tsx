@@ -3,8 +3,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { RobotSource } from "../api/types";
 import { Arm } from "../components/arm";
-import { Badge } from "../components/badge";
-import { Busy, Facts, Name, ProblemNote, Select, State, Title, When } from "../components/basics";
+import { Busy, Facts, Name, ProblemNote, Select, Title } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { RobotTabs } from "../components/robot_tabs";
 import { DataTable } from "../components/table";
@@ -13,10 +12,11 @@ import { contentKey } from "../lib/hash";
 import { type ReadingFacts, type Readings, readingsOf } from "../lib/sweeps";
 import { useAction } from "../state/action";
 import { takeHanded } from "../state/handed";
-import { useLoad, valueOf } from "../state/load";
+import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
+import { Earlier } from "./earlier";
 
 const words = text.geometry;
 const FROM_FILE = "file";
@@ -25,6 +25,7 @@ type Opened = { name: string; readings: Readings | null };
 
 export function GeometriesView() {
   const [opened, setOpened] = useState<Opened | null>(null);
+  const names = valueOf(useNames());
   const take = async (file: File) => setOpened({ name: file.name, readings: readingsOf(await file.text()) });
   useEffect(() => {
     const file = takeHanded();
@@ -51,7 +52,7 @@ export function GeometriesView() {
         </section>
         {opened?.readings && <Start key={opened.name} readings={opened.readings} />}
       </div>
-      <Earlier />
+      <Earlier collection="geometries" names={names} title={({ name }) => <Name>{name}</Name>} />
     </>
   );
 }
@@ -137,33 +138,6 @@ function Start({ readings }: { readings: Readings }) {
       </button>
       {start.busy && <Busy label={words.goingHint} />}
       {start.problem && <ProblemNote problem={start.problem} />}
-    </section>
-  );
-}
-
-function Earlier() {
-  const found = valueOf(useLoad((signal) => api.geometries.list({ limit: 50 }, signal), []));
-  if (!found || found.items.length === 0) return null;
-  return (
-    <section>
-      <h2>{words.earlier}</h2>
-      <ul class="rows">
-        {found.items.map((geometry) => (
-          <li class="item">
-            <a class="main" href={link(["geometries", geometry.id])}>
-              <span class="what">
-                <Name>{geometry.name}</Name>
-              </span>
-              <span class="when">
-                <When time={geometry.created_at} />
-              </span>
-              <span class="standing">
-                {geometry.verdict ? <Badge verdict={geometry.verdict} /> : <State state={geometry.state} />}
-              </span>
-            </a>
-          </li>
-        ))}
-      </ul>
     </section>
   );
 }

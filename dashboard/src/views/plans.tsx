@@ -1,7 +1,7 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import { Empty, Name, ProblemNote, Select, Show, State, Title, Toggle, When } from "../components/basics";
+import { Empty, Name, ProblemNote, Select, Show, Title, Toggle } from "../components/basics";
 import { type Asked, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
@@ -10,6 +10,7 @@ import { type Names, useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { storedRobot } from "../state/stored";
 import { text } from "../i18n";
+import { Earlier } from "./earlier";
 
 const words = text.plan;
 
@@ -43,7 +44,13 @@ export function PlansView({ query }: { query: URLSearchParams }) {
           ) : (
             <>
               <Form names={known} given={given} />
-              <Earlier names={known} />
+              <Earlier
+                collection="plans"
+                names={known}
+                title={({ measurement_set_id: set, robot_id: robot }) => (
+                  <Name>{set ? known.set(set) : known.robot(robot)}</Name>
+                )}
+              />
             </>
           )
         }
@@ -212,35 +219,5 @@ function Joints({ robot, chosen, change }: { robot: string; chosen: string[]; ch
       </div>
       <small class="soft">{words.jointsHint}</small>
     </fieldset>
-  );
-}
-
-function Earlier({ names }: { names: Names }) {
-  const found = valueOf(useLoad((signal) => api.plans.list({ limit: 20 }, signal), []));
-  if (!found || found.items.length === 0) return null;
-  return (
-    <section>
-      <h2>{words.earlier}</h2>
-      <ul class="rows">
-        {found.items.map((plan) => (
-          <li class="item">
-            <a class="main" href={link(["plans", plan.id])}>
-              <span class="what">
-                <Name>{plan.measurement_set_id ? names.set(plan.measurement_set_id) : names.robot(plan.robot_id)}</Name>
-                <small>
-                  <Name>{names.robot(plan.robot_id)}</Name>
-                </small>
-              </span>
-              <span class="when">
-                <When time={plan.created_at} />
-              </span>
-              <span class="standing">
-                <State state={plan.state} />
-              </span>
-            </a>
-          </li>
-        ))}
-      </ul>
-    </section>
   );
 }

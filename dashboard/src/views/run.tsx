@@ -5,14 +5,16 @@ import { Name, ProblemNote, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
+import { valueOf } from "../state/load";
+import { useNames } from "../state/names";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
+import { Earlier } from "./earlier";
 import { contextOf, isElastic, type RunContext } from "./run_context";
 import { DeflectionPart } from "./run_deflection";
 import { EvidencePart } from "./run_evidence";
 import { MapForm } from "./map_form";
 import { ProgramForm } from "./program_form";
-import { ProgramList } from "./program_list";
 import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
 
@@ -72,6 +74,7 @@ function Repeat({ run }: { run: Run }) {
 
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
   const { result } = context.run;
+  const names = valueOf(useNames());
   if (!result) return null;
   const views = text.run.views;
   const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
@@ -87,11 +90,24 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
       ) : part === "robot" ? (
         <RobotPart context={context} result={result} query={query} />
       ) : part === "map" ? (
-        <MapForm context={context} />
+        <>
+          <MapForm context={context} />
+          <Earlier
+            collection="maps"
+            filters={{ robot_id: context.robot.id }}
+            names={names}
+            title={({ name }) => <Name>{name ?? text.map.kind}</Name>}
+          />
+        </>
       ) : part === "program" ? (
         <>
           <ProgramForm context={context} />
-          <ProgramList robot={context.set.robot_id} />
+          <Earlier
+            collection="programs"
+            filters={{ robot_id: context.robot.id }}
+            names={names}
+            title={({ file_name: name }) => <Name>{name ?? text.program.kind}</Name>}
+          />
         </>
       ) : part === "evidence" ? (
         <EvidencePart context={context} result={result} />
