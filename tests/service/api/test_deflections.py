@@ -226,7 +226,7 @@ class TestTables:
         assert printed.count("± U [mm]") == 3
         assert "[N/mm]" in printed
         assert f"{1e3 * found[2]:.3f} ± " in printed
-        assert max(map(len, done.output.splitlines())) <= 80
+        assert max(map(len, done.stdout.splitlines())) <= 80
         missing = CliRunner().invoke(app, ["predict", *files[:2]])
         assert missing.exit_code == 2
         assert "load_point" in missing.output
