@@ -27,6 +27,7 @@ MissingField = Literal[
     "load_point",
     "encoders",
     "units.force",
+    "accept_unusual",
 ]
 
 HeaderCell = Annotated[str, Field(max_length=256)]
@@ -153,6 +154,11 @@ class ImportFault(Message):
     option: str | None = Field(
         default=None, description="Option that settles it.", examples=["units.length", "decimal_mark"]
     )
+    words: list[str] = Field(
+        default_factory=list,
+        description="Words of the files that the option is about, such as two that may be states.",
+        examples=[["pre", "post"]],
+    )
 
 
 class ImportPreview(Message):
@@ -169,3 +175,7 @@ class ImportPreview(Message):
     reading_count: int = Field(description="Number of complete readings, of all targets and observations.")
     assumptions: list[str] = Field(description="Assumptions made in combining the files.")
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
+    uncertainty: Literal["coordinate", "point"] | None = Field(
+        default=None,
+        description="Uncertainty that the files state: U(95) of each coordinate or of each point.",
+    )

@@ -8,7 +8,12 @@ from pydantic import Field
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.importing import ImportFault, ImportOptions, ImportPreview, MissingField
-from jointstiff.schemas.measurement.measurement_set import MAX_TARGETS, MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.measurement_set import (
+    MAX_TARGETS,
+    LengthUnit,
+    MeasurementSetDocument,
+    QualityWarning,
+)
 from jointstiff.schemas.measurement.noise import Noise
 
 
@@ -29,6 +34,16 @@ class ImportRequest(ImportOptions):
     load_point: Vector3 | None = Field(
         default=None,
         description="Load point in the flange frame, in the files' unit of length, unless a column has it.",
+    )
+    length_unit: LengthUnit | None = Field(
+        default=None,
+        description="Unit of `load_point`, `flange_targets` and the lengths in `noise`; the files' unit of "
+        "length if absent.",
+    )
+    accept_unusual: bool = Field(
+        default=False,
+        description="Confirmation of values that are 100 times their column's spread from its median, and of "
+        "a load point more than 5 m from the flange, which are asked about otherwise.",
     )
     force: Vector3 | None = Field(
         default=None,

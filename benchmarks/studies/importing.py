@@ -18,8 +18,7 @@ from benchmarks.mutations import MUTATIONS, mutated
 from benchmarks.report import Figure, Section
 from benchmarks.spreadsheets import FACTORS, HABITS, Campaign, Upload, campaign_of
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.reading import Imported, SourceFile, read_files
+from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 
 __all__ = ["Tally", "outcome", "run", "tallies"]
 
@@ -45,12 +44,11 @@ class Tally:
 
 def outcome(campaign: Campaign, upload: Upload) -> str:
     """Return `read`, `refused` or `misread` for an upload of a campaign."""
-    try:
-        imported = read_files(
-            [SourceFile(name, content) for name, content in upload.files()],
-            ImportOptions.model_validate(upload.options),
-        )
-    except ImportFileError:
+    imported = understand_files(
+        [SourceFile(name, content) for name, content in upload.files()],
+        ImportOptions.model_validate(upload.options),
+    ).imported
+    if imported is None:
         return "refused"
     return "read" if _as_written(campaign, imported) else "misread"
 
@@ -131,19 +129,9 @@ def _real() -> list[tuple[str, ...]]:
     """Return the outcome of a real file of poses, without options."""
     if not REAL.is_file():
         return []
-    try:
-        read_files([SourceFile(REAL.name, REAL.read_bytes())])
-    except ImportFileError as error:
-        faults = [error, *error.others]
-        return [
-            (
-                f"UR10 poses: {len(faults)} faults: " + "; ".join(fault.reason for fault in faults),
-                "0",
-                "1",
-                "0",
-            )
-        ]
-    return [("UR10 poses", "1", "0", "0")]
+    faults = understand_files([SourceFile(REAL.name, REAL.read_bytes())]).faults
+    reasons = "; ".join(fault.reason for fault in faults)
+    return [(f"UR10 poses without options: {len(faults)} faults: {reasons}", "0", "1", "0")]
 
 
 def _mutations_section(files: int) -> Section:

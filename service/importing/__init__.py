@@ -5,13 +5,10 @@ reading        files to readings: the way through
 ├── preview    what was understood, in words
 ├── assembly   records of all files put together by label
 ├── records    rows to records
-│   ├── row_names > naming    which observation, target and state a row and a name stand for
-│   ├── row_order  labels of rows without names
+│   ├── names      which observation, target and state a row, a name and a file stand for
 │   └── numbers    numbers, read strictly; the decimal mark
-├── layout     the rows of data below a header
-│   ├── heading    where the header is: in rows, or in a comment
-│   ├── comments   unit and frame that comments say
-│   └── columns > column_units > header > words, units    what the columns mean
+├── layout     the header in rows or a comment, unit and frame in comments, the rows of data
+│   └── columns > header > words    what the columns mean
 └── grid       rows of cells, of
     ├── text > encoding      delimited text
     └── workbook > sheet > archive    Excel

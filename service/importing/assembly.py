@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from statistics import median, pstdev
+from types import MappingProxyType
+from typing import Final, Literal
 
 from jointstiff.schemas.importing import State
 from jointstiff.schemas.measurement.measurement_set import MAX_OBSERVATIONS, MAX_TARGETS
@@ -12,6 +14,17 @@ from jointstiff.service.importing.errors import Faults, ImportFileError, Place, 
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.records import Point, Record, Vector
 
+_U95: Final[Mapping[Literal["coordinate", "point"], str]] = MappingProxyType(
+    {
+        "coordinate": "U(95) X, Y, Z was taken as the expanded uncertainty of each coordinate: σ = U/1.96",
+        "point": "U(95) was taken as the expanded uncertainty of each point, the root of the squares of its "
+        "coordinates' uncertainties: σ = U/(1.96 √3), for both states the root of the mean square",
+    }
+)
+_FAR: Final = 100.0
+"""Distance of a value from its column's median, in spreads, beyond which it is asked about."""
+_LEAST: Final = 5
+"""Values of a column that has a spread."""
 _HALVES: Final[tuple[set[State], ...]] = ({"unloaded"}, {"loaded"})
 
 
@@ -35,7 +48,9 @@ class Assembly:
     targets: tuple[str, ...]  # names, in order of appearance
     states: tuple[State, ...]  # that were read at all
     assumptions: tuple[str, ...]  # what was left out, in words
-    sigmas: bool = False  # whether every reading states its own standard uncertainty
+    # what every reading states its own uncertainty by; None if the files have none
+    uncertainty: Literal["coordinate", "point"] | None = None
+    unusual: tuple[str, ...] = ()  # values far from all others of their column, in words
 
     @property
     def one_state(self) -> bool:
@@ -61,10 +76,9 @@ def assemble(records: Iterable[Record], faults: Faults, *, allow_missing: bool) 
     whole: dict[tuple[str | None, str], Place] = {}
     for record in records:
         with faults.collected():
-            if record.whole:
-                before = whole.setdefault((record.place.file, record.label), record.place)
-                if before is not record.place:
-                    raise _twice(f"the label {shown(record.label)}", record.place, before)
+            before = whole.setdefault((record.place.file, record.label), record.place)
+            if record.whole and before is not record.place:
+                raise _twice(f"the label {shown(record.label)}", record.place, before)
             _add(gathered.setdefault(record.label, Gathered(record.label, record.place)), record, faults)
         if len(gathered) > MAX_OBSERVATIONS:
             raise ImportFileError(
@@ -83,13 +97,13 @@ def assemble(records: Iterable[Record], faults: Faults, *, allow_missing: bool) 
     notes: list[str] = []
     if targets and present not in _HALVES:
         observations, notes = _complete(observations, targets, faults, allow_missing=allow_missing)
-    sigmas = _check_sigmas(observations, faults)
-    if sigmas:
-        notes.append(
-            "U(95) was taken as the expanded uncertainty of each coordinate, coverage factor 2: half of it "
-            "is the standard uncertainty of a reading, for both states the root of the mean square"
-        )
-    return None if faults.found else Assembly(tuple(observations), targets, states, tuple(notes), sigmas)
+    uncertainty = _check_sigmas(observations, faults)
+    if uncertainty is not None:
+        notes.append(_U95[uncertainty])
+    if faults.found:
+        return None
+    unusual = tuple(_unusual(observations))
+    return Assembly(tuple(observations), targets, states, tuple(notes), uncertainty, unusual)
 
 
 def _twice(what: str, place: Place, before: Place) -> ImportFileError:
@@ -153,15 +167,48 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
                 faults.add(fault)
 
 
-def _check_sigmas(observations: list[Gathered], faults: Faults) -> bool:
-    """Return whether every point has an uncertainty; that only some have is a fault."""
+def _check_sigmas(observations: list[Gathered], faults: Faults) -> Literal["coordinate", "point"] | None:
+    """Return what every point has an uncertainty by; that only some have is a fault."""
     points = [point for one in observations for states in one.points.values() for point in states.values()]
     stated = [point for point in points if point.sigma is not None]
     if stated and len(stated) < len(points):
         place = next(point.place for point in points if point.sigma is None)
         reason = "the point has no uncertainty, but others have"
         faults.add(ImportFileError(place, reason, "add it, or skip the columns of U(95) with `ignore`"))
-    return bool(stated)
+    if not stated:
+        return None
+    return "point" if all(point.by_point for point in stated) else "coordinate"
+
+
+def _unusual(observations: list[Gathered]) -> Iterator[str]:
+    """Yield the values that are 100 times their column's spread from its median.
+
+    The spread is the standard deviation of the nine tenths that are nearest to the median; where these are
+    all alike, their size stands for it.
+    """
+    columns: dict[str, list[tuple[float, Place]]] = {}
+    for one in observations:
+        vectors = [(str(kind), *value) for kind, value in one.values.items()]
+        points = [point for states in one.points.values() for point in states.values()]
+        vectors += [(f"{point.target} {point.state}", point.vector or (), point.place) for point in points]
+        for name, vector, place in vectors:
+            for axis, value in enumerate(vector):
+                part = str(axis + 1) if name == "joint" else "xyz"[axis]
+                columns.setdefault(f"{name} {part}", []).append((value, place))
+    for name, values in columns.items():
+        if len(values) >= _LEAST:
+            yield from _far_from_others(name, values)
+
+
+def _far_from_others(name: str, values: list[tuple[float, Place]]) -> Iterator[str]:
+    middle = median(value for value, _ in values)
+    ordered = sorted(values, key=lambda entry: abs(entry[0] - middle))
+    near = ordered[: -max(1, len(ordered) // 10)]
+    spread = pstdev(value for value, _ in near) or abs(middle)
+    for value, place in ordered[len(near) :]:
+        times = abs(value - middle) / spread if spread else 0.0
+        if times > 0.99 * _FAR:
+            yield f"{name} {value:g} ({place}) is {times:.0f} times the spread of the others away"
 
 
 def _complete(

@@ -2,31 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from jointstiff.schemas.importing import ImportOptions, State
+from jointstiff.schemas.importing import ImportOptions, ImportUnits
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.service.importing.column_units import HeaderCell, with_units
+from jointstiff.service.importing import words
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.header import DIMENSIONS, UNKNOWN, Kind, Meaning, meaning_of, split_unit
+from jointstiff.service.importing.header import (
+    DIMENSIONS,
+    POINTS,
+    UNKNOWN,
+    Kind,
+    Meaning,
+    Quantity,
+    checked_unit,
+    collapsed,
+    folded,
+    meaning_of,
+    split_unit,
+)  # fmt: skip
 from jointstiff.service.importing.limits import MAX_COLUMNS
-from jointstiff.service.importing.units import FOREIGN, UNITS, Dimension, unit_named
+from jointstiff.service.importing.words import FOREIGN, SPOKEN, Dimension, unit_named
 
-_MANY: Final = 3
-"""Unknown headers that are told one by one."""
-_TOGETHER: Final = 4
-"""Unknown headers in one message, which is cut beyond 300 characters."""
+_MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
+_MANY, _TOGETHER = 3, 4
+"""Unknown headers told one by one; of more, headers in one message, which is cut beyond 300 characters."""
+_ENDS: Final = (
+    re.compile(r"(?P<target>.*[^\s_-])[\s_-]+(?P<word>[^\s_-]+)"),
+    re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
+)
+"""A target's name with a word behind it, or before it."""
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """Quantity given by several columns: a vector, or all joint angles."""
+@dataclass(frozen=True, slots=True)
+class HeaderCell:
+    """The header of one column."""
 
-    kind: Kind  # of the quantity
-    target: str | None = None  # of a position, if the header names it
-    state: State | None = None  # of a position, if the header names it
+    text: str  # as it stands in the file, of several rows put together
+    place: Place  # where it stands
+    guessed: bool = False  # whether it was put together or assumed
+    unused: bool = False  # whether the column has no header and no cells
 
 
 @dataclass(frozen=True)
@@ -39,27 +57,29 @@ class Columns:
     quantities: Mapping[Quantity, tuple[int, ...]]
     # by dimension, for all that occur; a moment may have none, then it is force times m
     units: Mapping[Dimension, str]
+    notes: tuple[str, ...] = ()  # what was assumed, in words
+    probe: bool = False  # whether `target` may be the reflector of the instrument, not a name of ours
     faulty: bool = False  # whether they do not make a table
 
     @property
     def needed(self) -> frozenset[str]:
         """Return what of target and state the names of points or files must give."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
-        needed = set()
-        if any(quantity.target is None for quantity in positions) and "target" not in self.texts:
-            needed.add("target")
-        if any(quantity.state is None for quantity in positions) and "state" not in self.texts:
-            needed.add("state")
-        return frozenset(needed)
-
-
-def collapsed(text: str) -> str:
-    """Return a text with single blanks, and none at its ends."""
-    return " ".join(text.split())
+        kinds: tuple[Literal["target", "state"], ...] = ("target", "state")
+        return frozenset(
+            kind
+            for kind in kinds
+            if kind not in self.texts and any(getattr(quantity, kind) is None for quantity in positions)
+        )
 
 
 def understand(
-    headers: Sequence[HeaderCell], options: ImportOptions, axes_unit: str | None, faults: Faults
+    headers: Sequence[HeaderCell],
+    options: ImportOptions,
+    axes_unit: str | None,
+    faults: Faults,
+    *,
+    state_in_name: bool = False,
 ) -> Columns:
     """Understand a header.
 
@@ -68,33 +88,32 @@ def understand(
         options: units, meanings, words for states, columns to leave out.
         axes_unit: of x, y and z, as a comment of the file says.
         faults: where to tell what is not understood.
+        state_in_name: whether the name of the file has a word for a state.
 
     Returns:
         The columns; if they do not make a table, with what is not understood as `unknown`.
     """
     before = len(faults.found)
-    meanings: list[Meaning] = []
     unclear = Faults(MAX_COLUMNS)
-    for header in headers:
-        meaning = Meaning("unknown")
-        with unclear.collected():
-            meaning = Meaning("ignored") if header.unused else _meaning(header, options)
-            if meaning.kind != "ignored" and _bare(meaning) in map(_bare, meanings):
-                raise ImportFileError(
-                    header.place,
-                    f"{shown(header.text)} is a second column for {meaning}",
-                    "correct or ignore one of them",
-                )
-        meanings.append(meaning)
+    notes: list[str] = []
+    rotation = _rotation(headers)
+    meanings = _meanings(headers, rotation, options, unclear)
     for fault in _gathered(unclear.found, headers):
         faults.add(fault)
-    meanings = _points(meanings)
-    resolved = with_units(meanings, headers, options, axes_unit, faults)
-    texts = {meaning.kind: index for index, meaning in enumerate(meanings) if meaning.axis is None}
-    for kind in ("ignored", "unknown"):
-        texts.pop(kind, None)
+    kinds = {meaning.kind for meaning in meanings}
+    if rotation:
+        notes.append("Q0 to Q3 were taken for the rotation of a probe, and not read")
+    if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
+        meanings = [Meaning("name") if meaning.kind == "target" else meaning for meaning in meanings]
+    if "state" not in kinds and not state_in_name:
+        meanings = _with_states(meanings, headers, notes, faults)
+    resolved = _with_units(meanings, headers, options, axes_unit, faults)
+    texts: dict[Kind, int] = {}
+    for index, meaning in enumerate(meanings):
+        if meaning.axis is None and meaning.kind not in ("ignored", "unknown"):
+            texts.setdefault(meaning.kind, index)
     quantities: dict[Quantity, tuple[int, ...]] = {}
-    if all(meaning.kind != "unknown" for meaning in meanings):
+    if "unknown" not in kinds:
         quantities = _quantities(meanings, headers, faults)
         _check_keys(texts, quantities, headers, options, faults)
     units = {
@@ -103,8 +122,46 @@ def understand(
         if meaning.axis is not None and meaning.unit is not None
     }
     return Columns(
-        tuple(resolved), texts, quantities, units, faulty=bool(unclear.found) or len(faults.found) > before
+        tuple(resolved),
+        texts,
+        quantities,
+        units,
+        tuple(notes),
+        probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
+        faulty=bool(unclear.found) or len(faults.found) > before,
     )
+
+
+def _meanings(
+    headers: Sequence[HeaderCell], rotation: frozenset[int], options: ImportOptions, unclear: Faults
+) -> list[Meaning]:
+    """Return what each column means, no two the same; what is not understood is `unknown`."""
+    meanings: list[Meaning] = []
+    for column, header in enumerate(headers):
+        meaning = Meaning("unknown")
+        with unclear.collected():
+            ignored = header.unused or column in rotation
+            meaning = Meaning("ignored") if ignored else _meaning(header, options)
+            if meaning.kind not in _MAY_REPEAT and _bare(meaning) in map(_bare, meanings):
+                raise ImportFileError(
+                    header.place,
+                    f"{shown(header.text)} is a second column for {meaning}",
+                    "correct or ignore one of them",
+                )
+        meanings.append(meaning)
+    return meanings
+
+
+def _bare(meaning: Meaning) -> tuple[object, ...]:
+    return meaning.axis, meaning.quantity
+
+
+def _rotation(headers: Sequence[HeaderCell]) -> frozenset[int]:
+    """Return the columns of a quaternion, Q0 to Q3: no angles of joints, which are numbered from 1."""
+    named = {folded(split_unit(header.text)[0]): column for column, header in enumerate(headers)}
+    if named.keys() >= words.ROTATION and "q4" not in named:
+        return frozenset(named[word] for word in words.ROTATION)
+    return frozenset()
 
 
 def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> list[ImportFileError]:
@@ -122,56 +179,81 @@ def _gathered(found: list[ImportFileError], headers: Sequence[HeaderCell]) -> li
     return [*together, *(fault for fault in found if fault.option != UNKNOWN)]
 
 
-def _bare(meaning: Meaning) -> tuple[object, ...]:
-    return meaning.kind, meaning.axis, meaning.target, meaning.state
-
-
-def _points(meanings: list[Meaning]) -> list[Meaning]:
-    """Return the meanings; a target of a group, in a table without names, is what others call a point."""
-    kinds = {meaning.kind for meaning in meanings}
-    if "name" in kinds or not kinds & {"collection", "group"}:
-        return meanings
-    return [Meaning("name") if meaning.kind == "target" else meaning for meaning in meanings]
-
-
 def _meaning(header: HeaderCell, options: ImportOptions) -> Meaning:
+    """The meaning of a header, or the one that the caller states, with the unit of the file if it has one."""
     text = collapsed(header.text)
     if text in map(collapsed, options.ignore):
         return Meaning("ignored")
     stated = {collapsed(key): value for key, value in options.columns.items()}.get(text)
     try:
+        meaning = meaning_of(header.text if stated is None else stated, options.state_words)
         if stated is None:
-            found = meaning_of(header.text, options.state_words)
-            return replace(found, guessed=found.guessed or header.guessed)
-        return _stated(text, stated, options)
+            return replace(meaning, guessed=meaning.guessed or header.guessed)
+        return meaning if meaning.axis is None else _in_unit_of(text, stated, meaning)
     except Fault as fault:
         raise fault.at(header.place) from None
 
 
-def _stated(header: str, stated: str, options: ImportOptions) -> Meaning:
-    """The meaning that the caller states, with the unit of the file if it has one.
+def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
+    """Return a meaning that the caller states, in the unit of the header if it has one.
+
+    A tail without brackets is a unit only if it can be no other word: the t of `x_t` is no tonne.
 
     Raises:
-        Fault: they contradict.
+        Fault: the unit is none of ours, or not the stated one.
     """
-    found = meaning_of(stated, options.state_words)
-    if found.axis is None:
-        return found
-    text = split_unit(header)[1] or header.replace("_", " ").split(" ")[-1]
-    named, dimension = unit_named(text), DIMENSIONS[found.kind]
+    bracketed, dimension = split_unit(header)[1], DIMENSIONS[meaning.kind]
+    tail = bracketed or header.replace("_", " ").split(" ")[-1]
+    named = unit_named(tail)
+    if bracketed is None and (len(tail) == 1 or named is None or named[0] != dimension):
+        return meaning
     if named is None:
-        if text in FOREIGN:
-            raise Fault(
-                f"{shown(header)}: {shown(text)} is not a known unit of {dimension}",
-                f"convert to one of {', '.join(UNITS[dimension])}",
-            )
-        return found
-    if named[0] != dimension or (found.unit is not None and found.unit != named[1]):
+        if tail in FOREIGN:
+            checked_unit(header, tail, meaning.kind)
+        return meaning
+    if named[0] != dimension or (meaning.unit is not None and meaning.unit != named[1]):
         raise Fault(
             f"{shown(header)} is in {named[1]}, but {shown(stated)} by `columns`",
             "correct one of them; a unit is never converted silently",
         )
-    return replace(found, unit=named[1])
+    return replace(meaning, unit=named[1])
+
+
+def _with_states(
+    meanings: list[Meaning], headers: Sequence[HeaderCell], notes: list[str], faults: Faults
+) -> list[Meaning]:
+    """Take two words that all targets have for states if they are 0 and 1, as in `P10 0 x`, else ask."""
+    points = [(column, meaning) for column, meaning in enumerate(meanings) if meaning.kind in POINTS]
+    if any(meaning.target is None or meaning.state for _, meaning in points):
+        return meanings
+    for end in _ENDS:
+        parts = {name: end.fullmatch(name) for name in {meaning.target or "" for _, meaning in points}}
+        split = {name: (part["target"], part["word"]) for name, part in parts.items() if part}
+        targets, named = {target for target, _ in split.values()}, {word for _, word in split.values()}
+        if len(named) != 2 or len(split) != len(parts) or len(split) != 2 * len(targets):
+            continue
+        if named == words.DIGITS.keys():
+            notes.append("0 and 1 in headers were taken for `unloaded` and `loaded`")
+            found = list(meanings)
+            for column, meaning in points:
+                target, word = split[meaning.target or ""]
+                found[column] = replace(meaning, target=target, state=words.DIGITS[word], guessed=True)
+            return found
+        if not all(word.isdigit() for word in named):
+            first, second = sorted(named, key=lambda word: next(c for c, m in points if word in str(m)))
+            faults.add(
+                ImportFileError(
+                    headers[points[0][0]].place,
+                    f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
+                    "not known",
+                    f'say which is without load: `state_words`, such as {{"{first}": "unloaded", '
+                    f'"{second}": "loaded"}}',
+                    "state_words",
+                    (first, second),
+                )
+            )
+            return meanings
+    return meanings
 
 
 def _quantities(
@@ -180,10 +262,9 @@ def _quantities(
     found: dict[Quantity, dict[int, int]] = {}
     for index, meaning in enumerate(meanings):
         if meaning.axis is not None:
-            key = Quantity(meaning.kind, meaning.target, meaning.state)
-            found.setdefault(key, {})[meaning.axis] = index
+            found.setdefault(meaning.quantity, {})[meaning.axis] = index
     for quantity, axes in found.items():
-        count = {"joint": max(axes) + 1, "uncertainty": 1}.get(quantity.kind, 3)
+        count = {"joint": max(axes) + 1, "point uncertainty": 1}.get(quantity.kind, 3)
         absent = [axis for axis in range(count) if axis not in axes]
         if absent or count > MAX_JOINTS:
             first = Meaning(quantity.kind, absent[0] if absent else 0, quantity.target, quantity.state)
@@ -203,6 +284,7 @@ def _check_keys(
     options: ImportOptions,
     faults: Faults,
 ) -> None:
+    """Check that rows have names and numbers, and what positions need."""
     place = replace(headers[0].place, column=None)
 
     def add(reason: str, remedy: str, at: Place = place, option: str | None = None) -> None:
@@ -216,7 +298,21 @@ def _check_keys(
         )
     if not quantities:
         add("no column with numbers is recognised", "check the header")
-    points = [quantity for quantity in quantities if quantity.kind in ("position", "uncertainty")]
+    _check_points(texts, quantities, headers, add)
+
+
+def _check_points(
+    texts: Mapping[Kind, int],
+    quantities: Mapping[Quantity, tuple[int, ...]],
+    headers: Sequence[HeaderCell],
+    add: Callable[..., None],
+) -> None:
+    """Check that positions name their targets and states alike, and that uncertainties have positions."""
+    for quantity, indices in quantities.items():
+        if quantity.kind in POINTS and replace(quantity, kind="position") not in quantities:
+            reason = f"{shown(headers[indices[0]].text)} belongs to no position"
+            add(reason, "correct its header, or use `ignore`", headers[indices[0]].place)
+    points = [quantity for quantity in quantities if quantity.kind in POINTS]
     kinds: tuple[Literal["target", "state"], ...] = ("target", "state")
     for kind in kinds:
         if len({getattr(quantity, kind) is None for quantity in points}) > 1:
@@ -230,19 +326,77 @@ def _check_keys(
                 "keep one of them",
                 headers[texts[kind]].place,
             )
-    _check_uncertainties(points, quantities, headers, faults)
 
 
-def _check_uncertainties(
-    points: Sequence[Quantity],
-    quantities: Mapping[Quantity, tuple[int, ...]],
+def _with_units(
+    meanings: Sequence[Meaning],
     headers: Sequence[HeaderCell],
+    options: ImportOptions,
+    axes_unit: str | None,
     faults: Faults,
-) -> None:
-    """Check that every uncertainty belongs to a position."""
-    positions = [replace(quantity, kind="uncertainty") for quantity in points if quantity.kind == "position"]
-    for quantity in points:
-        if quantity.kind == "uncertainty" and quantity not in positions:
-            column = headers[quantities[quantity][0]]
-            reason = f"{shown(column.text)} belongs to no position"
-            faults.add(ImportFileError(column.place, reason, "correct its header, or use `ignore`"))
+) -> list[Meaning]:
+    """The meanings, each number with its unit; one unit for each dimension."""
+    seen: dict[Dimension, str] = {}
+    bare: dict[Dimension, list[int]] = {}
+    resolved = list(meanings)
+    for dimension in dict.fromkeys(DIMENSIONS[m.kind] for m in meanings if m.kind in DIMENSIONS):
+        of_dimension = Faults(1)  # the others say the same
+        for column, meaning in enumerate(meanings):
+            if DIMENSIONS.get(meaning.kind) != dimension:
+                continue
+            place = headers[column].place
+            with of_dimension.collected():
+                unit = _unit(meaning, options.units, axes_unit if meaning.kind == "position" else None, place)
+                resolved[column] = replace(meaning, unit=unit)
+                if unit is None:
+                    bare.setdefault(dimension, []).append(column)
+                else:
+                    _check_alike(meaning, unit, seen.setdefault(dimension, unit), place)
+        for fault in of_dimension.found:
+            faults.add(fault)
+    if options.units is not None and options.units.length == "m":
+        bare.pop("moment", None)  # force times m
+    for dimension, columns in bare.items():
+        meaning, others = meanings[columns[0]], len(columns) - 1
+        more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
+        example = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}[dimension]
+        fault = ImportFileError(
+            headers[columns[0]].place,
+            f"{meaning} has no unit{more}",
+            f"write it in the header, such as `{meaning} [{example}]`, or give `units`",
+            f"units.{dimension}",
+        )
+        faults.add(fault)
+    return resolved
+
+
+def _check_alike(meaning: Meaning, unit: str, others: str, place: Place) -> None:
+    if unit != others:
+        raise ImportFileError(
+            place,
+            f"{meaning} is in {spoken(unit)}, but other columns are in {spoken(others)}",
+            f"use one unit for every {DIMENSIONS[meaning.kind]}",
+        )
+
+
+def _unit(meaning: Meaning, given: ImportUnits | None, of_axes: str | None, place: Place) -> str | None:
+    """The unit of the header, else of the file's comment, else the caller's.
+
+    Raises:
+        ImportFileError: they contradict.
+    """
+    known = None if given is None else getattr(given, DIMENSIONS[meaning.kind])
+    said = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
+    given_by = [(where, unit) for where, unit in said.items() if unit is not None]
+    for where, unit in given_by[1:]:
+        if unit != given_by[0][1]:
+            first = f"{spoken(given_by[0][1])} by {given_by[0][0]}"
+            raise ImportFileError(
+                place, f"{meaning} is in {first}, but in {spoken(unit)} by {where}", "correct one of them"
+            )
+    return given_by[0][1] if given_by else None
+
+
+def spoken(unit: str) -> str:
+    """Return a unit as it reads in a sentence."""
+    return SPOKEN.get(unit, unit)

@@ -39,32 +39,23 @@ class ImportFileError(Exception):
         reason: what is wrong, in a sentence.
         remedy: how to mend it.
         option: that settles it, if one does.
-        others: the faults found besides.
+        words: of the files that the option is about.
     """
 
-    others: tuple[ImportFileError, ...] = ()
-
-    def __init__(self, place: Place, reason: str, remedy: str, option: str | None = None) -> None:
+    def __init__(
+        self,
+        place: Place,
+        reason: str,
+        remedy: str,
+        option: str | None = None,
+        words: tuple[str, ...] = (),
+    ) -> None:
         super().__init__(place, reason, remedy)
         self.place = place
         self.reason = reason
         self.remedy = remedy
         self.option = option
-
-    @property
-    def file(self) -> str | None:
-        """Name of the file, as it was sent."""
-        return self.place.file
-
-    @property
-    def line(self) -> int | None:
-        """Line of a text file or row of a sheet, from 1."""
-        return self.place.line
-
-    @property
-    def column(self) -> int | None:
-        """Column of the table, from 1."""
-        return self.place.column
+        self.words = words
 
     def __str__(self) -> str:
         place = str(self.place)
@@ -109,8 +100,9 @@ class Faults:
         return len(self.found) >= self.most
 
     def add(self, fault: ImportFileError) -> None:
-        """Keep a fault, if there are not as many as are shown."""
-        if not self.full:
+        """Keep a fault once, if there are not as many as are shown."""
+        known = any((one.place, one.reason) == (fault.place, fault.reason) for one in self.found)
+        if not self.full and not known:
             self.found.append(fault)
 
     @contextmanager

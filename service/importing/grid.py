@@ -32,10 +32,12 @@ class Grid:
     format: TableFormat  # what kind of file it is
     rows: tuple[Row, ...]  # those that are neither empty nor comments; all of the same length in a text file
     comments: tuple[Row, ...]  # rows that begin with a mark of comments, without it
+    remarks: tuple[tuple[int, str], ...]  # the same as lines and texts
     encoding: str | None = None  # of a text file
     delimiter: Delimiter | None = None  # of a text file
     sheet: str | None = None  # of an Excel file
     assumptions: tuple[str, ...] = ()  # in words
+    ended: bool = True  # whether its last line has an end
 
     def place(self, row: Row, column: int | None = None) -> Place:
         """Return the place of a row, or of its cell with this index."""

@@ -6,22 +6,19 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final, Literal, TypeVar
 
 from jointstiff.schemas.importing import State
 from jointstiff.service.importing import words
 from jointstiff.service.importing.errors import Fault, shown
-from jointstiff.service.importing.units import UNITS, Dimension, unit_named
+from jointstiff.service.importing.words import UNITS, Dimension, unit_named
 
 Kind = Literal[
-    "name", "collection", "group", "target", "state", "joint", "force", "moment", "load point", "position",
-    "uncertainty", "ignored", "unknown",
+    "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "joint", "force",
+    "moment", "load point", "position", "uncertainty", "point uncertainty", "ignored", "unknown",
 ]  # fmt: skip
-
-UNKNOWN: Final = "columns"
-"""Option that settles an unknown header."""
-
 DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
     {
         "joint": "angle",
@@ -30,8 +27,15 @@ DIMENSIONS: Final[Mapping[Kind, Dimension]] = MappingProxyType(
         "load point": "length",
         "position": "length",
         "uncertainty": "length",
+        "point uncertainty": "length",
     }
 )
+POINTS: Final[frozenset[Kind]] = frozenset(("position", "uncertainty", "point uncertainty"))
+_MAY_HAVE_UNITS: Final[frozenset[Kind]] = frozenset(("temperature", "time", "ignored"))
+UNKNOWN: Final = "columns"
+"""Option that settles an unknown header."""
+
+_Value = TypeVar("_Value")
 
 
 def folded(text: str) -> str:
@@ -39,16 +43,13 @@ def folded(text: str) -> str:
     return " ".join(unicodedata.normalize("NFC", text).casefold().replace("_", " ").split())
 
 
-_Value = TypeVar("_Value")
+def collapsed(text: str) -> str:
+    """Return a text with single blanks, and none at its ends."""
+    return " ".join(text.split())
 
 
 def _by_word(groups: Iterable[tuple[_Value, Iterable[str]]]) -> Mapping[str, _Value]:
     return MappingProxyType({word: value for value, group in groups for word in group})
-
-
-_KEYS: Final[Mapping[str, Kind]] = _by_word(words.KEYS.items())
-_STATES: Final[Mapping[str, State]] = _by_word(words.STATES.items())
-_VECTORS: Final[Mapping[str, Kind]] = _by_word(words.VECTORS.items())
 
 
 def _either(texts: Iterable[str]) -> str:
@@ -57,6 +58,9 @@ def _either(texts: Iterable[str]) -> str:
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
 
+_KEYS: Final[Mapping[str, Kind]] = _by_word(words.KEYS.items())
+_STATES: Final[Mapping[str, State]] = _by_word(words.STATES.items())
+_VECTORS: Final[Mapping[str, Kind]] = _by_word(words.VECTORS.items())
 _JOINT: Final = re.compile(rf"(?:{_either(words.JOINTS)})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
 _VECTOR: Final = re.compile(rf"({_either(_VECTORS)})[\s_-]*([xyz])", re.IGNORECASE)
 _PHRASE: Final = re.compile(
@@ -73,12 +77,12 @@ class Meaning:
     """Meaning of a column."""
 
     kind: Kind  # of its cells
-    # number of the joint, or of the axis x, y, z, from 0; 0 of an uncertainty; None for texts
+    # number of the joint, or of the axis x, y, z, from 0; 0 of a point's uncertainty; None for texts
     axis: int | None = None
     target: str | None = None  # of a position or its uncertainty, if the header names it
     state: State | None = None  # of a position or its uncertainty, if the header names it
-    unit: str | None = None  # canonical, if the header names it
-    guessed: bool = False  # whether the unit stood without brackets
+    unit: str | None = None  # canonical, if the header names it; of a temperature as it is written
+    guessed: bool = False  # whether it is to be checked: the unit stood without brackets, 0 and 1 as states
 
     def __str__(self) -> str:
         """Return words that are read as the same meaning."""
@@ -86,11 +90,26 @@ class Meaning:
             return f"joint {(self.axis or 0) + 1}"
         if self.axis is None:
             return self.kind
-        if self.kind == "uncertainty":
-            return " ".join(word for word in (self.target, self.state, "U95") if word)
-        named = [self.target, self.state] if self.kind == "position" else []
-        kind = "position" if named == [None, None] else None if named else self.kind
-        return " ".join(word for word in (*named, kind, "xyz"[self.axis]) if word)
+        if self.kind not in POINTS:
+            return f"{self.kind} {'xyz'[self.axis]}"
+        named = [word for word in (self.target, self.state) if word]
+        if self.kind == "position":
+            return " ".join([*(named or ["position"]), "xyz"[self.axis]])
+        return " ".join([*named, "U95", *("xyz"[self.axis] if self.kind == "uncertainty" else ())])
+
+    @property
+    def quantity(self) -> Quantity:
+        """Quantity that the column is a part of."""
+        return Quantity(self.kind, self.target, self.state)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Quantity given by several columns: a vector, or all joint angles."""
+
+    kind: Kind  # of the quantity
+    target: str | None = None  # of a position, if the header names it
+    state: State | None = None  # of a position, if the header names it
 
 
 def state_named(word: str, extra: Mapping[str, State]) -> State | None:
@@ -107,6 +126,11 @@ def state_named(word: str, extra: Mapping[str, State]) -> State | None:
     return _STATES.get(text)
 
 
+def names_a_state(file: str, extra: Mapping[str, State]) -> bool:
+    """Return whether the name of a file has a word for a state."""
+    return any(state_named(word, extra) for word in re.split(r"[\W_]+", PurePath(file).stem))
+
+
 def is_key(text: str) -> bool:
     """Return whether a text is the header of a column of texts."""
     return folded(text) in _KEYS
@@ -115,27 +139,6 @@ def is_key(text: str) -> bool:
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint, which needs its number."""
     return folded(split_unit(text)[0]) in words.JOINTS
-
-
-def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
-    """Understand one header cell.
-
-    Raises:
-        Fault: it is not in the grammar.
-    """
-    base, unit = split_unit(header)
-    key = _KEYS.get(folded(base))
-    if key == "ignored":
-        return Meaning(key)
-    if key is not None:
-        if unit is not None:
-            raise Fault(f"{shown(header)} has a unit, but is a column of texts", "check the header")
-        return Meaning(key)
-    suffixed = None if unit is not None else _split_suffix(base)
-    base, unit = suffixed or (base, unit)
-    found = _quantity(header, base, state_words)
-    checked = _checked_unit(header, unit, found.kind)
-    return replace(found, unit=checked, guessed=suffixed is not None)
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
@@ -153,27 +156,49 @@ def split_unit(header: str) -> tuple[str, str | None]:
     return base, bracketed if bracketed is not None else round_
 
 
+def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
+    """Understand one header cell.
+
+    Raises:
+        Fault: it is not in the grammar.
+    """
+    base, unit = split_unit(header)
+    key = _KEYS.get(folded(base))
+    if key is not None:
+        if unit is not None and key not in _MAY_HAVE_UNITS:
+            raise Fault(f"{shown(header)} has a unit, but is a column of texts", "check the header")
+        return Meaning(key, unit=unit if key == "temperature" else None)
+    suffixed = None if unit is not None else _split_suffix(base)
+    base, unit = suffixed or (base, unit)
+    meaning = _quantity(header, base, state_words)
+    return replace(meaning, unit=checked_unit(header, unit, meaning.kind), guessed=suffixed is not None)
+
+
 def _split_suffix(base: str) -> tuple[str, str] | None:
     """`theta1_rad`, `force_x_N` as name and unit, or None."""
     for count in (2, 1):
-        parts = _TOKEN.findall(base)
-        if len(parts) > count and unit_named(unit := " ".join(parts[-count:])):
-            start = [token.start() for token in _TOKEN.finditer(base)][-count]
-            return base[:start].rstrip(" _"), unit
+        parts = list(_TOKEN.finditer(base))
+        if len(parts) > count and unit_named(unit := " ".join(part[0] for part in parts[-count:])):
+            return base[: parts[-count].start()].rstrip(" _"), unit
     return None
 
 
-def _checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
+def checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
+    """Return the canonical name of a unit; None if there is none.
+
+    Raises:
+        Fault: it is none of this kind's quantities.
+    """
     if text is None:
         return None
     dimension = DIMENSIONS[kind]
-    found = unit_named(text)
-    if found is None or found[0] != dimension:
+    known = unit_named(text)
+    if known is None or known[0] != dimension:
         raise Fault(
             f"{shown(header)}: {shown(text)} is not a known unit of {dimension}",
             f"convert to one of {', '.join(UNITS[dimension])}",
         )
-    return found[1]
+    return known[1]
 
 
 def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
@@ -187,8 +212,8 @@ def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meani
 
 
 def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """`P10 unloaded x`, `P10_x_loaded`, `P10 dx`, `x`: words in any order, the target's in one piece."""
-    base = _PHRASE.sub(lambda found: _STATES[folded(found[0].replace("-", " "))], base)
+    """`P10 unloaded x`, `P10_x_loaded`, `P10 dx`, `U95 x`: words in any order, the target's in one piece."""
+    base = _PHRASE.sub(lambda phrase: _STATES[folded(phrase[0].replace("-", " "))], base)
     rest = []
     axes: list[int] = []
     states: list[State] = []
@@ -205,7 +230,7 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
             rest.append(token)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
     named = _TOKEN.findall(target) if target else []
-    unclear = len(axes) + expanded != 1 or len(set(states)) > 1 or len(named) != len(rest)
+    unclear = max(len(axes), expanded) != 1 or len(set(states)) > 1 or len(named) != len(rest)
     if unclear or any(folded(word) in words.NOT_TARGETS or _BRACKET.search(word) for word in named):
         raise Fault(
             f"unknown column header {shown(header)}",
@@ -213,5 +238,5 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
             "[mm]`, `P10 dx [mm]`, `x [mm]`; say what it means with `columns`, or skip it with `ignore`",
             UNKNOWN,
         )
-    kind: Kind = "uncertainty" if expanded else "position"
-    return Meaning(kind, 0 if expanded else axes[0], target, states[0] if states else None)
+    kind: Kind = "position" if not expanded else "uncertainty" if axes else "point uncertainty"
+    return Meaning(kind, axes[0] if axes else 0, target, states[0] if states else None)

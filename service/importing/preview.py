@@ -73,6 +73,7 @@ def preview_all(files: list[FilePreview], assembly: Assembly | None) -> ImportPr
         states=list(assembly.states),
         reading_count=0 if assembly.one_state else sum(len(one.points) for one in observations),
         assumptions=list(assembly.assumptions),
+        uncertainty=assembly.uncertainty,
         missing=[item.text for item in missing_from(assembly)],
     )
 
@@ -85,7 +86,12 @@ class Missing(NamedTuple):
 
 
 def missing_from(
-    assembly: Assembly, flange_targets: Collection[str] = (), *, load_point: bool = False, force: bool = False
+    assembly: Assembly,
+    flange_targets: Collection[str] = (),
+    *,
+    load_point: bool = False,
+    force: bool = False,
+    unusual: Sequence[str] = (),
 ) -> list[Missing]:
     """Return what a measurement set needs beyond what was read.
 
@@ -94,26 +100,28 @@ def missing_from(
         flange_targets: names of targets whose place in the flange frame is known.
         load_point: whether it is known.
         force: whether one force of all observations is known.
+        unusual: values to be confirmed, in words.
     """
     values = assembly.observations[0].values
     states = set(assembly.states)
-    missing: list[Missing] = []
-
-    def add(field: MissingField, text: str) -> None:
-        missing.append(Missing(field, text))
-
-    if "joint" not in values:
-        add("joints", "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …")
-    if "force" not in values and not force:
-        add("force", "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`")
-    if not states:
-        add("readings", "readings: columns such as `P10 unloaded x [mm]`, or lists of points")
-    elif assembly.one_state:
-        field: MissingField = "loaded" if states == {"unloaded"} else "unloaded"
-        add(field, f"the positions {'under load' if field == 'loaded' else 'without load'}")
-    if "deflection" in states and not set(assembly.targets) <= set(flange_targets):
-        text = "the targets' positions in the flange frame (`flange_targets`), for deflections"
-        add("flange_targets", text)
-    if "load point" not in values and not load_point:
-        add("load_point", "the load point (`load_point`), in the flange frame")
-    return missing
+    joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, …"
+    forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
+    readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
+    places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
+    right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    unplaced = "deflection" in states and not set(assembly.targets) <= set(flange_targets)
+    wanted: list[tuple[bool, MissingField, str]] = [
+        ("joint" not in values, "joints", joints),
+        ("force" not in values and not force, "force", forces),
+        (not states, "readings", readings),
+        (states == {"unloaded"}, "loaded", "the positions under load"),
+        (states == {"loaded"}, "unloaded", "the positions without load"),
+        (unplaced, "flange_targets", places),
+        (
+            "load point" not in values and not load_point,
+            "load_point",
+            "the load point (`load_point`), in the flange frame",
+        ),
+        (bool(unusual), "accept_unusual", right),
+    ]
+    return [Missing(field, text) for lacks, field, text in wanted if lacks]

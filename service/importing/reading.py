@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Final, Literal, TypeVar, cast
 
@@ -12,17 +12,18 @@ from jointstiff.schemas.importing import DecimalMark, FilePreview, ImportOptions
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, Observation, Reading, Units
 from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.importing.assembly import Assembly, Gathered, assemble
+from jointstiff.service.importing.columns import spoken
 from jointstiff.service.importing.errors import Faults, ImportFileError, Place
 from jointstiff.service.importing.file_types import WORKBOOK, file_type
 from jointstiff.service.importing.grid import Grid
 from jointstiff.service.importing.header import Kind
 from jointstiff.service.importing.layout import Layout, lay_out
 from jointstiff.service.importing.limits import MAX_FILE_BYTES, MAX_FILES
+from jointstiff.service.importing.names import labels_in_order
 from jointstiff.service.importing.preview import preview_all, preview_file
-from jointstiff.service.importing.records import read_mark, read_records
-from jointstiff.service.importing.row_order import labels_in_order
+from jointstiff.service.importing.records import Surroundings, read_mark, read_records
 from jointstiff.service.importing.text import read_text
-from jointstiff.service.importing.units import Dimension
+from jointstiff.service.importing.words import Dimension
 from jointstiff.service.importing.workbook import read_workbook
 
 _NO_OPTIONS: Final = ImportOptions()
@@ -44,6 +45,7 @@ class Imported:
     preview: ImportPreview  # what was understood, for people
     assembly: Assembly  # the observations
     units: Mapping[Dimension, str]  # by dimension, of all numbers that occur
+    surroundings: Surroundings = field(default_factory=Surroundings)  # times and temperatures
 
     @property
     def complete(self) -> bool:
@@ -90,6 +92,8 @@ class Imported:
             noise=noise,
             flange_targets=dict(flange_targets or {}),
             load_point=load_point,
+            measured_at=self.surroundings.measured_at,
+            conditions=self.surroundings.conditions,
             observations=[_observation(one, force) for one in self.assembly.observations],
         )
 
@@ -103,27 +107,16 @@ class Understood:
     imported: Imported | None  # their content, if there are no faults
 
 
-def read_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Imported:
+def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
     """Understand files of readings: tables of a campaign, lists of points, or both, matched by label.
 
     Args:
         files: text or Excel, in any order.
         options: what they do not say themselves.
 
-    Raises:
-        ImportFileError: something is not understood, contradictory, missing or ambiguous: with file, line,
-            column and remedy, and all further faults.
+    Returns:
+        What was understood, and what is not understood, contradictory or ambiguous, each with its place.
     """
-    understood = understand_files(files, options)
-    if understood.imported is not None:
-        return understood.imported
-    first, *others = understood.faults
-    first.others = tuple(others)
-    raise first
-
-
-def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
-    """Understand files of readings as `read_files` does, and tell all faults instead of raising them."""
     faults = Faults()
     reader = _Reader(options, faults)
     assembly = None
@@ -132,23 +125,19 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
         assembly = reader.read(files)
     previews, units = reader.previews, reader.units
     preview = preview_all(previews, assembly)
-    imported = None if assembly is None else Imported(preview, assembly, units)
+    imported = None if assembly is None else Imported(preview, assembly, units, reader.surroundings)
     return Understood(preview, tuple(faults.found), imported)
 
 
 class _Reader:
-    """All files of an import, one after the other.
-
-    Attributes:
-        previews: of the files whose rows were found.
-        units: by dimension, of all numbers that occur.
-    """
+    """All files of an import, one after the other."""
 
     def __init__(self, options: ImportOptions, faults: Faults) -> None:
         self._options, self._faults = options, faults
         self._frames: dict[str, str] = {}
-        self.previews: list[FilePreview] = []
-        self.units: dict[Dimension, str] = {}
+        self.previews: list[FilePreview] = []  # of the files whose rows were found
+        self.units: dict[Dimension, str] = {}  # by dimension, of all numbers that occur
+        self.surroundings = Surroundings()
 
     def read(self, files: Sequence[SourceFile]) -> Assembly | None:
         """Read all files; None if there are faults."""
@@ -165,12 +154,14 @@ class _Reader:
             record
             for (grid, layout), mark in zip(tables, marks, strict=True)
             if mark is not None and not layout.columns.faulty and (labels or "name" in layout.columns.texts)
-            for record in read_records(grid, layout, mark, self._options, labels, notes, self._faults)
+            for record in read_records(
+                grid, layout, mark, self._options, labels, notes, self._faults, self.surroundings
+            )
         )
         if self.units.get("length") == "in":
             self.units["length"] = "mm"
         found = assemble(records, self._faults, allow_missing=self._options.allow_missing)
-        return found and replace(found, assumptions=(*notes, *found.assumptions))
+        return found and replace(found, assumptions=(*notes, *found.assumptions, *self.surroundings.notes))
 
     def _understood(self, grid: Grid, layout: Layout) -> DecimalMark | None:
         """Return the decimal mark of a file, if it is clear; add its preview, units and frame."""
@@ -191,7 +182,7 @@ class _Reader:
         if known.setdefault(key, value) != value:
             fault = ImportFileError(
                 Place(grid.file),
-                f"{what} is {value}, but {known[key]} in other files",
+                f"{what} is {spoken(value)}, but {spoken(known[key])} in other files",
                 "use one unit for every quantity, and one frame for all positions",
             )
             self._faults.add(fault)
@@ -240,10 +231,17 @@ def _observation(one: Gathered, force: Vector3 | None) -> Observation:
 
 
 def _reading(one: Gathered, target: str) -> Reading:
+    """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
     points = one.points[target]
     vectors = {
         state: cast(Vector3, point.vector) for state, point in points.items() if point.vector is not None
     }
-    sigmas = [point.sigma for point in points.values() if point.sigma is not None]
-    sigma = sqrt(sum(value * value for value in sigmas) / len(sigmas)) if sigmas else None
-    return Reading(target=target, sigma=sigma, **vectors)
+    sigmas = {state: point.sigma for state, point in points.items() if point.sigma is not None}
+    if not sigmas or all(point.by_point for point in points.values()):
+        squares = [sigma[0] ** 2 for sigma in sigmas.values()]
+        return Reading(target=target, sigma=sqrt(sum(squares) / len(squares)) if squares else None, **vectors)
+    covariances = {
+        f"{state}_covariance": [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
+        for state, sigma in sigmas.items()
+    }
+    return Reading.model_validate({"target": target, **vectors, **covariances})

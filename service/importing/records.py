@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from math import sqrt
 from typing import Final
 
 from jointstiff.schemas.importing import DecimalMark, ImportOptions, State
-from jointstiff.service.importing.columns import Quantity
 from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
 from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.header import DIMENSIONS, Kind
+from jointstiff.service.importing.header import DIMENSIONS, Kind, Quantity
 from jointstiff.service.importing.layout import Layout
-from jointstiff.service.importing.naming import Naming, check_name
+from jointstiff.service.importing.names import Names, Naming, check_name, is_whole, names_of
 from jointstiff.service.importing.numbers import MarkedCell, decide_mark, read_number
-from jointstiff.service.importing.row_names import Names
-from jointstiff.service.importing.row_order import is_whole
-from jointstiff.service.importing.units import INCH, Dimension
+from jointstiff.service.importing.words import INCH, Dimension
 
-COVERAGE_FACTOR: Final = 2.0
+COVERAGE_FACTOR: Final = 1.96
 """Of the expanded uncertainties that trackers write, U(95)."""
+_LEAST: Final = 5e-4
+"""Greatest expanded uncertainty that is rounded to 0, in mm: trackers write whole micrometres."""
+_YEARS: Final = range(1980, 2201)
+_DAY_FIRST: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)")
 
 Vector = tuple[float, ...]
 
@@ -32,8 +36,9 @@ class Point:
     state: State  # of the robot, or `deflection` for the difference
     vector: Vector | None  # x, y, z in the unit of length; None if the cells are empty
     place: Place  # where it stands
-    # standard uncertainty of a coordinate, in the unit of length, if the file has it
-    sigma: float | None = None
+    # standard uncertainty of each coordinate, in the unit of length, if the file has it
+    sigma: Vector | None = None
+    by_point: bool = False  # whether it is that of the point, shared by its coordinates
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,42 @@ class Record:
     values: Mapping[Kind, Vector]  # joint angles, force, moment, load point, in the file's units
     points: tuple[Point, ...]  # readings
     whole: bool  # whether the row claims to be the only one of its observation in this file
+
+
+@dataclass
+class Surroundings:
+    """When and at which temperature the points of all files were read, as far as they say it."""
+
+    times: list[datetime] = field(default_factory=list)
+    temperatures: list[float] = field(default_factory=list)
+    unit: str = ""  # of temperatures, as it is written
+    rounded: int = 0  # expanded uncertainties of 0
+
+    @property
+    def measured_at(self) -> datetime | None:
+        """Time of the first reading; without a zone it counts as UTC."""
+        return min(self.times, default=None)
+
+    @property
+    def conditions(self) -> str | None:
+        """Range of the temperature, in words."""
+        if not self.temperatures:
+            return None
+        low, high = min(self.temperatures), max(self.temperatures)
+        return f"temperature {low:g}{f' to {high:g}' if high > low else ''} {self.unit}".strip()
+
+    @property
+    def notes(self) -> list[str]:
+        """What was taken from the files, in words."""
+        notes = []
+        if self.measured_at is not None:
+            time = self.measured_at.isoformat(" ", "seconds")
+            notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
+        if self.conditions is not None:
+            notes.append(f"conditions of the measurement: {self.conditions}")
+        if self.rounded:
+            notes.append(f"U(95) of 0 is rounded to 1 µm, and was taken as 0.5 µm ({self.rounded} cells)")
+        return notes
 
 
 def read_mark(grid: Grid, layout: Layout, options: ImportOptions) -> tuple[DecimalMark, str | None]:
@@ -73,6 +114,7 @@ def read_records(
     labels: Sequence[str],
     notes: list[str],
     faults: Faults,
+    surroundings: Surroundings,
 ) -> Iterator[Record]:
     """Read all rows.
 
@@ -84,9 +126,10 @@ def read_records(
         labels: of the observations by row, for a file without names.
         notes: where to tell what was assumed.
         faults: where to tell of cells that are not what their columns say, and of unclear names.
+        surroundings: where to tell of times and temperatures.
     """
     with faults.collected():
-        rows = _Rows(layout, mark, labels, Names(grid, layout, options, notes), grid)
+        rows = _Rows(layout, mark, labels, names_of(grid, layout, options, notes), grid, surroundings)
         for number, row in enumerate(layout.rows):
             if faults.full:
                 return
@@ -98,19 +141,20 @@ class _Rows:
     """The rows of a file, read by the meanings of its columns."""
 
     def __init__(
-        self, layout: Layout, mark: DecimalMark, labels: Sequence[str], names: Names, grid: Grid
+        self,
+        layout: Layout,
+        mark: DecimalMark,
+        labels: Sequence[str],
+        names: Names,
+        grid: Grid,
+        surroundings: Surroundings,
     ) -> None:
         self._grid, self._columns, self._mark, self._labels = grid, layout.columns, mark, labels
-        self._names = names
+        self._names, self._surroundings = names, surroundings
         self._named = "name" in layout.columns.texts
         self._whole = is_whole(layout) and self._named
-        self._expanded = {
-            replace(quantity, kind="position"): indices
-            for quantity, indices in layout.columns.quantities.items()
-            if quantity.kind == "uncertainty"
-        }
-        units = layout.columns.units
-        self._length = INCH if units.get("length") == "in" else 1.0
+        self._length = INCH if layout.columns.units.get("length") == "in" else 1.0
+        self._least = _LEAST / 1e3 if layout.columns.units.get("length") == "m" else _LEAST
         self._targets: set[str] = set()
 
     def record(self, number: int, row: Row, faults: Faults) -> Record:
@@ -119,46 +163,81 @@ class _Rows:
         values: dict[Kind, Vector] = {}
         points: list[Point] = []
         for quantity, indices in self._columns.quantities.items():
-            if quantity.kind == "uncertainty":
+            if quantity.kind in ("uncertainty", "point uncertainty"):
                 continue
             vector = self._vector(row, indices, faults, DIMENSIONS[quantity.kind])
-            place = self._grid.place(row, indices[0])
             if quantity.kind == "position":
                 points.append(self._point(row, quantity, naming, vector, faults))
             elif vector is None:
-                fault = ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells")
-                faults.add(fault)
+                place = self._grid.place(row, indices[0])
+                faults.add(ImportFileError(place, f"this row has no {quantity.kind}", "fill in the cells"))
             else:
                 values[quantity.kind] = vector
+        self._note_surroundings(row)
         label = (naming.label or "") if self._named else self._labels[number]
         return Record(label, self._grid.place(row), values, tuple(points), self._whole)
+
+    def _note_surroundings(self, row: Row) -> None:
+        """Note time and temperature; cells that are neither say nothing."""
+        texts = self._columns.texts
+        if "time" in texts and (time := _time_of(row.cells[texts["time"]])) is not None:
+            self._surroundings.times.append(time)
+        if "temperature" in texts:
+            try:
+                temperature = read_number(row.cells[texts["temperature"]], self._mark)
+            except Fault:
+                return
+            self._surroundings.temperatures.append(temperature)
+            self._surroundings.unit = self._columns.meanings[texts["temperature"]].unit or ""
 
     def _point(
         self, row: Row, quantity: Quantity, naming: Naming, vector: Vector | None, faults: Faults
     ) -> Point:
         place = self._grid.place(row, self._columns.quantities[quantity][0])
         target, state = quantity.target or naming.target, quantity.state or naming.state
-        if target is None or state is None:  # excluded by _Names
+        if target is None or state is None:  # excluded by Names
             raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
         if target not in self._targets:
-            _check_target(target, place)
+            try:
+                check_name(target)
+            except Fault as fault:
+                raise fault.at(place) from None
             self._targets.add(target)
-        expanded = self._expanded.get(quantity)
-        sigma = None if expanded is None or vector is None else self._sigma(row, expanded, state, faults)
-        return Point(target, state, vector, place, sigma)
+        sigma, by_point = None, False
+        if vector is not None:
+            sigma, by_point = self._sigma(row, quantity, state, faults)
+        return Point(target, state, vector, place, sigma, by_point)
 
-    def _sigma(self, row: Row, indices: tuple[int, ...], state: State, faults: Faults) -> float | None:
-        """Half of an expanded uncertainty, which has the coverage factor 2."""
-        found = self._vector(row, indices, faults, "length")
+    def _sigma(
+        self, row: Row, position: Quantity, state: State, faults: Faults
+    ) -> tuple[Vector | None, bool]:
+        """Standard uncertainties of x, y and z, and whether they are the point's, shared by them.
+
+        By U(95) X, Y, Z: U/1.96; only where these are missing by the point's U(95): U/(1.96 √3).
+        """
+        quantities = self._columns.quantities
+        columns: tuple[int, ...] = ()
+        for kind in ("uncertainty", "point uncertainty"):
+            of_kind = quantities.get(replace(position, kind=kind))
+            expanded = None if of_kind is None else self._vector(row, of_kind, faults, "length")
+            columns = columns or of_kind or ()
+            if expanded is not None:
+                break
+        if not columns:
+            return None, False
         reason = ""
         if state == "deflection":
             reason = "an uncertainty of a deflection is not taken: those of its two positions are needed"
-        elif found is None or (found and found[0] <= 0.0):
+        elif expanded is None or min(expanded, default=0.0) < 0.0:
             reason = "an uncertainty must be positive"
         if reason:
-            at = self._grid.place(row, indices[0])
+            at = self._grid.place(row, columns[0])
             faults.add(ImportFileError(at, reason, "correct it, or skip the column with `ignore`"))
-        return found[0] / COVERAGE_FACTOR if found else None
+        if not expanded:
+            return None, False
+        self._surroundings.rounded += sum(value == 0.0 for value in expanded)
+        sigma = tuple((value or self._least) / COVERAGE_FACTOR for value in expanded)
+        return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
 
     def _vector(
         self, row: Row, indices: tuple[int, ...], faults: Faults, dimension: Dimension
@@ -192,8 +271,16 @@ class _Rows:
             raise fault.at(self._grid.place(row, index)) from None
 
 
-def _check_target(target: str, place: Place) -> None:
+def _time_of(text: str) -> datetime | None:
+    """Return a time with the day first and points, or in ISO 8601; None if a text is neither."""
+    plain = text.strip("' ")
+    if day_first := _DAY_FIRST.fullmatch(plain):
+        day, month, year, time = day_first.groups()
+        plain = f"{year}-{int(month):02}-{int(day):02}T{time.replace(',', '.'):0>5}"
     try:
-        check_name(target)
-    except Fault as fault:
-        raise fault.at(place) from None
+        time = datetime.fromisoformat(plain)
+    except ValueError:
+        return None
+    if time.year not in _YEARS or plain.isdigit() or ":" not in plain:
+        return None
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)

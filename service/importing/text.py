@@ -62,9 +62,11 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
         "text",
         tuple(rows),
         tuple(remarks),
+        tuple(comments),
         encoding=encoding,
         delimiter=delimiter,
         assumptions=tuple(assumptions),
+        ended=text.rstrip(" \t").endswith(("\n", "\r")) or comments[-1:] > lines[-1:],
     )
 
 

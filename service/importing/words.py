@@ -1,7 +1,7 @@
-"""Words of headers and names in English, German and French: tables, no code.
+"""Words of headers and names in English, German and French, and units: tables, no grammar.
 
-Compared in lower case, with single blanks for blanks and underscores. A word that means two things is left
-out.
+Words are compared in lower case, with single blanks for blanks and underscores. A word that means two things
+is left out. Letters of units keep their case: mN is no MN, and nm no N·m.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ from jointstiff.schemas.importing import State
 Words = tuple[str, ...]
 
 KEYS: Final[
-    Mapping[Literal["name", "collection", "group", "target", "state", "ignored"], Words]
+    Mapping[
+        Literal[
+            "name", "collection", "group", "target", "state", "deleted", "temperature", "time", "ignored"
+        ],
+        Words,
+    ]
 ] = MappingProxyType(
     {
         "name": (
@@ -29,15 +34,22 @@ KEYS: Final[
         "group": ("group", "group name", "point group", "gruppe", "punktgruppe", "groupe"),
         "target": ("target", "reflector", "smr", "reflektor", "zielmarke", "cible", "réflecteur"),
         "state": ("state", "load state", "zustand", "lastzustand", "état", "état de charge"),
+        "deleted": ("deleted", "delete", "gelöscht", "supprimé"),
+        "temperature": ("temperature", "air temperature", "temperatur", "température"),
+        "time": (
+            "time", "timestamp", "time stamp", "date", "date time", "measured at",
+            "datum", "uhrzeit", "zeit", "zeitstempel", "heure", "horodatage",
+        ),
         "ignored": (
-            "comment", "comments", "remark", "remarks", "note", "notes", "date", "time", "timestamp",
+            "comment", "comments", "remark", "remarks", "note", "notes",
             "operator", "instrument", "rms", "i", "j", "k", "ignore", "ignored",
-            "kommentar", "bemerkung", "datum", "uhrzeit", "zeit", "zeitstempel", "bediener", "messgerät",
-            "commentaire", "remarque", "heure", "horodatage", "opérateur",
+            "tilt", "image rms", "pressure", "humidity", "otg applied", "luftdruck", "luftfeuchte",
+            "kommentar", "bemerkung", "bediener", "messgerät", "commentaire", "remarque", "opérateur",
+            "pression", "humidité",
         ),
     }
 )  # fmt: skip
-"""Whole headers of columns of texts, and of columns that are ignored."""
+"""Whole headers of columns that hold no quantity of a campaign."""
 
 STATES: Final[Mapping[State, Words]] = MappingProxyType(
     {
@@ -45,11 +57,13 @@ STATES: Final[Mapping[State, Words]] = MappingProxyType(
             "unloaded", "unload", "noload", "no load", "without load", "ul", "u",
             "unbelastet", "unbel", "ohne last", "entlastet",
             "à vide", "a vide", "déchargé", "decharge", "sans charge",
+            "before", "off", "without", "vorher", "vor", "ohne", "aus", "avant", "sans",
         ),
         "loaded": (
             "loaded", "load", "with load", "under load", "ld", "l",
             "belastet", "bel", "last", "mit last", "unter last",
             "chargé", "charge", "chargée", "en charge", "sous charge", "avec charge",
+            "after", "on", "with", "nachher", "nach", "mit", "ein", "après", "apres", "avec",
         ),
         "deflection": (
             "deflection", "defl", "displacement", "delta", "d",
@@ -59,6 +73,17 @@ STATES: Final[Mapping[State, Words]] = MappingProxyType(
     }
 )  # fmt: skip
 """States of a target; a phrase of two words counts as one."""
+
+DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
+"""States where nothing else can be meant; elsewhere a digit is part of a name."""
+
+MARKS: Final = MappingProxyType(
+    {
+        **dict.fromkeys(("", "0", "false", "no", "nein", "non", "-", "falsch", "faux"), False),
+        **dict.fromkeys(("1", "true", "yes", "ja", "oui", "x", "delete", "deleted", "wahr", "vrai"), True),
+    }
+)
+"""Whether a cell below `deleted` marks its row."""
 
 JOINTS: Final = ("j", "a", "q", "joint", "axis", "theta", "θ", "achse", "gelenk", "axe", "articulation")
 """Before the number of a joint."""
@@ -75,8 +100,11 @@ VECTORS: Final[Mapping[Literal["force", "moment", "load point"], Words]] = Mappi
 )  # fmt: skip
 """Before x, y or z."""
 
-EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%", "u(k=2)")
-"""Expanded uncertainty of a point's coordinates, coverage factor 2."""
+EXPANDED: Final = ("u(95)", "u95", "u(95%)", "u95%")
+"""Expanded uncertainty at 95 %: beside x, y or z of that coordinate, else of the point."""
+
+ROTATION: Final = frozenset(("q0", "q1", "q2", "q3"))
+"""Quaternion of a probe, if there is no fifth number behind these four."""
 
 COORDINATES: Final = ("position", "coordinate", "koordinate", "coordonnée", "pos")
 """Say no more than x, y or z beside them."""
@@ -87,7 +115,59 @@ NOT_TARGETS: Final = frozenset(
         "tol", "tolerance", "error", "rms", "normal", "offset", "residual", "max", "min", "mean", "average",
         "goal", "command", "commanded", "setpoint", "desired", "nominell", "soll", "sollwert", "abweichung",
         "unsicherheit", "streuung", "toleranz", "consigne", "écart", "incertitude", "tolérance", "moyenne",
-        *EXPANDED,
+        "dif", "diff", "difference", "differenz", "différence", "rotation", "u(k=2)", *EXPANDED,
     )
 )  # fmt: skip
 """Words beside x, y and z that tell of something other than a target's position."""
+
+Dimension = Literal["length", "angle", "force", "moment"]
+
+UNITS: Final[Mapping[Dimension, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
+    {
+        "length": {
+            "m": ("m",),
+            "mm": ("mm", "MM"),
+            "in": ("in", "inch", "inches", "Inch", "Inches", "INCHES"),
+        },
+        "angle": {
+            "rad": ("rad", "RAD"),
+            "deg": ("deg", "DEG", "°", "degree", "degrees", "degré", "degrés"),
+        },
+        "force": {"N": ("N",), "kN": ("kN",), "kgf": ("kgf", "kp")},
+        "moment": {
+            "N.m": ("N.m", "Nm", "N·m", "N*m", "N m", "N-m"),
+            "N.mm": ("N.mm", "Nmm", "N·mm", "N*mm", "N mm", "N-mm"),
+            "kN.m": ("kN.m", "kNm", "kN·m", "kN*m", "kN m", "kN-m"),
+            "kgf.m": ("kgf.m", "kgfm", "kgf·m", "kgf*m", "kgf m", "kpm", "kp·m"),
+        },
+    }
+)
+"""Canonical name and spellings, by dimension."""
+
+SPOKEN: Final = MappingProxyType({"in": "inches"})
+"""Units in messages where the canonical name is a word of its own."""
+
+INCH: Final = 25.4
+"""Millimetres, exactly: what is in inches is converted when it is read."""
+
+_NAMED: Final = MappingProxyType(
+    {
+        spelling: (dimension, unit)
+        for dimension, units in UNITS.items()
+        for unit, spellings in units.items()
+        for spelling in spellings
+    }
+)
+
+
+def unit_named(text: str) -> tuple[Dimension, str] | None:
+    """The dimension and canonical name of a unit, or None if it is none of ours."""
+    return _NAMED.get(text.strip())
+
+
+FOREIGN: Final = frozenset(
+    ("kg", "g", "t", "lbf", "lb", "lbs", "daN", "MN", "mN", "kip", "ft", "feet", "cm", "dm", "km", "µm", "μm",
+     "um", "mil", "thou", "grad", "gon", "Grad", "mrad", "arcsec", "arcmin", "rev", "turns", "inc", "lbf.ft",
+     "ft.lbf", "N.cm", "Ncm", "mNm", "V", "mV", "%")
+)  # fmt: skip
+"""Units that we do not take: no column can be said to be in another."""

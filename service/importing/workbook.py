@@ -46,7 +46,9 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         (comments if first.startswith(COMMENT_MARKS) else rows).append(row)
     check_size(file, rows)
     notes = [*sheets[name].notes, *_notes_on_comments(comments)]
-    return Grid(file, "xlsx", tuple(rows), tuple(map(_bare, comments)), sheet=name, assumptions=tuple(notes))
+    bare = tuple(map(_bare, comments))
+    remarks = tuple((row.line, " ".join(row.cells)) for row in bare)
+    return Grid(file, "xlsx", tuple(rows), bare, remarks, sheet=name, assumptions=tuple(notes))
 
 
 def _only_filled(file: str, sheets: Mapping[str, Sheet]) -> str:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import hypot
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
 from jointstiff.schemas.importing import FilePreview, ImportFault
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest, ImportTemplate
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument, QualityWarning
+from jointstiff.schemas.measurement.noise import Noise
 from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.preview import Missing, missing_from
 from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.problems.wording import reworded
 from jointstiff.solver.errors import MeasurementError
+
+_FAR_LOAD_POINT: Final = 5.0
+"""Distance of a load point from the flange beyond which it is asked about, in m."""
+_LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
+"""Fields with lengths, in `noise` and of the request."""
 
 if TYPE_CHECKING:
     from jointstiff.solver.robot.model import Robot
@@ -100,6 +107,7 @@ def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
         request.flange_targets,
         load_point=request.load_point is not None,
         force=request.force is not None,
+        unusual=[] if request.accept_unusual else _unusual(imported, request),
     )
     if request.force is not None and "force" not in imported.units and _force_unit(request) is None:
         missing.append(Missing("units.force", "the unit of `force` (`units`): N, kN or kgf"))
@@ -107,6 +115,37 @@ def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
         text = "the encoders that close the position loop (`encoders`): motor or secondary"
         missing.append(Missing("encoders", text))
     return missing
+
+
+def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
+    """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
+    metres = 1.0 if imported.units.get("length") == "m" else 1e-3
+    points = [
+        metres * hypot(*one.values["load point"][0])
+        for one in imported.assembly.observations
+        if "load point" in one.values
+    ]
+    if request.load_point is not None:
+        points.append(metres * _factor(imported, request) * hypot(*request.load_point))
+    far = max(points, default=0.0)
+    stated = [f"the load point is {far:g} m from the flange"] if far > _FAR_LOAD_POINT else []
+    return [*stated, *imported.assembly.unusual]
+
+
+def _factor(imported: Imported, request: ImportRequest) -> float:
+    """Return the factor from lengths of the request to the files' unit of length."""
+    if request.length_unit is None or request.length_unit == imported.units.get("length", "mm"):
+        return 1.0
+    return 1e-3 if request.length_unit == "mm" else 1e3
+
+
+def _scaled(value: Any, factor: float, name: str = "") -> Any:  # noqa: ANN401 - any part of `noise`
+    """Return a part of `noise` with its lengths multiplied."""
+    if isinstance(value, dict):
+        return {key: _scaled(part, factor, key) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_scaled(part, factor, name) for part in value)
+    return factor * value if name in _LENGTHS and value is not None else value
 
 
 def _force_unit(request: ImportRequest) -> str | None:
@@ -122,7 +161,7 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
     if request.encoders is None:
         raise ValueError("which encoders close the loop is not known")
     stated = request.noise is not None and request.noise.sigma is not None
-    if imported.assembly.sigmas and (stated or (request.noise is not None and request.noise.instrument)):
+    if imported.assembly.uncertainty and (stated or (request.noise is not None and request.noise.instrument)):
         raise ImportFileError(
             Place(),
             "the files state the uncertainty of each reading, and `noise` states another",
@@ -133,13 +172,20 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
         raise ImportFileError(
             Place(), "the files have forces, and `force` states another", "omit `force`", "force"
         )
+    factor = _factor(imported, request)
+    lengths = request.model_dump(include={"noise", "flange_targets", "load_point"}, exclude_unset=True)
+    noise = _scaled(lengths.get("noise"), factor)
+    point = _scaled(lengths.get("load_point"), factor, "load_point")
     try:
         return imported.document(
             name=request.name or PurePath(first).stem.strip(),
             encoders=request.encoders,
-            noise=request.noise,
-            flange_targets=request.flange_targets,
-            load_point=request.load_point,
+            noise=None if noise is None else Noise.model_validate(noise),
+            flange_targets={
+                target: _scaled(place, factor, "load_point")
+                for target, place in request.flange_targets.items()
+            },
+            load_point=point,
             force=request.force,
             force_unit=_force_unit(request),
         )
@@ -212,6 +258,7 @@ def _fault(fault: ImportFileError) -> ImportFault:
         reason=fault.reason,
         remedy=fault.remedy,
         option=fault.option,
+        words=list(fault.words),
     )
 
 

@@ -7,7 +7,7 @@ import random
 import zipfile
 
 import pytest
-from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, values_of
+from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, sources_of, values_of
 from support.shared_data import MISSING, SHARED
 
 from benchmarks.mutations import MUTATIONS
@@ -15,7 +15,6 @@ from benchmarks.spreadsheets import HABITS, campaign_of
 from benchmarks.studies.importing import outcome, tallies
 from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.resources.imports import import_files
 
@@ -24,9 +23,9 @@ MM = {"length": "mm", "angle": "deg", "force": "N"}
 
 def refused(*files, **options):
     """The reasons of all faults."""
-    with pytest.raises(ImportFileError) as caught:
-        read(*files, **options)
-    return [fault.reason for fault in (caught.value, *caught.value.others)]
+    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
+    assert understood.imported is None
+    return [fault.reason for fault in understood.faults]
 
 
 @pytest.mark.parametrize("habit", HABITS)
@@ -94,7 +93,7 @@ def test_spatial_analyzers_header(mark, point, unit, factor):
 def test_contradictions_of_spatial_analyzers_header():
     file = ("a.txt", SA.format("Inches", "", "Point"))
     assert refused(file, units={"length": "mm"}) == [
-        "position x is in in by the file's comment, but in mm by `units`"
+        "position x is in inches by the file's comment, but in mm by `units`"
     ]
     assert "'furlongs' of x, y, z is not known" in refused(("a.txt", SA.format("furlongs", "", "Point")))[0]
     assert "polar" in refused(("a.txt", SA.format("mm", "", "Point").replace("CARTESIAN", "POLAR")))[0]
@@ -124,8 +123,10 @@ def test_leicas_uncertainties_are_the_noise_of_each_reading():
     files = [joints, SourceFile("leica.csv", LEICA.encode())]
     answer = import_files(files, ImportRequest(**options))
     reading = answer.measurement_set.observations[0].readings[0]
-    assert reading.sigma == pytest.approx(((0.015**2 + 0.02**2) / 2) ** 0.5)
-    assert any("coverage factor 2" in note for note in answer.preview.assumptions)
+    sigmas = [0.03 / (1.96 * 3**0.5), 0.04 / (1.96 * 3**0.5)]  # U(95) is the point's
+    assert reading.sigma == pytest.approx(((sigmas[0] ** 2 + sigmas[1] ** 2) / 2) ** 0.5, rel=1e-12)
+    assert any("σ = U/(1.96 √3)" in note for note in answer.preview.assumptions)
+    assert answer.preview.uncertainty == "point"
     request = ImportRequest(**options, noise={"sigma": 0.01}, show_faults=True)
     assert "`noise` states another" in import_files(files, request).faults[0].reason
     assert refused(("a.csv", LEICA.replace("0.04", "")))  # every reading, or none
@@ -167,12 +168,14 @@ def test_all_faults_are_in_one_answer():
     understood = understand_files(
         [SourceFile("a.csv", content.encode()), SourceFile("b.csv", other.encode())]
     )
-    places = [(fault.file, fault.line, fault.column) for fault in understood.faults]
+    places = [(at.file, at.line, at.column) for at in (fault.place for fault in understood.faults)]
     assert places == [("a.csv", 2, 2), ("a.csv", 2, 5), ("b.csv", 3, 3), ("b.csv", 4, 4)]
     meanings = [column.meaning for column in understood.preview.files[0].columns]
     assert (meanings[1], meanings[2], meanings[4]) == ("unknown", "joint 2", "unknown")
-    many = "\n".join(["x [mm];y [mm];z [mm];name", *(f"a;b;c;P{row}" for row in range(100))])
-    assert len(refused(("loaded.csv", many))) == 20
+    many = "\n".join(["name;J1 [deg]", *(f"c{row};x" for row in range(100))])
+    assert len(refused(("joints.csv", many))) == 20
+    one = "\n".join(["x [mm];y [mm];z [mm];name", *(f"1;2;3;P{row}" for row in range(100))])
+    assert len(refused(("day1_a_b.csv", one))) == 1  # one mistake, not one for each row
 
 
 def test_a_template_reads_the_same_form_and_no_other():

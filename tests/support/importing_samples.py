@@ -7,7 +7,7 @@ import io
 from dataclasses import dataclass
 
 from jointstiff.schemas.importing import ImportOptions
-from jointstiff.service.importing.reading import Imported, SourceFile, read_files
+from jointstiff.service.importing.reading import Imported, SourceFile, understand_files
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 
@@ -72,12 +72,19 @@ def _is_number(cell: str) -> bool:
 
 
 def read(*files: tuple[str, str | bytes], **options: object) -> Imported:
-    """Import named texts."""
-    sources = [
+    """Import named texts; the first fault is raised."""
+    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
+    if understood.imported is None:
+        raise understood.faults[0]
+    return understood.imported
+
+
+def sources_of(*files: tuple[str, str | bytes]) -> list[SourceFile]:
+    """Return named texts as files."""
+    return [
         SourceFile(name, content if isinstance(content, bytes) else content.encode())
         for name, content in files
     ]
-    return read_files(sources, ImportOptions.model_validate(options))
 
 
 def points_of(imported: Imported) -> dict[tuple[str, str, str], tuple[float, ...]]:

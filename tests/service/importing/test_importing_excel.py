@@ -16,7 +16,7 @@ from support.importing_samples import CAMPAIGN, points_of, read, values_of
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing.archive import Archive
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES, MAX_XML_TAGS
 
 TEXTS = "xl/sharedStrings.xml"
@@ -54,7 +54,7 @@ def refused(content, reason, line=None, column=None, **options):
         read(("a.xlsx", content), **options)
     error = caught.value
     assert reason in error.reason
-    assert (error.file, error.line, error.column) == ("a.xlsx", line, column)
+    assert error.place == Place("a.xlsx", line, column)
     return error
 
 

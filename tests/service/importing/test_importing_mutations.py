@@ -263,7 +263,7 @@ DAMAGES = [_replace, _replace, _insert, _insert, _delete, _flip, _truncate, _swa
 def _check_refusal(error, name):
     assert error.reason
     assert error.remedy
-    assert error.file == name
+    assert error.place.file == name
 
 
 def _check_text(random_, counts):

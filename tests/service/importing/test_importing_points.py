@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from support.importing_samples import JOINTS, POINTS, READ_POINTS, points_of, read
 
-from jointstiff.service.importing.errors import Fault, ImportFileError
-from jointstiff.service.importing.naming import Template
+from jointstiff.service.importing.errors import Fault, ImportFileError, Place
+from jointstiff.service.importing.names import Template
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
 LINES = [line.split(";") for line in POINTS.splitlines()]
@@ -17,7 +17,7 @@ def refused(*files, reason, line=None, column=None, file=None, **options):
         read(*files, **options)
     error = caught.value
     assert reason in error.reason
-    assert (error.file, error.line, error.column) == (file, line, column)
+    assert error.place == Place(file, line, column)
     assert error.remedy
     return error
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import pytest
 from support.importing_samples import CAMPAIGN, READ_POINTS, Dialect, points_of, read, values_of
 
-from jointstiff.schemas.importing import ImportOptions
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.limits import MAX_CELL_LENGTH, MAX_COLUMNS, MAX_FILE_BYTES, MAX_ROWS
-from jointstiff.service.importing.reading import SourceFile, read_files
 
 UNITS = {"length": "mm", "angle": "deg", "force": "N"}
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
@@ -22,7 +20,7 @@ def refused(content, *, reason, line=None, column=None, name="a.csv", **options)
         read((name, content), **options)
     error = caught.value
     assert reason in error.reason
-    assert (error.file, error.line, error.column) == (name, line, column)
+    assert error.place == Place(name, line, column)
     assert error.remedy
     assert str(error).startswith(repr(name))
     return error
@@ -268,7 +266,7 @@ def test_files_that_are_no_tables(content, reason, line):
     with pytest.raises(ImportFileError) as caught:
         read(("a.csv", content), units=UNITS)
     assert reason in caught.value.reason
-    assert caught.value.line == line
+    assert caught.value.place.line == line
 
 
 def test_a_comma_of_thousands_or_decimals():
@@ -351,14 +349,14 @@ def test_what_is_missing_is_told_and_refused():
 
 def test_limits():
     assert MAX_FILE_BYTES == MAX_SET_BYTES
-    big = [SourceFile(str(index), b"a" * (MAX_FILE_BYTES // 2 + 1)) for index in range(2)]
+    big = [(str(index), b"a" * (MAX_FILE_BYTES // 2 + 1)) for index in range(2)]
     with pytest.raises(ImportFileError, match="exceed 8 MiB"):
-        read_files(big)
-    for files in ([], [SourceFile(str(index), b"a") for index in range(65)]):
+        read(*big)
+    for files in ([], [(str(index), b"a") for index in range(65)]):
         with pytest.raises(ImportFileError, match="1 to 64 files"):
-            read_files(files)
+            read(*files)
     with pytest.raises(ImportFileError, match="two files have this name"):
-        read_files([SourceFile("a", b"a")] * 2)
+        read(*[("a", b"a")] * 2)
     refused(b"a\n" * (MAX_ROWS + 1), reason="more than 320000 rows", line=MAX_ROWS + 1)
     refused(";".join("a" * (MAX_COLUMNS + 1)), reason="more than 256 columns", line=1)
     refused(b"a" * 70_000, reason="a line has more than", line=1)
@@ -378,4 +376,4 @@ def test_limits():
 )
 def test_hostile_texts(content):
     with pytest.raises(ImportFileError):
-        read_files([SourceFile("a.csv", content)], ImportOptions())
+        read(("a.csv", content))

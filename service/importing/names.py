@@ -1,0 +1,327 @@
+"""Which observation, target and state a row stands for: by columns, names of points, of files, or order.
+
+A template such as `{label}_{target}_{state}` is what people can write safely: no field may contain a
+character that begins a literal text between fields, so a name fits in one way or in none.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Final
+
+from jointstiff.schemas.fields import MAX_NAME_LENGTH
+from jointstiff.schemas.importing import ImportOptions, State
+from jointstiff.service.importing.errors import Fault, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.grid import Grid, Row
+from jointstiff.service.importing.header import Kind, names_a_state, state_named
+from jointstiff.service.importing.layout import Layout
+from jointstiff.service.importing.words import DIGITS
+
+_FIELD: Final = re.compile(r"\{([^{}]*)\}")
+_FIELDS: Final = ("label", "target", "state", "any")
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Parts of a name; None where the name has no such part."""
+
+    label: str | None = None
+    target: str | None = None
+    state: State | None = None
+
+
+class Template:
+    """A template that was checked."""
+
+    def __init__(self, text: str) -> None:
+        """Check a template.
+
+        Raises:
+            Fault: unknown or repeated fields, or two without a text between them.
+        """
+        self.text = text
+        literals, fields = _FIELD.split(text)[::2], _FIELD.findall(text)
+        named = [field for field in fields if field != "any"]
+        faulty = not set(fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
+        if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
+            raise Fault(
+                f"the template {shown(text)} is invalid",
+                "use each of {label}, {target}, {state} at most once, {any} for the rest, with a text such "
+                "as _ between them",
+            )
+        excluded = "".join({literal[0] for literal in literals if literal})
+        part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
+        pattern = part.join(re.escape(literal) for literal in literals)
+        self._fields = fields
+        self._pattern = re.compile(pattern, re.DOTALL)
+
+    def parse(self, name: str, state_words: Mapping[str, State]) -> Naming:
+        """Take a name apart.
+
+        Raises:
+            Fault: the name does not fit.
+        """
+        match = self._pattern.fullmatch(name)
+        parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
+        state = state_named(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
+        if match is None or (state is None and "state" in parts):
+            raise Fault(
+                f"the name {shown(name)} does not fit the template {shown(self.text)}",
+                "change the template or rename the point; states are `unloaded`, `loaded`, `deflection`, "
+                "and the words in `state_words`",
+            )
+        return Naming(parts.get("label"), parts.get("target"), state)
+
+
+def check_name(text: str) -> None:
+    """Refuse what no label or target can be.
+
+    Raises:
+        Fault: empty, too long, or not printable.
+    """
+    if not text.isprintable() or text != text.strip() or not 0 < len(text) <= MAX_NAME_LENGTH:
+        raise Fault(
+            f"{shown(text)} is not a valid name",
+            f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends",
+        )
+
+
+def names_of(grid: Grid, layout: Layout, options: ImportOptions, notes: list[str]) -> Names:
+    """Return what names the rows of a file.
+
+    The column `target` of a tracker's own table is its reflector: names of points say the target if they
+    do, or that of the file if it says target and state.
+
+    Args:
+        grid: the file.
+        layout: its columns.
+        options: of the caller.
+        notes: where to tell what the file's name was taken for.
+
+    Raises:
+        ImportFileError: a template is faulty, or the file's name does not fit it.
+    """
+    if layout.columns.probe and "target" in layout.columns.texts and layout.rows:
+        said: list[str] = []
+        with suppress(ImportFileError):
+            names = Names(grid, layout, options, said, without=("target",))
+            names.of(layout.rows[0])
+            if not names.target_by_file or names_a_state(grid.file, options.state_words):
+                note = f"{grid.file}: the column of targets was taken for the instrument's reflector"
+                notes += [*said, note]
+                return names
+    return Names(grid, layout, options, notes)
+
+
+class Names:
+    """Label, target and state of each row: from columns, from the point's name, from the file's name."""
+
+    def __init__(
+        self,
+        grid: Grid,
+        layout: Layout,
+        options: ImportOptions,
+        notes: list[str],
+        without: tuple[Kind, ...] = (),
+    ) -> None:
+        """Prepare to name rows; `without` columns that are not used.
+
+        Raises:
+            ImportFileError: a template is faulty, or the file's name does not fit it.
+        """
+        self._grid, self._notes, self._words = grid, notes, options.state_words
+        self._texts = {kind: index for kind, index in layout.columns.texts.items() if kind not in without}
+        self._needed = layout.columns.needed | {*without}
+        self._named = "name" in self._texts
+        self._wanted = (*(("label",) if self._named else ()), *sorted(self._needed))
+        kinds: tuple[Kind, ...] = ("collection", "group", "name")
+        self._kinds = [kind for kind in kinds if kind in self._texts]
+        self._stem = PurePath(grid.file).stem
+        self._defaults: dict[frozenset[str], Naming] = {}
+        self._digits = not names_a_state(grid.file, options.state_words)
+        self._point: Template | None = None
+        self._file = Naming()
+        try:
+            if options.point_name and self._needed:
+                self._point = Template(options.point_name)
+            if options.file_name and self._needed:
+                self._file = Template(options.file_name).parse(self._stem, self._words)
+        except Fault as fault:
+            raise fault.at(Place(grid.file)) from None
+
+    @property
+    def target_by_file(self) -> bool:
+        """Return whether a row has its target from the name of the file."""
+        return any("target" in lacking for lacking in self._defaults)
+
+    def of(self, row: Row) -> Naming:
+        """Return what is said of a row.
+
+        Raises:
+            ImportFileError: something is missing or contradicts.
+        """
+        name, columns = self._joined(row), self._in_columns(row)
+        try:
+            if not self._named:
+                naming = Naming()
+            elif self._point is not None:
+                naming = self._point.parse(name, self._words)
+            else:
+                naming = self._default_point(name)
+            naming = _merged(_merged(columns, naming), self._file)
+            lacking = frozenset(kind for kind in self._wanted if getattr(naming, kind) is None)
+            if lacking:
+                naming = _merged(naming, self._default_file(lacking))
+            if self._named:
+                check_name(naming.label or "")
+        except Fault as fault:
+            raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
+        return naming
+
+    def _default_point(self, name: str) -> Naming:
+        """Without a template: parts between `::`, else `_`; a word for a state anywhere, label before target.
+
+        Raises:
+            Fault: the parts are more than is needed, or not clear.
+        """
+        if not self._needed:
+            return Naming(label=name)
+        most = 2 if "target" in self._needed else 1
+        for words in (self._words, {**DIGITS, **self._words})[: 1 + self._digits]:
+            parts, state = _parts(name, words)
+            if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
+                if words is not self._words:
+                    self._note("0 and 1 in names were taken for `unloaded` and `loaded`")
+                return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
+        raise Fault(
+            f"the name {shown(name)} does not show which observation, target and state it is",
+            "give a template `point_name`, such as {label}_{target}_{state}",
+            "point_name",
+        )
+
+    def _default_file(self, lacking: frozenset[str]) -> Naming:
+        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
+
+        Raises:
+            ImportFileError: the name does not say just that.
+        """
+        if lacking not in self._defaults:
+            parts, state = _parts(self._stem, self._words)
+            naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
+            if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
+                listed = " and the ".join(sorted(lacking, reverse=True))
+                raise ImportFileError(
+                    Place(self._grid.file),
+                    f"the {listed} is given neither by the table nor by the names of points or the file",
+                    "name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or give "
+                    "templates `point_name` or `file_name`",
+                    "point_name",
+                )
+            said = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
+            self._note(f"{self._grid.file}: {said} by the name of the file")
+            self._defaults[lacking] = naming
+        return self._defaults[lacking]
+
+    def _note(self, note: str) -> None:
+        if note not in self._notes:
+            self._notes.append(note)
+
+    def _joined(self, row: Row) -> str:
+        """The name of a point, with its collection and group before it if there are such columns."""
+        parts = [self._text(row, kind) for kind in self._kinds]
+        if len(parts) > 1 and any("::" in part for part in parts):
+            place = self._grid.place(row, self._texts["name"])
+            raise ImportFileError(place, f"the name {shown('::'.join(parts))} contains ::", "rename it")
+        return "::".join(parts)
+
+    def _in_columns(self, row: Row) -> Naming:
+        target = self._text(row, "target") if "target" in self._texts else None
+        if "state" not in self._texts:
+            return Naming(None, target)
+        word = self._text(row, "state")
+        state = state_named(word, {**DIGITS, **self._words})
+        if state is None:
+            raise ImportFileError(
+                self._grid.place(row, self._texts["state"]),
+                f"{shown(word)} is not a known state",
+                "use `unloaded`, `loaded` or `deflection`, or give `state_words`",
+                "state_words",
+                (word,),
+            )
+        return Naming(None, target, state)
+
+    def _text(self, row: Row, kind: Kind) -> str:
+        index = self._texts[kind]
+        place = self._grid.place
+        if row.kinds is not None and row.kinds[index] not in ("text", "number"):
+            raise ImportFileError(place(row, index), f"{row.kinds[index]} as {kind}", "enter it as text")
+        if not row.cells[index]:
+            raise ImportFileError(place(row, index), f"the {kind} is empty", "fill it in, in every row")
+        return row.cells[index]
+
+
+def _merged(first: Naming, second: Naming) -> Naming:
+    for kind in ("label", "target", "state"):
+        one, other = getattr(first, kind), getattr(second, kind)
+        if one is not None and other is not None and one != other:
+            raise Fault(
+                f"the {kind} is {shown(one)} by one name and {shown(other)} by another",
+                "correct the name of the point or of the file, or the templates",
+            )
+    return Naming(first.label or second.label, first.target or second.target, first.state or second.state)
+
+
+def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
+    """The parts of a name without the one that is a word for a state."""
+    parts = name.split("::") if "::" in name else name.split("_")
+    if not all(parts):
+        return [name], None
+    states = [state_named(part, words) for part in parts]
+    found = [state for state in states if state is not None]
+    if len(found) != 1:
+        return parts, None
+    return [part for part, state in zip(parts, states, strict=True) if state is None], found[0]
+
+
+def is_whole(layout: Layout) -> bool:
+    """Return whether a table has one row for each observation."""
+    columns = layout.columns
+    return not columns.needed and "target" not in columns.texts and "state" not in columns.texts
+
+
+def labels_in_order(tables: Sequence[tuple[Grid, Layout]], faults: Faults) -> list[str]:
+    """Return the labels of observations by row, for files without names.
+
+    Args:
+        tables: all files.
+        faults: where to tell of rows that cannot be matched.
+
+    Returns:
+        Those of the table that has a row for each observation; numbers from 1 if there is none.
+    """
+    named = [(grid, [row.cells[layout.columns.texts["name"]] for row in layout.rows])
+             for grid, layout in tables if "name" in layout.columns.texts and is_whole(layout)]  # fmt: skip
+    unnamed = [(grid, layout) for grid, layout in tables if "name" not in layout.columns.texts]
+    if not unnamed:
+        return []
+    first, labels = named[0] if named else (unnamed[0][0], [])
+    told = len(faults.found)
+    labels = labels or [str(number) for number in range(1, 1 + len(unnamed[0][1].rows))]
+    for grid, other in named[1:]:
+        if other != labels:
+            reason = f"the labels are not those of {shown(first.file)} in their order"
+            faults.add(ImportFileError(Place(grid.file), reason, "give every table the same labels"))
+    for grid, layout in unnamed:
+        if len(layout.rows) != len(labels):
+            fault = ImportFileError(
+                Place(grid.file),
+                f"there are {len(layout.rows)} rows, but {len(labels)} in {shown(first.file)}: they cannot "
+                "be matched by their order",
+                "give every file a row for each observation, or name the points",
+            )
+            faults.add(fault)
+    return labels if len(faults.found) == told else []

@@ -1,0 +1,347 @@
+"""Files as instruments and people write them: SpatialAnalyzer 2022, Leica's columns, words for states."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+
+import pytest
+from support.importing_samples import CAMPAIGN, points_of, read, sources_of
+
+from jointstiff.schemas.importing import ImportOptions
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.importing.reading import understand_files
+from jointstiff.service.resources.imports import import_files
+
+READ = {
+    ("c01", "P10", "unloaded"): (1245.7134, -310.1127, 239.2014),
+    ("c01", "P10", "loaded"): (1245.6021, -310.1098, 237.9853),
+    ("c02", "P10", "unloaded"): (1102.5518, 402.9017, 318.4406),
+    ("c02", "P10", "loaded"): (1102.4127, 402.8613, 316.8891),
+}
+
+
+def faults(*files, **options):
+    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
+    assert understood.imported is None
+    return understood.faults
+
+
+# ---- SpatialAnalyzer 2022
+
+
+SA = """// SpatialAnalyzer SA 2022.2.0624.7 ( x64 )
+// Points Relative to Coordinate Frame '{frame}'
+// AXES = CARTESIAN: X,  Y,  Z ({unit})
+// Collection,  Group,  Point,  X,  Y,  Z
+
+"""
+
+
+def sa(gap=", ", unit="mm", frame="Frames::WORLD", states=("unloaded", "loaded")):
+    scale = {"mm": 1.0, "Inches": 25.4}[unit]
+    rows = [
+        gap.join([f"{state}", label, target, *(f"{value / scale:.9f}" for value in xyz)])
+        for (label, target, state), xyz in READ.items()
+        if state in states
+    ]
+    return SA.format(unit=unit, frame=frame) + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+@pytest.mark.parametrize("gap", [",", ", ", ",  ", "  "])
+@pytest.mark.parametrize("unit", ["mm", "Inches"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_spatial_analyzer_2022(encoding, gap, unit, end):
+    content = sa(gap, unit).replace("\n", end).encode(encoding)
+    imported = read(("day 1.txt", content))
+    assert imported.units == {"length": "mm"}
+    for key, xyz in points_of(imported).items():
+        assert xyz == pytest.approx(READ[key], abs=1e-7)
+    assert len(points_of(imported)) == 4
+    assert any("the frame 'Frames::WORLD'" in note for note in imported.preview.files[0].assumptions)
+
+
+def test_groups_with_brackets_and_several_files():
+    def bracketed(state):
+        return (
+            "sa.txt",
+            sa(states=(state,)).replace(f"{state}, ", f"{state}, Cell [3] ").replace("// Coll", "//  Coll"),
+        )
+
+    files = [(f"{state}.txt", bracketed(state)[1]) for state in ("unloaded", "loaded")]
+    assert {(f"Cell [3] {a}", b, c): xyz for (a, b, c), xyz in READ.items()} == points_of(read(*files))
+
+
+def test_files_of_two_frames_are_refused_with_both_names():
+    files = [
+        ("a.txt", sa(states=("unloaded",))),
+        ("b.txt", sa(frame="Frames::best fit", states=("loaded",))),
+    ]
+    (fault,) = faults(*files)
+    assert "Frames::best fit" in fault.reason
+    assert "Frames::WORLD" in fault.reason
+    (fault,) = faults(("a.txt", sa(unit="Inches")), units={"length": "mm"})
+    assert fault.reason == "position x is in inches by the file's comment, but in mm by `units`"
+
+
+# ---- Leica
+
+
+HEADERS = [
+    "Name", "X  [mm]", "Y  [mm]", "Z  [mm]", "U(95)  [mm]", "U(95) X  [mm]", "U(95) Y  [mm]", "U(95) Z  [mm]",
+    "Tilt  [deg]", "Q0 ", "Q1 ", "Q2 ", "Q3 ", "Image RMS  [µm]", "Target", "Temperature  [°C]",
+    "Pressure  [mBar]", "Humidity  [%]", "Time Stamp", "OTG Applied", "Delete",
+]  # fmt: skip
+U95 = (0.031, 0.012, 0.0)
+
+
+def leica_rows(*, deleted=()):
+    total = sum(u * u for u in U95) ** 0.5
+    rows = []
+    for index, ((label, target, state), xyz) in enumerate(READ.items()):
+        name = f"{label}_{target}_{state}"
+        rows.append([
+            name, *(f"{value:.4f}" for value in xyz), f"{total:.6f}", *(f"{u:.3f}" for u in U95),
+            "0.00", "0.7071", "0.0", "0.0", "0.7071", "3", "CCR 1.5in", f"2{index}.5", "1013.2", "41.0",
+            f"'08.11.2022 16:1{index}:28.353", "False", str(index in deleted),
+        ])  # fmt: skip
+    return rows
+
+
+def leica(
+    delimiter=",", mark=".", order=1, encoding="latin-1", end="\r\n", trailing=True, without=(), **options
+):
+    """Leica's table; names are last if `order` is -1."""
+    kept = [index for index, header in enumerate(HEADERS) if header not in without][::order]
+    lines = []
+    for row in [HEADERS, *leica_rows(**options)]:
+        cells = [row[index] for index in kept]
+        cells = [cell.replace(".", mark) if re.fullmatch(r"-?\d+\.\d+", cell) else cell for cell in cells]
+        lines.append(delimiter.join(cells) + (delimiter if trailing else ""))
+    return (end.join(lines) + end).encode(encoding)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        {},
+        {"encoding": "utf-8"},
+        {"encoding": "utf-16"},
+        {"end": "\n"},
+        {"end": "\r"},
+        {"trailing": False},
+        {"delimiter": ";"},
+        {"delimiter": ";", "mark": ","},
+        {"delimiter": "\t", "mark": ","},
+        {"order": -1},
+        {"order": -1, "delimiter": "\t", "encoding": "utf-8-sig"},
+        {"without": ("Tilt  [deg]", "OTG Applied", "U(95)  [mm]")},
+    ],
+)
+def test_leicas_columns(form):
+    imported = read(("tracker.csv", leica(**form)))
+    assert points_of(imported) == READ
+    assert imported.preview.joint_count is None  # Q1 to Q3 are a rotation
+    assert imported.preview.uncertainty == "coordinate"
+    point = imported.assembly.observations[0].points["P10"]["loaded"]
+    assert point.sigma == pytest.approx((0.031 / 1.96, 0.012 / 1.96, 0.0005 / 1.96), rel=1e-12)
+    assert imported.surroundings.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
+    assert imported.surroundings.conditions == "temperature 20.5 to 23.5 °C"
+
+
+def answer_of(content, **options):
+    joints = "label,J1 [deg],J2 [deg],Fx [N],Fy [N],Fz [N]\n" + "".join(
+        f"{label},10.5,-20.25,0,0,-1471.5\n" for label in ("c01", "c02")
+    )
+    request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 120.0), **options)
+    return import_files(sources_of(("joints.csv", joints), ("tracker.csv", content)), request)
+
+
+def test_uncertainties_of_coordinates_become_covariances():
+    answer = answer_of(leica())
+    reading = answer.measurement_set.observations[0].readings[0]
+    assert reading.sigma is None
+    diagonal = [row[index] for index, row in enumerate(reading.unloaded_covariance)]
+    assert diagonal == pytest.approx([(u / 1.96) ** 2 for u in (0.031, 0.012, 0.0005)], rel=1e-12)
+    assert reading.unloaded_covariance[0][1:] == (0.0, 0.0)
+    notes = " ".join(answer.preview.assumptions)
+    assert "σ = U/1.96" in notes
+    assert "U(95) of 0 is rounded to 1 µm, and was taken as 0.5 µm (4 cells)" in notes
+    assert answer.measurement_set.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
+    assert answer.measurement_set.conditions == "temperature 20.5 to 23.5 °C"
+
+
+def test_the_points_uncertainty_only_where_its_coordinates_have_none():
+    axes = [header for header in HEADERS if re.match(r"U\(95\) [XYZ]", header)]
+    answer = answer_of(leica(without=axes))
+    sigma = float(f"{sum(u * u for u in U95) ** 0.5:.6f}") / (1.96 * 3**0.5)
+    assert answer.measurement_set.observations[1].readings[0].sigma == pytest.approx(sigma, rel=1e-12)
+    assert answer.preview.uncertainty == "point"
+    assert any("σ = U/(1.96 √3)" in note for note in answer.preview.assumptions)
+    neither = answer_of(leica(without=[*axes, "U(95)  [mm]"]))
+    assert neither.measurement_set.observations[0].readings[0].sigma is None
+    assert neither.preview.uncertainty is None
+
+
+def test_rows_marked_delete_are_left_out_and_counted():
+    imported = read(("tracker.csv", leica(deleted=(2, 3))))
+    assert {label for label, _, _ in points_of(imported)} == {"c01"}
+    assert "rows marked as deleted were left out: 2" in imported.preview.files[0].assumptions
+    (fault,) = faults(("tracker.csv", leica(deleted=(3,))))
+    assert fault.reason == "c02: target P10 was read only unloaded"
+    (fault,) = faults(("tracker.csv", leica().replace(b"False,\r\n", b"perhaps,\r\n", 1)))
+    assert "does not say whether the row is deleted" in fault.reason
+
+
+def test_leicas_target_is_its_reflector_unless_nothing_else_names_one():
+    content = leica().replace(b"_P10", b"")
+    labels = {(label, target) for label, target, _ in points_of(read(("tracker.csv", content)))}
+    assert labels == {("c01", "CCR 1.5in"), ("c02", "CCR 1.5in")}
+    loaded = "\n".join(line for line in content.decode("latin-1").splitlines() if "_unloaded" not in line)
+    named = read(("P7_loaded.csv", loaded.replace("_loaded", "") + "\n"))
+    assert {(target, state) for _, target, state in points_of(named)} == {("P7", "loaded")}
+
+
+# ---- words for states
+
+
+@pytest.mark.parametrize(
+    ("unloaded", "loaded"),
+    [
+        ("before", "after"), ("vorher", "nachher"), ("avant", "après"), ("0", "1"), ("ohne", "mit"),
+        ("off", "on"), ("Before", "AFTER"), ("sans", "avec"), ("unloaded", "loaded"),
+    ],
+)  # fmt: skip
+def test_words_for_states(unloaded, loaded):
+    def written(text):
+        return (
+            text.replace("unloaded", unloaded)
+            .replace(" loaded", f" {loaded}")
+            .replace("_loaded", f"_{loaded}")
+        )
+
+    plain = points_of(read(("a.csv", CAMPAIGN)))
+    assert points_of(read(("a.csv", written(CAMPAIGN)))) == plain
+    names = "".join(f"{a}_{b}_{c};{x};{y};{z}\n" for (a, b, c), (x, y, z) in READ.items())
+    assert points_of(read(("a.csv", written(names)), units={"length": "mm"})) == READ
+    column = "label;target;state;x [mm];y [mm];z [mm]\n" + "".join(
+        f"{a};{b};{unloaded if c == 'unloaded' else loaded};{x};{y};{z}\n"
+        for (a, b, c), (x, y, z) in READ.items()
+    )
+    assert points_of(read(("a.csv", column))) == READ
+
+
+def test_digits_are_states_only_where_nothing_else_can_be_meant():
+    """A target may be called 1, and a file may say that all of its points are loaded."""
+    header = ";".join(["label", *(f"SMR {number} {axis} [mm]" for number in "01" for axis in "xyz")])
+    assert points_of(read(("loaded.csv", f"{header}\nc01;1;2;3;4;5;6.5\n"))) == {
+        ("c01", "SMR 0", "loaded"): (1, 2, 3),
+        ("c01", "SMR 1", "loaded"): (4, 5, 6.5),
+    }
+    names = "c01_P1_0 1 2 3.5\nc01_P1_1 1 2 4.5\n"
+    assert "does not show which" in faults(("loaded.txt", names), units={"length": "mm"})[0].reason
+    digits = read(("day.txt", names), units={"length": "mm"})
+    assert points_of(digits)["c01", "P1", "loaded"] == (1, 2, 4.5)
+    assert "0 and 1 in names were taken for `unloaded` and `loaded`" in digits.preview.assumptions
+
+
+def test_unknown_words_for_states_are_asked_about_once():
+    """Fifteen columns of five targets are one question, and the targets keep their names."""
+    header, states = ["label"], {"pre": "unloaded", "post": "loaded"}
+    header += [f"P{t} {s} {a} [mm]" for t in range(1, 6) for s in states for a in "xyz"]
+    rows = [";".join([f"c{row:02}", *(f"{row + i}.5" for i in range(30))]) for row in range(12)]
+    content = "\n".join([";".join(header), *rows]) + "\n"
+    (fault,) = faults(("a.csv", content))
+    assert (fault.option, fault.words) == ("state_words", ("pre", "post"))
+    imported = read(("a.csv", content), state_words=states)
+    assert imported.preview.targets == ["P1", "P2", "P3", "P4", "P5"]
+    assert imported.preview.states == ["unloaded", "loaded"]
+
+
+# ---- headers as a whole, files that were cut off, values far from all others
+
+
+def test_a_stated_header_is_taken_as_a_whole():
+    content = CAMPAIGN.replace("P10 unloaded x [mm]", "x_t").replace("P10 loaded x [mm]", "pos_rad")
+    columns = {"x_t": "P10 unloaded x [mm]", "pos_rad": "P10 loaded x [mm]"}
+    assert points_of(read(("a.csv", content), columns=columns)) == points_of(read(("a.csv", CAMPAIGN)))
+    (fault,) = faults(("a.csv", CAMPAIGN.replace("P10 unloaded x [mm]", "shift_mm")),
+                      columns={"shift_mm": "P10 unloaded x [m]"})  # fmt: skip
+    assert "is in mm, but" in fault.reason
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3, 4, 5])
+def test_a_file_that_is_cut_off_within_a_number_is_refused(cut):
+    content = CAMPAIGN.rstrip("\n")
+    assert points_of(read(("a.csv", content))) == points_of(read(("a.csv", CAMPAIGN)))
+    (fault,) = faults(("a.csv", content[:-cut]))
+    assert fault.reason.startswith("the file is cut off")
+    assert fault.place.line == 5
+
+
+def test_a_name_that_is_cut_off_is_refused():
+    content = "x [mm];y [mm];z [mm];name\n1;2;3.5;c01_P10_unloaded\n1;2;3;c01_P10_loaded"
+    assert read(("a.csv", content))
+    targets = "label;state;x [mm];y [mm];z [mm];target\nc1;u;1;2;3.5;P10\nc1;l;1;2;3.5;P1"
+    (fault,) = faults(("a.csv", targets))
+    assert "'P1' is shorter than its column" in fault.reason
+
+
+def test_a_value_far_from_its_column_is_asked_about():
+    rows = [
+        f"c{i:02};{10 * i}.5;0;0;-1471.5;{1200 + 7 * i}.5;2.5;3;{1200 + 7 * i};2.5;{3 - i / 8}"
+        for i in range(20)
+    ]
+    header = "label;J1 [deg];Fx [N];Fy [N];Fz [N];" + ";".join(
+        f"P1 {s} {a} [mm]" for s in "ul" for a in "xyz"
+    )
+    request = {"encoders": "motor", "load_point": (0.0, 0.0, 120.0)}
+
+    def answer(**options):
+        content = "\n".join([header, *rows]) + "\n"
+        return import_files(sources_of(("day.csv", content)), ImportRequest(**request, **options))
+
+    assert answer().missing == []
+    rows[7] = rows[7].replace(";1249.5;", ";12495;")
+    found = answer()
+    assert found.missing_fields == ["accept_unusual"]
+    assert "P1 unloaded x 12495 ('day.csv', line 9, column 6) is" in found.missing[0]
+    assert found.measurement_set is None
+    assert answer(accept_unusual=True).measurement_set is not None
+
+
+def test_a_load_point_beyond_5_m_is_asked_about():
+    base = {"encoders": "motor"}
+
+    def missing(**options):
+        content = CAMPAIGN.replace("\n", "\n", 1)
+        return import_files(sources_of(("a.csv", content)), ImportRequest(**base, **options))
+
+    assert missing(load_point=(0.0, 0.0, 5000.0)).missing == []
+    far = missing(load_point=(0.0, 120.0, 5.1), length_unit="m")
+    assert far.missing_fields == ["accept_unusual"]
+    assert "the load point is 120.108 m from the flange" in far.missing[0]
+    assert missing(load_point=(0.0, 0.0, 6000.0), accept_unusual=True).measurement_set is not None
+
+
+def test_lengths_of_the_request_are_converted_to_the_files_unit():
+    options = {
+        "encoders": "motor",
+        "load_point": (0.0, -20.5, 120.0),
+        "noise": {"sigma": 0.02, "force": {"scale": 0.01}},
+        "length_unit": "mm",
+    }
+    metres = CAMPAIGN.replace("[mm]", "[m]")
+    found = import_files(sources_of(("a.csv", metres)), ImportRequest(**options, accept_unusual=True))
+    assert found.measurement_set.load_point == pytest.approx((0.0, -0.0205, 0.12), rel=1e-15)
+    assert found.measurement_set.noise.sigma == pytest.approx(2e-5)
+    assert found.measurement_set.noise.force.scale == 0.01
+    same = import_files(sources_of(("a.csv", CAMPAIGN)), ImportRequest(**options))
+    assert same.measurement_set.load_point == (0.0, -20.5, 120.0)
+
+
+def test_an_empty_file_says_so():
+    with pytest.raises(ImportFileError, match="the file is empty"):
+        read(("a.csv", " \n"))
