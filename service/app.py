@@ -14,15 +14,12 @@ from jointstiff.service.access.keyring import Keyring
 from jointstiff.service.api import (
     audit,
     catalogue,
-    comparisons,
     deflections,
     exports,
     health,
     imports,
-    job_reports,
     keys,
     kinematics,
-    maps,
     measurement_sets,
     programs,
     reports,
@@ -36,6 +33,7 @@ from jointstiff.service.api.errors import install_error_handlers
 from jointstiff.service.api.events import Followers
 from jointstiff.service.api.gate import Gate
 from jointstiff.service.api.headers import AnswerHeaders
+from jointstiff.service.api.job_files import job_files
 from jointstiff.service.api.jobs import job_routes
 from jointstiff.service.api.limits import LARGE_BODIES, PARSERS, BodyLimits
 from jointstiff.service.api.methods import Methods
@@ -136,18 +134,16 @@ def create_app(
         catalogue,
         measurement_sets,
         imports,
-        comparisons,
-        maps,
         programs,
         deflections,
         exports,
         reports,
-        job_reports,
         health,
     ):
         app.include_router(module.router)
     for module in (sessions, keys, audit):
         app.include_router(module.router)
+    app.include_router(job_files())
     for kind in KINDS:
         app.include_router(job_routes(kind))
     install_description(app)

@@ -15,8 +15,8 @@ from jointstiff.schemas.access import AuditItem, AuditQuery
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.access import ADMIN, AccessRoute
 from jointstiff.service.api.parts import PartsOf, problems
-from jointstiff.service.kinds.comparison.csv_table import guarded
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.files import guarded
 
 _PAGE: Final = 1_000
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {

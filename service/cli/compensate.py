@@ -115,8 +115,9 @@ def compensate(
 ) -> None:
     """Correct a program by a campaign's model, so that the loaded tool is where it says."""
     from jointstiff.schemas.run.run import Run
-    from jointstiff.service.kinds.program.tables import program_report
+    from jointstiff.service.kinds.program import PROGRAM
     from jointstiff.service.kinds.program.work import unpacked, without_contents
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import programs
     from jointstiff.service.library.campaigns import read_campaign, read_document
     from jointstiff.service.library.errors import CampaignError
@@ -155,7 +156,7 @@ def compensate(
     if as_json:
         typer.echo(without_contents(found.model_dump_json()))
     else:
-        console().print(program_report(found))
+        console().print(job_report(PROGRAM, found))
     _end(found)
 
 

@@ -10,8 +10,9 @@ from typing import Any, Final
 from jointstiff.schemas.comparison import Comparison, ComparisonSummary
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
 from jointstiff.schemas.run.run import RunSummary
-from jointstiff.service.kinds.comparison.tables import comparison_report
-from jointstiff.service.kinds.run.tables import run_report
+from jointstiff.service.kinds.comparison import COMPARISON
+from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.library.tabled_run import TabledRun
@@ -71,9 +72,9 @@ def _tour(address: str, *, once: bool) -> int:
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return _FAILED
-    out.print(run_report(run))
+    out.print(job_report(RUN, run))
     out.print()
-    out.print(comparison_report(comparison))
+    out.print(job_report(COMPARISON, comparison))
     # with --once, the address ends with the service
     last = "Run {id}; to open its page: the same command without --once" if once else "Open the page: {page}"
     out.print("\n" + last.format(id=run.id, page=f"{address}/#/runs/{run.id}"), markup=False, soft_wrap=True)

@@ -52,7 +52,8 @@ def geometry(
 
     The file has each joint turned alone (`sweeps`), or unloaded `poses`, as POST /v1/geometries takes them.
     """
-    from jointstiff.service.kinds.geometry.tables import geometry_report
+    from jointstiff.service.kinds.geometry import GEOMETRY
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.tables.terminal import console
@@ -71,7 +72,7 @@ def geometry(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
-        console().print(geometry_report(found, details=details))
+        console().print(job_report(GEOMETRY, found, details=details))
     if found.state != "succeeded":
         raise typer.Exit(1)
 

@@ -102,7 +102,8 @@ def identify(
 
     Prints the verdict, the joints and what to do next. docs/glossary.md explains the words.
     """
-    from jointstiff.service.kinds.run.tables import run_report
+    from jointstiff.service.kinds.report import job_report
+    from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
@@ -135,7 +136,7 @@ def identify(
     if as_json:
         typer.echo(run.model_dump_json(indent=2))
     else:
-        console().print(run_report(run, details=details, unit=unit))
+        console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 
@@ -160,11 +161,13 @@ def compare(
 ) -> None:
     """Compare the methods on a campaign, unconstrained and constrained, as the paper's Table II does."""
     from jointstiff.schemas.comparison import ComparisonOptions
-    from jointstiff.service.kinds.comparison.csv_table import comparison_csv
-    from jointstiff.service.kinds.comparison.tables import comparison_report
+    from jointstiff.service.kinds.comparison import COMPARISON
+    from jointstiff.service.kinds.comparison.tables import entries_sheet
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.tables.files import csv_text
     from jointstiff.service.tables.terminal import console, progress_bar
 
     constraint = None if positive is None else ["positive" if positive else "unconstrained"]
@@ -180,9 +183,9 @@ def compare(
     if as_json:
         typer.echo(comparison.model_dump_json(indent=2))
     elif as_csv and comparison.result is not None:
-        typer.echo(comparison_csv(comparison.result), nl=False)
+        typer.echo(csv_text(entries_sheet(comparison)), nl=False)
     else:
-        console().print(comparison_report(comparison, details=details, unit=unit))
+        console().print(job_report(COMPARISON, comparison, details=details, unit=unit))
     if comparison.state != "succeeded":
         raise typer.Exit(1)
 
@@ -214,7 +217,8 @@ def pair(
     from pydantic import ValidationError
 
     from jointstiff.schemas.pair import PairOptions
-    from jointstiff.service.kinds.pair.tables import pair_report
+    from jointstiff.service.kinds.pair import PAIR
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
@@ -235,7 +239,7 @@ def pair(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
-        console().print(pair_report(found, details=details, unit=unit))
+        console().print(job_report(PAIR, found, details=details, unit=unit))
     if found.state != "succeeded":
         raise typer.Exit(1)
 

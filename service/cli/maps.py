@@ -34,9 +34,12 @@ def map_area(
     as_json: AsJson = False,
 ) -> None:
     """Map a work area: deflection, compliance and intervals at each place, by a campaign's model."""
-    from jointstiff.service.kinds.map.tables import map_report
+    from jointstiff.service.kinds.map import MAP
+    from jointstiff.service.kinds.map.tables import places_sheet
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import maps
     from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.tables.files import written
     from jointstiff.service.tables.terminal import console, progress_bar
 
     if output is not None:
@@ -49,7 +52,7 @@ def map_area(
     except CampaignError as error:
         raise refused(error.problem) from error
     if output is not None and found.result is not None:
-        content = work.npz() if output.suffix == ".npz" else work.csv().encode()
+        content = written(places_sheet(work), output.suffix.removeprefix("."))
         try:
             output.write_bytes(content)
         except OSError as error:
@@ -57,6 +60,6 @@ def map_area(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     else:
-        console().print(map_report(found))
+        console().print(job_report(MAP, found))
     if found.state != "succeeded":
         raise typer.Exit(1)

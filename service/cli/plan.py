@@ -60,10 +60,13 @@ def plan(
 
     from jointstiff.schemas.plan import PlanOptions
     from jointstiff.service.cli.answers import refuse_existing, refused, write_text
-    from jointstiff.service.kinds.plan.tables import plan_csv, plan_report
+    from jointstiff.service.kinds.plan import PLAN
+    from jointstiff.service.kinds.plan.tables import readings_sheet
+    from jointstiff.service.kinds.report import job_report
     from jointstiff.service.library import plans
     from jointstiff.service.library.campaigns import read_document
     from jointstiff.service.library.errors import CampaignError
+    from jointstiff.service.tables.files import csv_text
     from jointstiff.service.tables.terminal import console
 
     if (load is None) != (force is None):
@@ -88,8 +91,8 @@ def plan(
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
     elif as_csv and found.result is not None:
-        typer.echo(plan_csv(found.result), nl=False)
+        typer.echo(csv_text(readings_sheet(found)), nl=False)
     else:
-        console().print(plan_report(found))
+        console().print(job_report(PLAN, found))
     if found.state != "succeeded":
         raise typer.Exit(1)

@@ -54,11 +54,11 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict deflections and compliance in given postures, under given loads, by a campaign's model."""
-    from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_report
+    from jointstiff.service.kinds.deflection.tables import prediction_csv, prediction_parts
     from jointstiff.service.library import campaigns
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.tables.terminal import console
+    from jointstiff.service.tables.terminal import console, printed
 
     if output is not None:
         refuse_existing(output, overwrite=overwrite)
@@ -81,7 +81,7 @@ def predict(
     if as_json:
         typer.echo(result.model_dump_json(indent=2))
     else:
-        console().print(prediction_report(result))
+        console().print(printed(prediction_parts(result)))
 
 
 def _run(path: Path | None) -> Run | None:

@@ -141,7 +141,8 @@ def post(
 
     Where the service demands a key, the environment variable JOINTSTIFF_KEY has it.
     """
-    from jointstiff.service.kinds.run.tables import run_report
+    from jointstiff.service.kinds.report import job_report
+    from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library.campaigns import read_campaign
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
@@ -160,7 +161,7 @@ def post(
             run = _ended(client, run, addresses[-1])
     except (CampaignError, RefusedError) as error:
         raise refused(error.problem) from error
-    console().print(run_report(run, details=details, unit=unit))
+    console().print(job_report(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Any, Final
 
 from jointstiff.schemas.run.joints import JointResult
 from jointstiff.service.exporting.model import ExportedModel, stiffness_of, why_no_stiffness
-from jointstiff.service.kinds.comparison.csv_table import guarded
-
-Cell = str | float | None
-Table = list[dict[str, Cell]]
-"""Rows by header; all rows have the same headers."""
+from jointstiff.service.tables.files import csv_text
+from jointstiff.service.tables.table import Sheet, Value
 
 _PLACE: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
 _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 
 
-def joints_table(model: ExportedModel) -> Table:
+def joints_table(model: ExportedModel) -> Sheet:
     """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
-    return [_joint_row(model, joint) for joint in model.result.joints]
+    return Sheet.of_rows(_joint_row(model, joint) for joint in model.result.joints)
 
 
-def _joint_row(model: ExportedModel, joint: JointResult) -> dict[str, Cell]:
+def _joint_row(model: ExportedModel, joint: JointResult) -> dict[str, Value]:
     bounds = joint.one_sided
     has_number = stiffness_of(joint) is not None
     return {
@@ -46,7 +41,7 @@ def _joint_row(model: ExportedModel, joint: JointResult) -> dict[str, Cell]:
     }
 
 
-def _budget(model: ExportedModel, joint: str) -> dict[str, Cell]:
+def _budget(model: ExportedModel, joint: str) -> dict[str, Value]:
     """Return the contributions to the uncertainty of a joint's compliance, if the run has a budget."""
     budget = model.result.budget
     if budget is None:
@@ -68,17 +63,17 @@ def _budget(model: ExportedModel, joint: str) -> dict[str, Cell]:
     }
 
 
-def _ends(header: str, ends: tuple[float, float | None] | None) -> dict[str, Cell]:
+def _ends(header: str, ends: tuple[float, float | None] | None) -> dict[str, Value]:
     low, high = (None, None) if ends is None else ends
     return {header.format("low"): low, header.format("high"): high}
 
 
-def kinematics_table(model: ExportedModel) -> Table:
+def kinematics_table(model: ExportedModel) -> Sheet:
     """Return a row a joint of the chain: its frame in that of the link that carries it, at angle zero."""
-    table: Table = []
+    rows: list[dict[str, Value]] = []
     for joint in model.chain.joints:
         lower, upper = joint.limits or (None, None)
-        table.append(
+        rows.append(
             {
                 "joint": joint.name,
                 "type": joint.kind,
@@ -89,10 +84,10 @@ def kinematics_table(model: ExportedModel) -> Table:
                 "upper limit [rad]": upper,
             }
         )
-    return table
+    return Sheet.of_rows(rows)
 
 
-def remarks_table(model: ExportedModel) -> Table:
+def remarks_table(model: ExportedModel) -> Sheet:
     """Return what holds for all numbers: a line a row."""
     result = model.result
     figures: dict[str, Any] = {
@@ -100,27 +95,21 @@ def remarks_table(model: ExportedModel) -> Table:
         "root mean square of the residuals [m]": result.rms_residual,
         "standard uncertainty of a coordinate of a reading [m]": result.sigma,
     }
-    return [
-        *({"remark": line, "value": None} for line in model.remarks()),
-        *({"remark": name, "value": value} for name, value in figures.items()),
-    ]
+    lines: list[tuple[str, Value]] = [*((line, None) for line in model.remarks()), *figures.items()]
+    return Sheet.of_rows({"remark": line, "value": value} for line, value in lines)
 
 
-def warnings_table(model: ExportedModel) -> Table:
+def warnings_table(model: ExportedModel) -> Sheet:
     """Return the reasons of the assessment and the warnings, a row each."""
     result = model.result
-    rows: list[tuple[Cell, ...]] = [
+    rows: list[tuple[Value, ...]] = [
         (each.code, each.weight, each.where, each.message, each.remedy) for each in result.assessment.reasons
     ]
     rows += [(each.code, each.severity, each.where, each.message, each.remedy) for each in result.warnings]
-    return [dict(zip(("code", "weight", "where", "message", "remedy"), row, strict=True)) for row in rows]
+    headers = ("code", "weight", "where", "message", "remedy")
+    return Sheet.of_rows(dict(zip(headers, row, strict=True)) for row in rows)
 
 
 def joints_csv(model: ExportedModel) -> bytes:
     """Return the table of the joints as CSV (RFC 4180); numbers read back the same."""
-    text = io.StringIO()
-    table = joints_table(model)
-    writer = csv.writer(text)
-    writer.writerow(guarded(header) for header in table[0])
-    writer.writerows([guarded(cell) for cell in row.values()] for row in table)
-    return text.getvalue().encode()
+    return csv_text(joints_table(model)).encode()

@@ -38,11 +38,16 @@ class File:
     description: str  # of the operation, for the API's users
     content: str  # description of the answer
     media_type: str
-    made_of: Literal["result", "work"]  # what `tables.FILES[name]` takes: the job, or its work, done again
+    made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again
+
+    @property
+    def stem(self) -> str:
+        """Name of the sheet in `tables.SHEETS` that it is written from."""
+        return self.name.rpartition(".")[0]
 
     @property
     def suffix(self) -> str:
-        """Return the ending of its name."""
+        """Ending of its name, which says its format."""
         return self.name.rpartition(".")[2]
 
 
@@ -50,7 +55,8 @@ class File:
 class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     """A kind of work. Its room has a module `work`, and a module `tables` for people and spreadsheets.
 
-    `work.work(inputs, request)` returns the work of a request; `tables.report(job, …)` returns its tables.
+    `work.work(inputs, request)` returns the work of a request; `tables.report(job, result, view)` what people
+    read of it; `tables.SHEETS` the tables of its files.
     """
 
     room: str  # package of its modules

@@ -10,6 +10,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.service.exporting.formats import ModelFormat, export_model
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.inputs.files import FromFile
+from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.library.campaigns import (
     add_model,
@@ -17,7 +18,7 @@ from jointstiff.service.library.campaigns import (
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.reports.job import REPORTED_KINDS, job_document
+from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.page import report_page
 from jointstiff.service.reports.pdf import report_pdf
@@ -59,10 +60,11 @@ def reported(path: Path, as_pdf: bool, settings: LaboratorySettings, run: Run | 
     try:
         campaign = read_document(path, Campaign)
     except CampaignError as error:
-        job = None if run is not None else _job(path)
-        if job is None:
+        found = None if run is not None else _job(path)
+        if found is None:
             raise error from None
-        document = job_document(job, job.model_dump_json(), settings)
+        kind, job = found
+        document = job_document(kind, job, job.model_dump_json(), settings)
     else:
         subject = RunSubject(_model(campaign, run), campaign.measurement_set, settings)
         document = run_document(subject, draft())
@@ -70,16 +72,16 @@ def reported(path: Path, as_pdf: bool, settings: LaboratorySettings, run: Run | 
         return report_pdf(document) if as_pdf else report_page(document)
 
 
-def _job(path: Path) -> Job | None:
-    """Return the job with a result that a file holds; None if it holds none."""
+def _job(path: Path) -> tuple[AnyKind, Job] | None:
+    """Return the job with a result that a file holds, and its kind; None if it holds none."""
     for kind in KINDS:
-        if kind.name in REPORTED_KINDS:
+        if kind.reported:
             try:
                 job: Job = read_document(path, kind.message)
             except CampaignError:
                 continue
             if job.result is not None:
-                return job
+                return kind, job
     return None
 
 

@@ -13,7 +13,8 @@ from rich.console import Console
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import Run
-from jointstiff.service.kinds.run.tables import run_report
+from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import campaigns
 
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
@@ -28,7 +29,7 @@ class TabledRun(Run):
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML."""
         console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(run_report(self))
+        console.print(job_report(RUN, self))
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )

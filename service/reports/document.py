@@ -6,18 +6,10 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
+from jointstiff.service.tables.table import Table
+
 Fact = tuple[str, str]
 """A label, and what is stated; lines are parted by a newline."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text."""
-
-    head: list[str]  # headers, with units
-    rows: list[list[str]]  # cells, as many as headers
-    caption: str = ""  # above it
-    texts: list[int] = field(default_factory=lambda: [0])  # columns that hold text and not numbers
 
 
 @dataclass(frozen=True)

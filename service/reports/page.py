@@ -6,9 +6,11 @@ import base64
 import hashlib
 from collections.abc import Iterable
 from html import escape
+from itertools import count
 from typing import Final
 
-from jointstiff.service.reports.document import Document, Letterhead, Picture, Section, Table
+from jointstiff.service.reports.document import Document, Letterhead, Picture, Section
+from jointstiff.service.tables.table import Table
 
 _STYLE: Final = """
 body { font: 15px/1.45 Georgia, serif; color: #222; max-width: 52rem; margin: 2rem auto; padding: 0 1rem; }
@@ -84,14 +86,16 @@ def _section(place: int, section: Section) -> str:
 
 
 def _table(table: Table) -> str:
+    texts = table.text_columns()
+
     def row(cells: Iterable[str], tag: str) -> str:
-        kinds = [' class="text"' if place in table.texts else "" for place in range(len(table.head))]
-        found = [f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=True)]
+        kinds = (' class="text"' if place in texts else "" for place in count())
+        found = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=False))
         return f"<tr>{''.join(found)}</tr>"
 
-    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
-    head, rows = row(table.head, "th"), "".join(row(cells, "td") for cells in table.rows)
-    body = f"{caption}<thead>{head}</thead><tbody>{rows}</tbody>"
+    caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
+    rows = "".join(row((cell.text for cell in cells), "td") for cells in table.rows())
+    body = f"{caption}<thead>{row(table.head(), 'th')}</thead><tbody>{rows}</tbody>"
     return f'<div class="wide"><table>{body}</table></div>'
 
 

@@ -13,11 +13,12 @@ from jointstiff.schemas.report import Party
 from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.exporting.tables import joints_csv
 from jointstiff.service.reports import statements
-from jointstiff.service.reports.document import Attachment, Document, Section, State, Table
+from jointstiff.service.reports.document import Attachment, Document, Section, State
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.run_method import adjustment, method, traceability
 from jointstiff.service.reports.run_results import assessment, results, uncertainty
 from jointstiff.service.reports.wording import NOT_STATED, moment
+from jointstiff.service.tables.table import text_table
 
 MAX_ATTACHED_BYTES: Final = 2_500_000
 """JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
@@ -83,7 +84,7 @@ def run_document(subject: RunSubject, state: State) -> Document:
             Section(
                 statements.ITEMS_HEADING,
                 tables=[
-                    Table(
+                    text_table(
                         ["item", "asks for", "stands in"],
                         [list(item) for item in statements.ITEMS],
                         texts=[0, 1, 2],

@@ -11,10 +11,11 @@ from jointstiff.schemas.run.run import RunResult
 from jointstiff.service.conversion.units import ANGLE
 from jointstiff.service.exporting.model import ExportedModel, why_no_stiffness
 from jointstiff.service.reports import statements
-from jointstiff.service.reports.document import Section, Table
+from jointstiff.service.reports.document import Section
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.reports.wording import NO_NUMBER, VERDICTS, percent, rounded
 from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.table import text_table
 
 _UNIT = UNITS["MNm/rad"]
 _MICRO = 1e6
@@ -26,7 +27,7 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return stiffness, uncertainty and interval of each joint, with pictures."""
     result, confidence = model.result, model.run.request.confidence
     factor = "" if result.budget is None else f", k = {result.budget.coverage_factor:.2f}"
-    table = Table(
+    table = text_table(
         [
             "joint",
             f"stiffness [{_UNIT.label}]",
@@ -119,7 +120,7 @@ def uncertainty(model: ExportedModel) -> Section:
     caption = "Contributions to the standard uncertainty of each compliance [% of it]"
     return Section(
         statements.UNCERTAINTY,
-        tables=[Table(head, rows, caption)],
+        tables=[text_table(head, rows, caption)],
         paragraphs=[
             "The expanded uncertainty is the combined standard uncertainty times the coverage factor k = "
             f"{budget.coverage_factor:.3f}, for a coverage probability of {percent(budget.probability)} "

@@ -8,9 +8,8 @@ from math import floor, log10, radians
 from types import MappingProxyType
 from typing import Final
 
-from rich.text import Text
-
 from jointstiff.schemas.run.joints import JointResult
+from jointstiff.service.tables.table import NO_NUMBER, Line
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
@@ -67,17 +66,17 @@ class StiffnessUnit:
             return "—"
         return f"< {self.factor / least:.3g}" if self.inverse else f"> {self.factor * least:.3g}"
 
-    def concise(self, joint: JointResult) -> Text:
+    def concise(self, joint: JointResult) -> Line:
         """Return the value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:
-            return Text("—" if joint.compliance is None else "rigid", style="dim")
+            return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
         uncertainty = self.uncertainty(joint)
         text = rounded(value, uncertainty)
         if uncertainty:
             shown = rounded(uncertainty, uncertainty)
             text += f"({shown.lstrip('0.') if float(shown) < 1 else shown})"
-        return Text(text, style="red" if value < 0 else "")
+        return Line(text, "bad" if value < 0 else "")
 
     def bare(self, compliance: float | None) -> str:
         """Format a compliance [rad/(N·m)] of which no uncertainty is known."""

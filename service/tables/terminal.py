@@ -1,18 +1,22 @@
-"""The terminal that reports are printed on: console, errors, and the bar of progress."""
+"""The terminal that parts are printed on: console, tables, errors, and the bar of progress."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
-from rich.console import Console
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressBar
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.problem import Problem
+from jointstiff.service.tables.table import Line, Part, Table
+from jointstiff.service.tables.verdict import problem_line
 
 METHOD_NAMES: Final = {
     "complete_pose": "complete pose",
@@ -20,6 +24,17 @@ METHOD_NAMES: Final = {
     "decoupled_partial_pose": "decoupled partial pose",
 }
 _NARROWEST = 80
+_STYLES: Final = {
+    "": "",
+    "title": "bold",
+    "good": "green",
+    "care": "yellow",
+    "bad": "red",
+    "dim": "dim",
+    "verdict_use": "bold green",
+    "verdict_care": "bold yellow",
+    "verdict_not": "bold red",
+}
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -44,14 +59,35 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
 
 
 def problem_text(problem: Problem) -> Text:
-    """Lay out an error: what, where, and how to mend it."""
-    if len(problem.errors) > 1:
-        lines = [
-            f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
-            for item in problem.errors
-        ]
-        return Text("\n".join([problem.title, *(f"  {line}" for line in lines)]), style="red")
-    place = f"{problem.where}: " if problem.where else ""
-    detail = problem.errors[0].reason if problem.errors else problem.detail
-    remedy = f"\n  remedy: {problem.remedy}" if problem.remedy else ""
-    return Text(f"{place}{detail}{remedy}", style="red")
+    """Lay out an error for the terminal."""
+    return _text(problem_line(problem))
+
+
+def printed(parts: Sequence[Part]) -> RenderableType:
+    """Lay out parts for the terminal; text is never taken for markup."""
+    return Group(*(_text(part) if isinstance(part, Line) else _rich_table(part) for part in parts))
+
+
+def _text(line: Line) -> Text:
+    return Text(line.text, style=_STYLES[line.style])
+
+
+def _rich_table(table: Table) -> RichTable:
+    layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if table.plain else {}
+    rich: RichTable = RichTable(
+        title=Text(table.title) if table.title else None,
+        caption=Text(table.caption) if table.caption else None,
+        **layout,
+    )
+    texts = table.text_columns()
+    for place, header in enumerate(table.head()):
+        widest = None if table.upright else table.columns[place].widest
+        rich.add_column(
+            Text(header),
+            justify="left" if place in texts else "right",
+            overflow="fold" if widest else "ellipsis",
+            max_width=widest,
+        )
+    for row in table.rows():
+        rich.add_row(*map(_text, row))
+    return rich

@@ -6,23 +6,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from rich.console import RenderableType
-from rich.text import Text
-
 from jointstiff.schemas.assessment import Assessment, Reason, Verdict
 from jointstiff.schemas.measurement.measurement_set import QualityWarning
+from jointstiff.schemas.problem import Problem
+from jointstiff.service.tables.table import Line, Style
 
 MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""
-_HEADLINES: Final[Mapping[Verdict, tuple[str, str]]] = MappingProxyType(
+_HEADLINES: Final[Mapping[Verdict, tuple[str, Style]]] = MappingProxyType(
     {
-        "use": ("Use: nothing speaks against these numbers", "bold green"),
-        "use_with_care": ("Use with care", "bold yellow"),
-        "do_not_use": ("Do not use", "bold red"),
+        "use": ("Use: nothing speaks against these numbers", "verdict_use"),
+        "use_with_care": ("Use with care", "verdict_care"),
+        "do_not_use": ("Do not use", "verdict_not"),
     }
 )
 """First line of a report, and its style."""
-_STYLES: Final = {"use_with_care": "yellow", "do_not_use": "red"}
+_STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
 _UNEXPLAINED: Final = frozenset({"low_compensation", "deflections_unexplained", "residual_outlier"})
 _SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
@@ -33,22 +32,22 @@ _SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
 """Warnings that a reason says better."""
 
 
-def verdict_line(assessment: Assessment) -> Text:
+def verdict_line(assessment: Assessment) -> Line:
     """Return the verdict in one line."""
     headline, style = _HEADLINES[assessment.verdict]
     count = len(assessment.reasons)
-    return Text(headline + (f": {_counted(count, 'reason')}" if count else ""), style=style)
+    return Line(headline + (f": {_counted(count, 'reason')}" if count else ""), style)
 
 
-def verdict_lines(assessment: Assessment, *, details: bool) -> list[RenderableType]:
+def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     """Return the verdict and its reasons, most severe first."""
     reasons = assessment.reasons
-    lines: list[RenderableType] = [verdict_line(assessment)]
+    lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
-        lines.append(Text(f"  {place}{reason.message}", style=_STYLES[reason.weight]))
+        lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
     hidden = len(reasons) - len(lines) + 1
-    return [*lines, Text(f"  and {hidden} more (--details)", style="dim")] if hidden else lines
+    return [*lines, Line(f"  and {hidden} more (--details)", "dim")] if hidden else lines
 
 
 def remedies(assessment: Assessment) -> list[str]:
@@ -56,36 +55,34 @@ def remedies(assessment: Assessment) -> list[str]:
     return list(dict.fromkeys(reason.remedy for reason in assessment.reasons))
 
 
-def to_do_lines(things: Sequence[str], *, details: bool) -> list[RenderableType]:
+def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
     """Return a numbered list of what to do, of the most important things without details."""
     shown = things if details else things[:MOST_SHOWN]
-    lines: list[RenderableType] = [Text(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
-    return [Text("To do", style="bold"), *lines] if lines else []
+    lines: list[Line] = [Line(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
+    return [Line("To do", "title"), *lines] if lines else []
 
 
-def warning_lines(
-    assessment: Assessment, warnings: Sequence[QualityWarning], *, details: bool
-) -> list[RenderableType]:
+def warning_lines(assessment: Assessment, warnings: Sequence[QualityWarning], *, details: bool) -> list[Line]:
     """Return the warnings that no reason repeats, or without details their number."""
     rest = _not_said(warnings, assessment.reasons)
     if not details:
-        return [Text(f"  {_counted(len(rest), 'warning')} (--details)", style="yellow")] if rest else []
+        return [Line(f"  {_counted(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
-        Text(
+        Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
-            style="yellow",
+            "care",
         )
         for warning in rest
     ]
 
 
-def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[RenderableType]:
+def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     """Return why joints have no number or a bound: joints of the same reason in one line."""
     names: dict[str, list[str]] = {}
     for name, reason in reasons:
         if reason:
             names.setdefault(reason, []).append(name)
-    return [Text(f"  {', '.join(same)}: {reason}", style="dim") for reason, same in names.items()]
+    return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 
 def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> list[QualityWarning]:
@@ -102,3 +99,17 @@ def _not_said(warnings: Sequence[QualityWarning], reasons: Sequence[Reason]) -> 
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def problem_line(problem: Problem) -> Line:
+    """Return an error as text: what, where, and how to mend it."""
+    if len(problem.errors) > 1:
+        lines = [
+            f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
+            for item in problem.errors
+        ]
+        return Line("\n".join([problem.title, *(f"  {line}" for line in lines)]), "bad")
+    place = f"{problem.where}: " if problem.where else ""
+    detail = problem.errors[0].reason if problem.errors else problem.detail
+    remedy = f"\n  remedy: {problem.remedy}" if problem.remedy else ""
+    return Line(f"{place}{detail}{remedy}", "bad")

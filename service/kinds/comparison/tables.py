@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import floor, log10
+from typing import Any, Final
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
-from jointstiff.schemas.comparison import ComparedFit, Comparison
+from jointstiff.schemas.comparison import ComparedFit, Comparison, ComparisonResult
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.run.resampling_table import moments
-from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
-from jointstiff.service.tables.terminal import METHOD_NAMES, problem_text
-from jointstiff.service.tables.verdict import remedies, to_do_lines, verdict_lines, warning_lines
+from jointstiff.service.tables.stiffness import StiffnessUnit
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, Value, as_line, number
+from jointstiff.service.tables.terminal import METHOD_NAMES
+from jointstiff.service.tables.view import Report, View
 
 _SHORT = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
 _WEIGHTS = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
@@ -25,46 +22,31 @@ _METHODS_ABREAST = 4
 _LONGEST_NAME = 24
 
 
-Cell = Callable[[ComparedFit, int], Text]
+Cell = Callable[[ComparedFit, int], Line]
 
 
-def comparison_report(
-    comparison: Comparison, *, details: bool = False, unit: str = DEFAULT_UNIT
-) -> RenderableType:
-    """Show the methods side by side, unconstrained and constrained; or why there is no result.
+def report(job: Comparison, result: ComparisonResult, view: View) -> Report:
+    """Return the methods side by side, unconstrained and constrained.
 
-    Args:
-        comparison: with its result, or its error.
-        details: whether to add the fits as a whole, all warnings, and rows that repeat another.
-        unit: name of a unit of `UNITS`.
+    Details add the fits as a whole, and rows that repeat another.
     """
-    result = comparison.result
-    if result is None:
-        state = Text(f"the comparison is {comparison.state}")
-        return problem_text(comparison.error) if comparison.error else state
-    parts = verdict_lines(result.assessment, details=details)
-    numbers = [entry for entry in result.entries if entry.joints]
-    if numbers:
-        parts += _numbers(comparison, numbers, UNITS[unit], details=details)
-    parts += _refusals(result.entries)
-    parts += warning_lines(result.assessment, result.warnings, details=details)
-    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
+    entries = [entry for entry in result.entries if entry.joints]
+    parts = _numbers(job, entries, view) if entries else []
+    return Report([*parts, *_refusals(result.entries)])
 
 
-def _numbers(
-    comparison: Comparison, entries: Sequence[ComparedFit], unit: StiffnessUnit, *, details: bool
-) -> list[RenderableType]:
+def _numbers(comparison: Comparison, entries: Sequence[ComparedFit], view: View) -> list[Part]:
     """Return the joints, what each fit explains, and the words of both."""
-    drawn = comparison.request.resampling is not None
-    alike = not details and not drawn and _constraints_change_nothing(entries)
+    unit, drawn = view.unit, comparison.request.resampling is not None
+    alike = not view.details and not drawn and _constraints_change_nothing(entries)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
-    parts: list[RenderableType] = [*_joint_tables(shown, _title(comparison, unit), cell)]
+    parts: list[Part] = [*_joint_tables(shown, _title(comparison, unit), cell)]
     if drawn:
         parts += _shares_tables(entries)
     parts.append(_fits_table(shown))
     if alike:
-        parts.append(Text("≥ 0 gives the same numbers as free: no constraint is active", style="dim"))
+        parts.append(Line("≥ 0 gives the same numbers as free: no constraint is active", "dim"))
     return [*parts, _legend(comparison, shown)]
 
 
@@ -100,7 +82,7 @@ def _joint_tables(entries: Sequence[ComparedFit], title: str, cell: Cell) -> lis
     ]
 
 
-def _shares_tables(entries: Sequence[ComparedFit]) -> list[RenderableType]:
+def _shares_tables(entries: Sequence[ComparedFit]) -> list[Part]:
     drawn = [
         joint
         for entry in entries
@@ -108,7 +90,7 @@ def _shares_tables(entries: Sequence[ComparedFit]) -> list[RenderableType]:
         if entry.joints[j].status != "not_observable"
     ]
     if not any(joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in drawn):
-        return [Text("No fit was negative, rigid or undetermined for any joint.")]
+        return [Line("No fit was negative, rigid or undetermined for any joint.")]
     return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares)]
 
 
@@ -116,24 +98,24 @@ def _joint_table(entries: Sequence[ComparedFit], title: str, cell: Cell) -> Tabl
     by_row: dict[bool, dict[str, ComparedFit]] = {}
     for entry in entries:
         by_row.setdefault(entry.positive, {})[_short(entry)] = entry
-    table = _table(title, "joint")
-    table.add_column("", no_wrap=True)
     methods = list(dict.fromkeys(map(_short, entries)))
-    for method in methods:
-        table.add_column(method, justify="right", no_wrap=True)
-    for j, joint in enumerate(entries[0].joints):
-        name = joint.name
-        for positive, row in by_row.items():
-            cells = (cell(row[method], j) if method in row else "" for method in methods)
-            table.add_row(Text(name), _CONSTRAINTS[positive], *cells)  # a name is no markup
-            name = ""
-    return table
+    lines = [(j, joint, positive) for j, joint in enumerate(entries[0].joints) for positive in by_row]
+    first = next(iter(by_row))
+    names = [joint.name if positive == first else "" for _, joint, positive in lines]
 
+    def column(method: str) -> Column:
+        cells = [cell(by_row[p][method], j) if method in by_row[p] else Line("") for j, _, p in lines]
+        return Column(method, cells, as_line)
 
-def _table(title: str, heading: str) -> Table:
-    table = Table(title=title or None, box=SIMPLE_HEAD, padding=0, show_edge=False)
-    table.add_column(heading, overflow="fold", max_width=_LONGEST_NAME)
-    return table
+    return Table(
+        [
+            Column("joint", names, text=True, widest=_LONGEST_NAME),
+            Column("", [_CONSTRAINTS[positive] for _, _, positive in lines], text=True),
+            *map(column, methods),
+        ],
+        title=title,
+        plain=True,
+    )
 
 
 def _label(entry: ComparedFit) -> str:
@@ -144,24 +126,24 @@ def _short(entry: ComparedFit) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
-def _drawn_cell(unit: StiffnessUnit, entry: ComparedFit, j: int) -> Text:
+def _drawn_cell(unit: StiffnessUnit, entry: ComparedFit, j: int) -> Line:
     """Format mean & standard deviation."""
     drawn = _joint(entry, j)
     mean, deviation = (None, None) if drawn is None else moments(drawn, unit)
     if mean is None:
-        return Text("rigid" if drawn and drawn.share_infinite else "—", style="dim")
+        return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
     text = _two_digits(mean, deviation)
-    return Text(
-        text if deviation is None else f"{text} & {_two_digits(deviation)}", style="red" if mean < 0 else ""
+    return Line(
+        text if deviation is None else f"{text} & {_two_digits(deviation)}", "bad" if mean < 0 else ""
     )
 
 
-def _shares(entry: ComparedFit, j: int) -> Text:
+def _shares(entry: ComparedFit, j: int) -> Line:
     drawn = _joint(entry, j)
     if drawn is None or entry.joints[j].status == "not_observable":
-        return Text("—", style="dim")
+        return Line("—", "dim")
     shares = (drawn.share_negative, drawn.share_infinite, drawn.share_undetermined)
-    return Text("/".join(f"{100 * share:.2g}" for share in shares), style="red" if shares[0] else "")
+    return Line("/".join(f"{100 * share:.2g}" for share in shares), "bad" if shares[0] else "")
 
 
 def _joint(entry: ComparedFit, j: int) -> ResampledJoint | None:
@@ -177,33 +159,32 @@ def _two_digits(value: float, deviation: float | None = None) -> str:
 
 def _fits_table(entries: Sequence[ComparedFit]) -> Table:
     """Return what each fit as a whole is worth."""
-    table = _table("", "fit")
-    drawn = any(entry.resampling for entry in entries)
-    names = ["explained", "rms [µm]", "condition"]
-    for name in [*names, "explained, drawn", "any negative"] if drawn else names:
-        table.add_column(name, justify="right", no_wrap=True)
-    for entry in entries:
-        condition = "—" if entry.condition_number is None else f"{entry.condition_number:.3g}"
-        rms = "—" if entry.rms_residual is None else f"{1e6 * entry.rms_residual:.0f}"
-        table.add_row(
-            _label(entry), _percent(entry.compensation), rms, condition, *_drawn_worth(entry.resampling)
-        )
-    return table
+    columns = [
+        Column("fit", [_label(entry) for entry in entries], text=True, widest=_LONGEST_NAME),
+        Column("explained", [_percent(entry.compensation) for entry in entries]),
+        Column("rms", [entry.rms_residual for entry in entries], number(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in entries], number(".3g")),
+    ]
+    if any(entry.resampling for entry in entries):
+        worth = [_drawn_worth(entry.resampling) for entry in entries]
+        columns.append(Column("explained, drawn", [explained for explained, _ in worth]))
+        columns.append(Column("any negative", [negative for _, negative in worth]))
+    return Table(columns, plain=True)
 
 
-def _drawn_worth(resampling: ResamplingResult | None) -> list[str]:
+def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
     if resampling is None:
-        return []
+        return "", ""
     found = resampling.compensation
     spread = "" if found.deviation is None else f" & {100 * found.deviation:.2g}"
-    return [_percent(found.mean) + spread, _percent(resampling.share_any_negative)]
+    return _percent(found.mean) + spread, _percent(resampling.share_any_negative)
 
 
 def _percent(share: float | None) -> str:
     return "—" if share is None else f"{100 * share:.1f} %"
 
 
-def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Text:
+def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Line:
     """Explain the signs that stand in the tables, and no others."""
     methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {entry.characteristic_length for entry in entries if entry.characteristic_length}
@@ -224,16 +205,87 @@ def _legend(comparison: Comparison, entries: Sequence[ComparedFit]) -> Text:
         if drawn
         else "3.188(17): 3.188 with standard uncertainty 0.017",
     ]
-    return Text("\n".join(line for line in lines if line), style="dim")
+    return Line("\n".join(line for line in lines if line), "dim")
 
 
-def _refusals(entries: Sequence[ComparedFit]) -> list[Text]:
+def _refusals(entries: Sequence[ComparedFit]) -> list[Line]:
     """Return why methods have no numbers, those of the same reason in one line."""
     methods: dict[str, list[str]] = {}
     for entry in entries:
         if entry.error is not None:
             methods.setdefault(entry.error.detail, []).append(METHOD_NAMES[entry.method])
     return [
-        Text(f"no {', '.join(dict.fromkeys(names))}: {detail}", style="yellow")
-        for detail, names in methods.items()
+        Line(f"no {', '.join(dict.fromkeys(names))}: {detail}", "care") for detail, names in methods.items()
     ]
+
+
+_COLUMNS: Final = {
+    "method": "fit.method",
+    "weighting": "fit.weighting",
+    "constraint": "fit.positive",
+    "characteristic_length [m]": "fit.characteristic_length",
+    "error": "fit.error.detail",
+    "compensation [1]": "fit.compensation",
+    "rms_residual [m]": "fit.rms_residual",
+    "condition_number [1]": "fit.condition_number",
+    "joint": "joint.name",
+    "status": "joint.status",
+    "verdict": "joint.verdict",
+    "stiffness [N.m/rad]": "joint.stiffness",
+    "stiffness_low [N.m/rad]": "joint.stiffness_interval.0",
+    "stiffness_high [N.m/rad]": "joint.stiffness_interval.1",
+    "compliance [rad/(N.m)]": "joint.compliance",
+    "compliance_standard_uncertainty [rad/(N.m)]": "joint.standard_uncertainty",
+    "compliance_low [rad/(N.m)]": "joint.compliance_interval.0",
+    "compliance_high [rad/(N.m)]": "joint.compliance_interval.1",
+    "resamples": "draws.repetitions",
+    "resampled_stiffness_mean [N.m/rad]": "drawn.stiffness_mean",
+    "resampled_stiffness_deviation [N.m/rad]": "drawn.stiffness_deviation",
+    "resampled_compliance_mean [rad/(N.m)]": "drawn.compliance_mean",
+    "resampled_compliance_deviation [rad/(N.m)]": "drawn.compliance_deviation",
+    "share_negative [1]": "drawn.share_negative",
+    "share_infinite [1]": "drawn.share_infinite",
+    "share_undetermined [1]": "drawn.share_undetermined",
+    "share_any_negative [1]": "draws.share_any_negative",
+    "resampled_compensation_mean [1]": "draws.compensation.mean",
+    "resampled_compensation_deviation [1]": "draws.compensation.deviation",
+}
+"""Headers, and where each column's numbers stand."""
+
+
+def entries_sheet(comparison: Comparison) -> Sheet:
+    """Return a row an entry and joint. An entry without numbers has one row, with no joint, that says why.
+
+    What there is no number for is empty, and so is the upper end of a stiffness without upper limit.
+    """
+    entries = comparison.result.entries if comparison.result else ()
+    return Sheet.of_rows(
+        {header: _cell(row, path) for header, path in _COLUMNS.items()}
+        for entry in entries
+        for row in _rows(entry)
+    )
+
+
+def _rows(entry: ComparedFit) -> Iterator[dict[str, Any]]:
+    draws = entry.resampling
+    drawn = [None] * len(entry.joints) if draws is None else draws.joints
+    for joint, of_draws in zip(entry.joints, drawn, strict=True):
+        yield {"fit": entry, "joint": joint, "draws": draws, "drawn": of_draws}
+    if not entry.joints:
+        yield {"fit": entry, "joint": None, "draws": None, "drawn": None}
+
+
+def _cell(row: dict[str, Any], path: str) -> Value:
+    """Return the cell of a row at a path."""
+    first, *steps = path.split(".")
+    value = row[first]
+    for step in steps:
+        if value is not None:
+            value = value[int(step)] if step.isdigit() else getattr(value, step)
+    if isinstance(value, bool):
+        return "positive" if value else "unconstrained"
+    cell: Value = value
+    return cell
+
+
+SHEETS: Final = {"table": entries_sheet}

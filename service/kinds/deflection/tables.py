@@ -6,17 +6,15 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from pydantic import ValidationError
 
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.kinds.comparison.csv_table import guarded
+from jointstiff.service.tables.files import csv_text
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value, number
 from jointstiff.solver.errors import RequestError
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*")
 _VECTORS: Final = {
@@ -149,57 +147,49 @@ def _case(row: list[str], columns: list[_Column], line: int, delimiter: str) -> 
     }
 
 
-def prediction_report(result: DeflectionResult) -> RenderableType:
-    """Lay out predictions for people: a row for each case, in mm and N/mm, then the remarks."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
-    percent = f"{100 * result.confidence:g} %"
+def prediction_parts(result: DeflectionResult) -> list[Part]:
+    """Return predictions for people: a row for each case, in mm and N/mm, then the remarks."""
+    percent, cases = f"{100 * result.confidence:g} %", result.cases
+    along = [None if case.compliance is None else case.compliance.along for case in cases]
+    stiffness = [each and each.lateral_free for each in along]
     table = Table(
+        [
+            Column("case", [case.label for case in cases], text=True),
+            *(
+                Column(f"{axis} ± U", [_component(case, i) for case in cases], unit="mm")
+                for i, axis in enumerate("xyz")
+            ),
+            Column(
+                "model error",
+                [case.with_model_error and case.with_model_error.radius for case in cases],
+                number(".3f", 1e3),
+                "mm",
+            ),
+            Column("stiffness", stiffness, number(".0f", 1e-3), "N/mm"),
+        ],
         title="Deflections in R0, with the expanded uncertainty U from the readings alone",
         caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
-        title_justify="left",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
+        plain=True,
     )
-    table.add_column("case")
-    for heading in ("x ± U [mm]", "y ± U [mm]", "z ± U [mm]", "model error [mm]", "stiffness [N/mm]"):
-        table.add_column(Text(heading), justify="right", no_wrap="±" in heading)
-    for case in result.cases:
-        ends = [(None, None)] * 3 if case.readings_only is None else case.readings_only.displacement
-        cells = ["—"] * 3
-        if case.displacement is not None:
-            cells = [
-                f"{1e3 * value:.3f}" + ("" if low is None or high is None else f" ± {500 * (high - low):.3f}")
-                for value, (low, high) in zip(case.displacement, ends, strict=True)
-            ]
-        radius = None if case.with_model_error is None else case.with_model_error.radius
-        along = None if case.compliance is None else case.compliance.along
-        stiffness = None if along is None else along.lateral_free
-        cells.append("—" if radius is None else f"{1e3 * radius:.3f}")
-        cells.append("—" if stiffness is None else f"{1e-3 * stiffness:.0f}")
-        table.add_row(Text(case.label), *cells)
-    remarks = [Text(f"{case.label}: {'; '.join(case.remarks)}") for case in result.cases if case.remarks]
-    return Group(table, *remarks)
+    return [table, *(Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks)]
+
+
+def _component(case: CaseResult, axis: int) -> str:
+    """Return a component of the displacement with the half width of its interval, in mm."""
+    if case.displacement is None:
+        return NO_NUMBER
+    low, high = (None, None) if case.readings_only is None else case.readings_only.displacement[axis]
+    half = "" if low is None or high is None else f" ± {500 * (high - low):.3f}"
+    return f"{1e3 * case.displacement[axis]:.3f}{half}"
 
 
 def prediction_csv(result: DeflectionResult) -> str:
     """Return predictions as a table for spreadsheets, one row a case; what has no number is an empty cell."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    for i, case in enumerate(result.cases):
-        row = _prediction_row(case)
-        if i == 0:
-            writer.writerow(row)
-        writer.writerow([guarded(value) for value in row.values()])
-    return text.getvalue()
+    return csv_text(Sheet.of_rows(_prediction_row(case) for case in result.cases))
 
 
-def _prediction_row(case: CaseResult) -> dict[str, str | float | None]:
-    row: dict[str, str | float | None] = {"label": case.label}
+def _prediction_row(case: CaseResult) -> dict[str, Value]:
+    row: dict[str, Value] = {"label": case.label}
     _add(row, "displacement {} [mm]", case.displacement, 1e3)
     _add(row, "rotation {} [mrad]", case.rotation, 1e3)
     for name, bounds in (("readings only", case.readings_only), ("with model error", case.with_model_error)):
@@ -219,8 +209,6 @@ def _prediction_row(case: CaseResult) -> dict[str, str | float | None]:
     return row
 
 
-def _add(
-    row: dict[str, str | float | None], header: str, values: Sequence[float] | None, factor: float
-) -> None:
+def _add(row: dict[str, Value], header: str, values: Sequence[float] | None, factor: float) -> None:
     for k, axis in enumerate("xyz"):
         row[header.format(axis)] = None if values is None else factor * values[k]

@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import degrees, floor, isfinite, log10, sqrt
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
 from jointstiff.schemas.geometry.message import Geometry
 from jointstiff.schemas.geometry.result import (
     BaseFrameResult,
@@ -20,8 +15,8 @@ from jointstiff.schemas.geometry.result import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.tables.terminal import problem_text
-from jointstiff.service.tables.verdict import remedies, to_do_lines, verdict_lines
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, number, numbers
+from jointstiff.service.tables.view import Report, View
 
 _MILLI, _MICRO = 1e3, 1e6
 _CONTROLLER_LEVEL = 0.01
@@ -30,80 +25,75 @@ _LEAST_PROBABILITY = 1e-6
 """Less is no different for people."""
 
 
-def geometry_report(geometry: Geometry, *, details: bool = False) -> RenderableType:
-    """Lay out the verdict, the axes, the links and what to do; with details all evidence."""
-    result = geometry.result
-    if result is None:
-        return problem_text(geometry.error) if geometry.error else Text(f"the geometry is {geometry.state}")
-    parts: list[RenderableType] = [*verdict_lines(result.assessment, details=details), _axes(result)]
-    if details:
+def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
+    """Return the axes and the links; with details all evidence."""
+    parts: list[Part] = [_axes(result)]
+    if view.details:
         parts += _evidence(result)
     if result.links:
         parts.append(_links(result.links))
-    parts.append(Text("\n".join(f"  {line}" for line in _summary(result, details=details))))
+    parts.append(Line("\n".join(f"  {line}" for line in _summary(result, details=view.details))))
     notes = [finding for finding in result.findings if finding.severity == "note"]
-    parts += [Text(f"  {f.where}: {f.message}; {f.remedy}", style="dim") for f in notes if details]
-    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
+    return Report(
+        [*parts, *(Line(f"  {f.where}: {f.message}; {f.remedy}", "dim") for f in notes if view.details)]
+    )
 
 
-def _evidence(result: GeometryResult) -> list[RenderableType]:
+def _evidence(result: GeometryResult) -> list[Part]:
     """Return what the axes rest on, and what follows from them beside the links."""
-    parts: list[RenderableType] = []
+    parts: list[Part] = []
     if result.sweeps:
         parts.append(_sweeps(result.sweeps))
     if result.poses is not None:
         parts.append(_poses(result.poses))
     parts += [_frame(result.base_frame), _targets(result)]
     if result.wrist is not None:
-        parts.append(_wrist(result.wrist))
+        parts += _wrist(result.wrist)
     if result.drift is not None:
         parts.append(_drift(result.drift))
     return parts
 
 
 def _axes(result: GeometryResult) -> Table:
-    table = Table(
+    axes, micro = result.axes, number(".3g", _MICRO)
+    points = [axis.base.point for axis in axes]
+    return Table(
+        [
+            Column("axis", [axis.name for axis in axes], text=True),
+            *(Column(x, [point[i] for point in points], number(".3f", _MILLI)) for i, x in enumerate("xyz")),
+            Column("direction", [axis.base.direction for axis in axes], _direction),
+            Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
+            Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
+        ],
         title="Axes at model angle zero, in R0",
         caption="points in mm; u: largest standard uncertainty across the axis, and of its direction",
-        box=SIMPLE_HEAD,
-        padding=0,
-        show_edge=False,
+        plain=True,
     )
-    for heading in ("axis", "x", "y", "z", "direction", "u [µm]", "u [µrad]"):
-        table.add_column(heading, justify="left" if heading == "axis" else "right")
-    for axis in result.axes:
-        direction = " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in axis.base.direction)
-        table.add_row(
-            Text(axis.name),
-            *(f"{_MILLI * part:.3f}" for part in axis.base.point),
-            direction,
-            _micro(axis.position_uncertainty),
-            _micro(axis.direction_uncertainty),
-        )
-    return table
+
+
+def _direction(direction: Sequence[float]) -> str:
+    return " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in direction)
 
 
 def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
-    table = _table(
-        "Sweeps, each fitted separately",
-        "residuals by target, root mean square in µm; scale: rotation of the joint over that of "
+    micro = numbers(".3g", _MICRO, " ")
+    return Table(
+        [
+            Column("joint", [sweep.joint for sweep in sweeps], text=True),
+            Column("arc", [sweep.arc for sweep in sweeps], lambda arc: f"{degrees(arc):.1f}°"),
+            Column("positions", [sweep.positions for sweep in sweeps]),
+            Column("scale", [sweep.angle_scale for sweep in sweeps], number(".5f")),
+            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number(".2f")),
+            Column("radial", [[each.radial_rms for each in sweep.targets] for sweep in sweeps], micro),
+            Column("axial", [[each.axial_rms for each in sweep.targets] for sweep in sweeps], micro),
+        ],
+        title="Sweeps, each fitted separately",
+        caption="residuals by target, root mean square in µm; scale: rotation of the joint over that of "
         "the controller",
-        ("joint", "arc", "positions", "scale", "χ²/dof", "radial", "axial"),
     )
-    for sweep in sweeps:
-        table.add_row(
-            Text(sweep.joint),
-            f"{degrees(sweep.arc):.1f}°",
-            str(sweep.positions),
-            f"{sweep.angle_scale:.5f}",
-            f"{sweep.variance_factor:.2f}",
-            Text(" ".join(_micro(target.radial_rms) for target in sweep.targets)),
-            Text(" ".join(_micro(target.axial_rms) for target in sweep.targets)),
-        )
-    return table
 
 
-def _poses(poses: PoseEvidence) -> Text:
+def _poses(poses: PoseEvidence) -> Line:
     lines = [
         f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
         f"{_MICRO * poses.rms_residual:.1f} µm rms of a coordinate"
@@ -111,61 +101,65 @@ def _poses(poses: PoseEvidence) -> Text:
     if poses.held_out_rms is not None:
         lines.append(f"poses left out of the fit are predicted to {_MICRO * poses.held_out_rms:.1f} µm rms")
     lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
-    return Text("\n".join(f"  {line}" for line in lines))
+    return Line("\n".join(f"  {line}" for line in lines))
 
 
 def _frame(frame: BaseFrameResult) -> Table:
-    transform = frame.transform_tracker_to_base
-    table = _table(
-        f"Tracker to R0, placed by {'the nominal model' if frame.by == 'nominal' else 'the axes'}",
-        "y = R x + t; t in mm; u: standard uncertainty of a translation in µm and of a rotation in "
-        "µrad, axes of R0",
-        ("", "R", "t", "u shift", "u turn"),
-    )
+    transform, micro = frame.transform_tracker_to_base, number(".3g", _MICRO)
     spread = [None] * 6 if frame.covariance is None else [sqrt(frame.covariance[i][i]) for i in range(6)]
-    for i, name in enumerate("xyz"):
-        table.add_row(
-            name,
-            " ".join(f"{part:+.7f}" for part in transform.rotation[i]),
-            f"{_MILLI * transform.translation[i]:.3f}",
-            _micro(spread[i]),
-            _micro(spread[3 + i]),
-        )
-    return table
+    return Table(
+        [
+            Column("", list("xyz"), text=True),
+            Column("R", transform.rotation, numbers("+.7f", 1.0, " ")),
+            Column("t", transform.translation, number(".3f", _MILLI)),
+            Column("u shift", spread[:3], micro),
+            Column("u turn", spread[3:], micro),
+        ],
+        title=f"Tracker to R0, placed by {'the nominal model' if frame.by == 'nominal' else 'the axes'}",
+        caption="y = R x + t; t in mm; u: standard uncertainty of a translation in µm and of a rotation in "
+        "µrad, axes of R0",
+    )
 
 
 def _targets(result: GeometryResult) -> Table:
-    table = _table(
-        "Targets in the flange frame",
-        "in mm, with the standard uncertainty of the last digits",
-        ("target", "x", "y", "z"),
-    )
+    rows = []
     for target in result.targets:
         C = target.covariance
         spread = [None if C is None else sqrt(C[i][i]) for i in range(3)]
-        cells = (_concise(_MILLI * p, u and _MILLI * u) for p, u in zip(target.position, spread, strict=True))
-        table.add_row(Text(target.name), *cells)
-    return table
-
-
-def _wrist(wrist: WristResult) -> Group:
-    table = _table(
-        "Wrist centre, in R0",
-        "in mm, with the standard uncertainty of the last digits; weight in the combined centre",
-        ("by", "x", "y", "z", "weight"),
+        rows.append(
+            [_concise(_MILLI * p, u and _MILLI * u) for p, u in zip(target.position, spread, strict=True)]
+        )
+    return Table(
+        [
+            Column("target", [target.name for target in result.targets], text=True),
+            *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
+        ],
+        title="Targets in the flange frame",
+        caption="in mm, with the standard uncertainty of the last digits",
     )
+
+
+def _wrist(wrist: WristResult) -> list[Part]:
     centres = [(e.way, e, f"{e.weight:.2f}") for e in wrist.estimates] + [("combined", wrist.combined, "")]
-    for way, centre, weight in centres:
+    rows = []
+    for _, centre, _ in centres:
         spread = [sqrt(centre.base_covariance[i][i]) for i in range(3)]
-        cells = (_concise(_MILLI * p, _MILLI * u) for p, u in zip(centre.base, spread, strict=True))
-        table.add_row(way, *cells, weight)
+        rows.append([_concise(_MILLI * p, _MILLI * u) for p, u in zip(centre.base, spread, strict=True)])
+    table = Table(
+        [
+            Column("by", [way for way, _, _ in centres], text=True),
+            *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
+            Column("weight", [weight for _, _, weight in centres]),
+        ],
+        title="Wrist centre, in R0",
+        caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
+    )
     lines = [
         f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (by chance: "
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
-    lines.append(_miss(wrist))
-    return Group(table, Text("\n".join(f"  {line}" for line in lines)))
+    return [table, Line("\n".join(f"  {line}" for line in [*lines, _miss(wrist)]))]
 
 
 def _miss(wrist: WristResult) -> str:
@@ -177,30 +171,33 @@ def _miss(wrist: WristResult) -> str:
 
 
 def _links(links: Sequence[LinkComparison]) -> Table:
-    table = _table(
-        "Links, nominal and identified",
-        "lengths in mm, angles in mrad; difference with the standard uncertainty of its last digits",
-        ("link", "after", "nominal", "identified", "difference"),
+    return Table(
+        [
+            Column("link", [link.quantity for link in links], text=True),
+            Column("after", [link.joint for link in links]),
+            Column("nominal", [link.nominal for link in links], number(".3f", _MILLI)),
+            Column("identified", links, _identified),
+            Column("difference", links, _difference),
+        ],
+        title="Links, nominal and identified",
+        caption="lengths in mm, angles in mrad; difference with the standard uncertainty of its last digits",
     )
-    for link in links:
-        uncertainty = link.standard_uncertainty
-        table.add_row(
-            link.quantity,
-            Text(link.joint),
-            f"{_MILLI * link.nominal:.3f}",
-            f"{_MILLI * link.identified:.3f}" if uncertainty is not None else "not determined",
-            _concise(_MILLI * link.difference, uncertainty and _MILLI * uncertainty)
-            if uncertainty is not None
-            else "—",
-        )
-    return table
 
 
-def _drift(drift: Drift) -> Text:
+def _identified(link: LinkComparison) -> str:
+    return "not determined" if link.standard_uncertainty is None else f"{_MILLI * link.identified:.3f}"
+
+
+def _difference(link: LinkComparison) -> str:
+    u = link.standard_uncertainty
+    return NO_NUMBER if u is None else _concise(_MILLI * link.difference, u and _MILLI * u)
+
+
+def _drift(drift: Drift) -> Line:
     size = sqrt(sum(part**2 for part in drift.displacement))
     turn = sqrt(sum(part**2 for part in drift.rotation))
     verdict = "beyond noise" if drift.significant else "within noise"
-    return Text(
+    return Line(
         f"  base targets: moved by {_MICRO * size:.1f} µm at the robot and turned by "
         f"{_MICRO * turn:.1f} µrad, {verdict} (by chance: {drift.probability:.2g})"
     )
@@ -235,19 +232,6 @@ def _chance(probability: float) -> str:
     return f"noise alone fits no better with probability {max(probability, _LEAST_PROBABILITY):.1g}" + (
         " or less" if probability < _LEAST_PROBABILITY else ""
     )
-
-
-def _table(title: str, caption: str, headings: Sequence[str]) -> Table:
-    table = Table(title=title, caption=caption)
-    for number, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if number else "left")
-    return table
-
-
-def _micro(value: float | None) -> str:
-    if value is None:
-        return "—"
-    return f"{_MICRO * value:.3g}"
 
 
 def _concise(value: float, uncertainty: float | None) -> str:

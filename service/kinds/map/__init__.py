@@ -57,6 +57,14 @@ The table is computed again from the map's run, which never changes: keep the ru
             media_type="application/octet-stream",
             made_of="work",
         ),
+        File(
+            name="map.json",
+            operation="get_map_columns",
+            description="Get the same as JSON, column by column, with units.",
+            content="`columns`, each with `name`, `unit` and `values`.",
+            media_type="application/json",
+            made_of="work",
+        ),
     ),
     description="""Map a work area: how far the tool bends at each place, by the model of a run.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Final
 
@@ -120,53 +118,6 @@ def to_map_result(
     )
 
 
-def map_columns(
-    request: messages.MapOptions, robot: Robot, places: FloatArray, found: DeflectionMap
-) -> dict[str, FloatArray]:
-    """Return the numbers of a table by header: units in brackets, NaN where there is no number."""
-    direction, turn = np.divmod(found.orientation, request.turns)
-    posed = ~np.isnan(found.joints[:, 0])
-    columns = {f"{axis} [m]": places[:, i] for i, axis in enumerate("xyz")}
-    columns["direction"] = np.where(posed, direction, np.nan)
-    columns["turn"] = np.where(posed, turn, np.nan)
-    columns |= {f"{name} [rad]": found.joints[:, j] for j, name in enumerate(robot.joint_names)}
-    columns |= {f"d{axis} [m]": found.displacement[:, i] for i, axis in enumerate("xyz")}
-    return columns | {
-        "deflection [m]": found.length,
-        "readings only low [m]": found.readings[:, 0],
-        "readings only high [m]": found.readings[:, 1],
-        "with model error low [m]": found.with_model_error[:, 0],
-        "with model error high [m]": found.with_model_error[:, 1],
-        "compliance along [m/N]": found.along,
-        "compliance across [m/N]": found.across,
-        "extrapolation [1]": np.where(np.isinf(found.extrapolation), np.nan, found.extrapolation),
-    }
-
-
-def map_csv(columns: dict[str, FloatArray], found: DeflectionMap) -> str:
-    """Return one row a place (RFC 4180), `status` first; what there is no number for is an empty cell."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(["status", *(_safe(header) for header in columns)])
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    for status, row in zip(found.status.tolist(), rows, strict=True):
-        writer.writerow([STATUSES[status], *("" if value != value else f"{value:.10g}" for value in row)])
-    return text.getvalue()
-
-
-def map_npz(columns: dict[str, FloatArray], found: DeflectionMap) -> bytes:
-    """Return the same for numpy, to the last digit: `headers`, `table` (P, columns), `status`."""
-    content = io.BytesIO()
-    np.savez_compressed(
-        content,
-        allow_pickle=False,
-        headers=np.array(list(columns)),
-        table=np.stack(list(columns.values()), axis=1),
-        status=np.array(STATUSES)[found.status],
-    )
-    return content.getvalue()
-
-
 def _place(index: int, places: FloatArray, tool: FloatArray, found: DeflectionMap) -> messages.MapPlace:
     return messages.MapPlace(
         position=tuple(places[index].tolist()),
@@ -213,11 +164,6 @@ def _unit(vector: Sequence[float], where: str) -> FloatArray:
     if length < _LEAST_LENGTH:
         raise RequestError("the direction has no length", where=where, remedy="give a vector that has one")
     return np.asarray(array / length)
-
-
-def _safe(header: str) -> str:
-    """Return a header that no spreadsheet takes for a formula: joints may have any name."""
-    return f"'{header}" if header.startswith(("=", "+", "-", "@")) else header
 
 
 def _pair(ends: FloatArray) -> tuple[float, float] | None:

@@ -1,19 +1,19 @@
-"""A map for people: how many places were reached, how far the tool bends there, and where most."""
+"""A map for people and for spreadsheets: counts, the worst and the stiffest place; all places."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import degrees
 from typing import Final
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
+import numpy as np
 
 from jointstiff.schemas.map import Map, MapPlace, MapResult
-from jointstiff.service.tables.terminal import problem_text
+from jointstiff.service.kinds.map.work import MapWork
+from jointstiff.service.tables.table import Column, Line, Part, Sheet, Table, ends, number, numbers
+from jointstiff.service.tables.view import Report, View
+from jointstiff.solver.deflection.maps import STATUSES
 
-_REASONS = {
+_REASONS: Final = {
     "out_of_reach": "out of reach",
     "joint_limits": "beyond the joints' limits",
     "unseen_joint": "load twists a joint that the readings say nothing of",
@@ -21,15 +21,8 @@ _REASONS = {
 }
 
 
-def map_report(found: Map) -> RenderableType:
-    """Counts first, then the worst and the stiffest place."""
-    result = found.result
-    if result is None:
-        return problem_text(found.error) if found.error else Text(f"the map is {found.state}")
-    return Group(*(Text(line) for line in _lines(result)), *_table(found, result))
-
-
-def _lines(result: MapResult) -> list[str]:
+def report(job: Map, result: MapResult, _view: View) -> Report:
+    """Return counts first, then the worst and the stiffest place."""
     counts = result.counts.model_dump()
     without = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
     lines = [f"{counts['reached']} of {result.places} places reached" + (f"; {without}" if without else "")]
@@ -41,40 +34,53 @@ def _lines(result: MapResult) -> list[str]:
         )
     if result.extrapolated:
         lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")
-    return [*lines, *result.remarks]
+    parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
+    if result.worst is not None and result.stiffest is not None:
+        parts.append(_extremes((result.worst, result.stiffest), job.request.confidence))
+    return Report(parts)
 
 
-def _table(found: Map, result: MapResult) -> list[RenderableType]:
-    if result.worst is None or result.stiffest is None:
-        return []
-    table = Table(caption=f"intervals at {100 * found.request.confidence:g} %", title_justify="left")
-    table.add_column("")
-    for heading in ("worst place", "stiffest place"):
-        table.add_column(heading, justify="right")
-    places = (result.worst, result.stiffest)
-    for name, show in _ROWS.items():
-        table.add_row(name, *(show(place) for place in places))
-    return [table]
+def _extremes(places: tuple[MapPlace, MapPlace], confidence: float) -> Table:
+    angles, micro = [[*map(degrees, each.joints)] for each in places], number(".3g", 1e6)
+    interval = ends(".3g", 1e6)
+    return Table(
+        [
+            Column("", ["worst place", "stiffest place"], text=True),
+            Column("place", [each.position for each in places], numbers(".3f"), "m"),
+            Column("controller's angles", angles, numbers(".1f"), "°"),
+            Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
+            Column("readings only", [each.readings_only for each in places], interval, "µm"),
+            Column("with model error", [each.with_model_error for each in places], interval, "µm"),
+            Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
+            Column("compliance across", [each.compliance_across for each in places], micro, "µm/N"),
+        ],
+        caption=f"intervals at {100 * confidence:g} %",
+        upright=True,
+    )
 
 
-def _interval(ends: tuple[float, float] | None) -> str:
-    return "—" if ends is None else f"{1e6 * ends[0]:.3g} to {1e6 * ends[1]:.3g}"
+def places_sheet(work: MapWork) -> Sheet:
+    """Return all places: status, place, posture, deflection, intervals, compliance; NaN for no number."""
+    found, request = work.table, work.request
+    direction, turn = np.divmod(found.orientation, request.turns)
+    posed = ~np.isnan(found.joints[:, 0])
+    columns = {"status": np.array(STATUSES)[found.status]}
+    columns |= {f"{axis} [m]": work.places[:, i] for i, axis in enumerate("xyz")}
+    columns["direction"] = np.where(posed, direction, np.nan)
+    columns["turn"] = np.where(posed, turn, np.nan)
+    columns |= {f"{name} [rad]": found.joints[:, j] for j, name in enumerate(work.robot.joint_names)}
+    columns |= {f"d{axis} [m]": found.displacement[:, i] for i, axis in enumerate("xyz")}
+    columns |= {
+        "deflection [m]": found.length,
+        "readings only low [m]": found.readings[:, 0],
+        "readings only high [m]": found.readings[:, 1],
+        "with model error low [m]": found.with_model_error[:, 0],
+        "with model error high [m]": found.with_model_error[:, 1],
+        "compliance along [m/N]": found.along,
+        "compliance across [m/N]": found.across,
+        "extrapolation [1]": np.where(np.isinf(found.extrapolation), np.nan, found.extrapolation),
+    }
+    return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 
 
-def _compliance(value: float | None) -> str:
-    return "—" if value is None else f"{1e6 * value:.3g}"
-
-
-def _numbers(values: tuple[float, ...] | list[float], digits: int) -> str:
-    return "  ".join(f"{value:.{digits}f}" for value in values)
-
-
-_ROWS: Final[dict[str, Callable[[MapPlace], str]]] = {
-    "place [m]": lambda place: _numbers(place.position, 3),
-    "controller's angles [°]": lambda place: _numbers([degrees(angle) for angle in place.joints], 1),
-    "deflection [µm]": lambda place: f"{1e6 * place.deflection:.4g}",
-    "readings only [µm]": lambda place: _interval(place.readings_only),
-    "with model error [µm]": lambda place: _interval(place.with_model_error),
-    "compliance along [µm/N]": lambda place: _compliance(place.compliance_along),
-    "compliance across [µm/N]": lambda place: _compliance(place.compliance_across),
-}
+SHEETS: Final = {"map": places_sheet}

@@ -6,17 +6,12 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
 
-import numpy as np
-
 from jointstiff.schemas.map import MapOptions, MapRequest, MapResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.map.places import (
-    map_columns,
-    map_csv,
-    map_npz,
     to_map_result,
     to_map_task,
     to_places,
@@ -52,11 +47,11 @@ class MapWork(SteppedWork[DeflectionMap]):
             RequestError: the run has no model that predicts, or the request does not fit the robot.
         """
         self.robot_id = robot_id
-        self._robot, self._run, self._request = robot, run, request
+        self.robot, self._run, self.request = robot, run, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
         self._model, self._error = forward_model(robot, run)
-        self._task, self._places = to_map_task(request, robot), to_places(request)
+        self._task, self.places = to_map_task(request, robot), to_places(request)
         try:
             self._inverse = InverseKinematics(robot)
         except RobotError as error:
@@ -73,7 +68,7 @@ class MapWork(SteppedWork[DeflectionMap]):
         Raises:
             JointstiffError: a load finds no stable balance.
         """
-        places = self._places[slice(*span)]
+        places = self.places[slice(*span)]
         return map_places(self._model, self._error, self._task, self._inverse, places)
 
     def encode(self, part: DeflectionMap) -> str:
@@ -90,37 +85,27 @@ class MapWork(SteppedWork[DeflectionMap]):
         Raises:
             JointstiffError: as `compute` does.
         """
-        found = DeflectionMap.joined(list(parts)) if parts else self._table
+        found = DeflectionMap.joined(list(parts)) if parts else self.table
         error, run = self._error, self._run
         return to_map_result(
-            self._request,
+            self.request,
             self._task,
-            self._places,
+            self.places,
             found,
             model_error_postures=0 if error is None else error.postures,
-            remarks=remarks_of(run, self._model, error, self._request.confidence, weighed=False),
+            remarks=remarks_of(run, self._model, error, self.request.confidence, weighed=False),
         )
 
-    def csv(self) -> str:
-        """Return the table for spreadsheets; the same numbers each time, as a run never changes."""
-        return map_csv(self._columns(), self._table)
-
-    def npz(self) -> bytes:
-        """Return the table for numpy."""
-        return map_npz(self._columns(), self._table)
-
     @cached_property
-    def _table(self) -> DeflectionMap:
+    def table(self) -> DeflectionMap:
+        """All places; the same numbers each time, as a run never changes."""
         return DeflectionMap.joined([self.compute(span) for span in self._blocks()])
-
-    def _columns(self) -> dict[str, np.ndarray]:
-        return map_columns(self._request, self._robot, self._places, self._table)
 
     def _blocks(self) -> tuple[Span, ...]:
         poses = POSES_A_STEP // _ELASTIC if self._model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.fan))
         return tuple(
-            (start, min(start + size, len(self._places))) for start in range(0, len(self._places), size)
+            (start, min(start + size, len(self.places))) for start in range(0, len(self.places), size)
         )
 
 

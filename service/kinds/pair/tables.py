@@ -1,12 +1,9 @@
-"""A pair for people: a row a joint, then the share of the deflection that the second side avoids."""
+"""A pair for people and for spreadsheets: a row a joint; the deflection that the second side avoids."""
 
 from __future__ import annotations
 
 from math import floor, log10
-
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
+from typing import Final
 
 from jointstiff.schemas.pair import (
     AvoidedDeflection,
@@ -16,60 +13,44 @@ from jointstiff.schemas.pair import (
     PairedJoint,
     PairResult,
 )
-from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
-from jointstiff.service.tables.terminal import METHOD_NAMES, problem_text
-from jointstiff.service.tables.verdict import (
-    joint_reason_lines,
-    remedies,
-    to_do_lines,
-    verdict_lines,
-    warning_lines,
-)
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.service.tables.stiffness import StiffnessUnit
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, Value
+from jointstiff.service.tables.terminal import METHOD_NAMES
+from jointstiff.service.tables.verdict import joint_reason_lines
+from jointstiff.service.tables.view import Report, View
 
 _SMALLEST_P = 1e-4
 
 
-def pair_report(pair: Pair, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
-    """Lay out the verdict, the joints, the deflection, and what to do.
-
-    Args:
-        pair: with its result, or its error.
-        details: whether to add all warnings and reasons.
-        unit: name of a unit of `UNITS`.
-    """
-    if pair.result is None:
-        return problem_text(pair.error) if pair.error else Text(f"the pair is {pair.state}")
-    result, shown = pair.result, UNITS[unit]
-    parts = verdict_lines(result.assessment, details=details)
-    parts.append(_joints_table(pair, result, shown))
+def report(job: Pair, result: PairResult, view: View) -> Report:
+    """Return the joints on both sides, and the deflection that the second side avoids."""
+    parts: list[Part] = [_joints_table(job, result, view.unit)]
     parts += joint_reason_lines((joint.name, joint.reason) for joint in result.joints)
     if result.ordered is not None:
-        parts.append(_ordered_table(result.ordered, shown))
-    parts.append(_avoided(result.avoided))
-    parts += warning_lines(result.assessment, result.warnings, details=details)
-    return Group(*parts, *to_do_lines(remedies(result.assessment), details=details))
+        parts.append(_ordered_table(result.ordered, view.unit))
+    return Report([*parts, _avoided(result.avoided)])
 
 
 def _joints_table(pair: Pair, result: PairResult, unit: StiffnessUnit) -> Table:
-    confidence = pair.request.confidence or pair.request.options.confidence
-    table = Table(
+    confidence, joints = pair.request.confidence or pair.request.options.confidence, result.joints
+    return Table(
+        [
+            Column("joint", [joint.name for joint in joints], text=True),
+            Column("first", [joint.first for joint in joints], unit.concise),
+            Column("second", [joint.second for joint in joints], unit.concise),
+            Column(
+                "ratio",
+                joints,
+                lambda joint: NO_NUMBER if joint.ratio is None else _number(joint.ratio, joint),
+            ),
+            Column(f"{100 * confidence:g} % interval", joints, _interval),
+            Column("p", [joint.p_value for joint in joints], _p_value),
+        ],
         title=_title(pair),
         caption=f"{unit.quantity} in {unit.label} with its standard uncertainty; ratio of the stiffnesses, "
         "second to first; p: p-value of equal stiffnesses",
     )
-    table.add_column("joint")
-    for heading in ("first", "second", "ratio", f"{100 * confidence:g} % interval", "p"):
-        table.add_column(heading, justify="right")
-    for joint in result.joints:
-        table.add_row(
-            Text(joint.name),
-            unit.concise(joint.first),
-            unit.concise(joint.second),
-            "—" if joint.ratio is None else _number(joint.ratio, joint),
-            _interval(joint),
-            _p_value(joint.p_value),
-        )
-    return table
 
 
 def _title(pair: Pair) -> str:
@@ -78,6 +59,10 @@ def _title(pair: Pair) -> str:
     if request.first.run_id is not None or request.second.run_id is not None:
         return "Two sides"
     return f"Two sides, {METHOD_NAMES[request.options.method]}"
+
+
+def _ratio(joint: PairedJoint) -> str:
+    return NO_NUMBER if joint.ratio is None else _number(joint.ratio, joint)
 
 
 def _number(ratio: float, joint: PairedJoint) -> str:
@@ -100,40 +85,33 @@ def _interval(joint: PairedJoint) -> str:
     return f"{low_text} … {'no limit' if ends[1] is None else _number(ends[1], joint)}"
 
 
-def _p_value(p: float | None) -> str:
-    if p is None:
-        return "—"
+def _p_value(p: float) -> str:
     return f"< {_SMALLEST_P:g}" if p < _SMALLEST_P else f"{p:.2g}"
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
-    table = Table(
+    joints = ordered.joints
+    return Table(
+        [
+            Column("joint", [joint.name for joint in joints], text=True),
+            Column("first", [joint.compliance_first for joint in joints], unit.bare),
+            Column("interval", [joint.compliance_interval_first for joint in joints], unit.bare_interval),
+            Column("second", [joint.compliance_second for joint in joints], unit.bare),
+            Column("interval", [joint.compliance_interval_second for joint in joints], unit.bare_interval),
+            Column("", ["held equal" if joint.equal else "" for joint in joints], text=True),
+        ],
         title="Both in one problem, no joint softer on the second side",
         caption=f"{unit.quantity} in {unit.label}, interval under all constraints; the order increases χ² by "
         f"{ordered.chi_square_increase:.3g}",
     )
-    table.add_column("joint")
-    for heading in ("first", "interval", "second", "interval"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
-    for joint in ordered.joints:
-        table.add_row(
-            Text(joint.name),
-            unit.bare(joint.compliance_first),
-            unit.bare_interval(joint.compliance_interval_first),
-            unit.bare(joint.compliance_second),
-            unit.bare_interval(joint.compliance_interval_second),
-            "held equal" if joint.equal else "",
-        )
-    return table
 
 
-def _avoided(avoided: AvoidedDeflection) -> Text:
+def _avoided(avoided: AvoidedDeflection) -> Line:
     predicted = "—" if avoided.predicted is None else f"{100 * avoided.predicted:.1f} %"
     measured = "no observation is common to both sides"
     if avoided.measured is not None and avoided.measured.value is not None:
         measured = f"measured {_percent(avoided.measured)} in {avoided.matching} observations on both sides"
-    return Text(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
+    return Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
 
 
 def _percent(share: DeflectionShare) -> str:
@@ -142,3 +120,41 @@ def _percent(share: DeflectionShare) -> str:
     if not share.standard_uncertainty:
         return f"{100 * share.value:.1f} %"
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
+
+
+def joints_sheet(pair: Pair) -> Sheet:
+    """Return the joints of both sides with their ratio."""
+    return Sheet.of_rows(_row(joint) for joint in (pair.result.joints if pair.result else ()))
+
+
+def _row(joint: PairedJoint) -> dict[str, Value]:
+    low, high = joint.ratio_interval or (None, None)
+    not_from, not_to = joint.ratio_excluded or (None, None)
+    return {
+        "joint": joint.name,
+        **_side("first", joint.first),
+        **_side("second", joint.second),
+        "ratio of stiffnesses, second to first [1]": joint.ratio,
+        "ratio low [1]": low,
+        "ratio high [1]": high,
+        "excluded ratios from [1]": not_from,
+        "excluded ratios to [1]": not_to,
+        "p-value of equal stiffnesses [1]": joint.p_value,
+        "reason": joint.reason,
+    }
+
+
+def _side(name: str, joint: JointResult) -> dict[str, Value]:
+    low, high = joint.stiffness_interval or (None, None)
+    return {
+        f"{name} status": joint.status,
+        f"{name} verdict": joint.verdict,
+        f"{name} stiffness [N.m/rad]": joint.stiffness,
+        f"{name} stiffness low [N.m/rad]": low,
+        f"{name} stiffness high [N.m/rad]": high,
+        f"{name} compliance [rad/(N.m)]": joint.compliance,
+        f"{name} compliance standard uncertainty [rad/(N.m)]": joint.standard_uncertainty,
+    }
+
+
+SHEETS: Final = {"table": joints_sheet}

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from math import degrees
+from typing import Final
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
-from jointstiff.schemas.plan import Plan, PlanResult
-from jointstiff.service.tables.terminal import problem_text
+from jointstiff.schemas.plan import Plan, PlannedReading, PlanResult
+from jointstiff.service.tables.table import Column, Line, Sheet, Table, number, numbers
+from jointstiff.service.tables.view import Report, View
 
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
@@ -22,62 +18,63 @@ _CRITERIA = {
 }
 
 
-def plan_report(plan: Plan) -> RenderableType:
-    """Promise first, then the list."""
-    result = plan.result
-    if result is None:
-        return problem_text(plan.error) if plan.error else Text(f"the plan is {plan.state}")
-    parts: list[RenderableType] = [_joints(result), _readings(result)]
-    return Group(*parts, *(Text(line) for line in _lines(result)))
-
-
-def plan_csv(result: PlanResult) -> str:
-    """Return the list as CSV: label, angles in degrees, force in newtons, anchor, held out."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    count = len(result.readings[0].joints)
-    names = [f"joint_{j + 1} [deg]" for j in range(count)]
-    writer.writerow(["label", *names, "Fx [N]", "Fy [N]", "Fz [N]", "anchor", "validation"])
-    for each in result.readings:
-        angles = [f"{degrees(angle):.3f}" for angle in each.joints]
-        anchor = "" if each.anchor is None else each.anchor
-        writer.writerow(
-            [each.label, *angles, *(f"{f:.1f}" for f in each.force), anchor, int(each.validation)]
-        )
-    return text.getvalue()
+def report(_job: Plan, result: PlanResult, _view: View) -> Report:
+    """Return the promise first, then the list."""
+    return Report([_joints(result), _readings(result), *map(Line, _lines(result))])
 
 
 def _joints(result: PlanResult) -> Table:
-    table = Table(
+    joints, nano = result.joints, number(".3g", 1e9)
+    return Table(
+        [
+            Column("joint", [joint.name for joint in joints], text=True),
+            Column("plan", [joint.standard_uncertainty for joint in joints], nano),
+            Column("relative", [joint.relative for joint in joints], lambda share: f"{100 * share:.2g} %"),
+            Column("now", [joint.before for joint in joints], nano),
+            Column("random plan", [joint.random for joint in joints], nano),
+            Column("one at a time", [joint.one_at_a_time for joint in joints], nano),
+        ],
         title="Promised standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)",
-        title_justify="left",
         caption="by the noise of the readings alone",
     )
-    table.add_column("joint")
-    for heading in ("plan", "relative", "now", "random plan", "one at a time"):
-        table.add_column(heading, justify="right")
-    for joint in result.joints:
-        table.add_row(
-            Text(joint.name),
-            _nano(joint.standard_uncertainty),
-            "—" if joint.relative is None else f"{100 * joint.relative:.2g} %",
-            *(_nano(value) for value in (joint.before, joint.random, joint.one_at_a_time)),
-        )
-    return table
 
 
 def _readings(result: PlanResult) -> Table:
-    table = Table(
-        title="Readings, in order", title_justify="left", caption="v…: held out, to judge the model"
+    readings = result.readings
+    angles = [[*map(degrees, each.joints)] for each in readings]
+    return Table(
+        [
+            Column("reading", [each.label for each in readings], text=True),
+            Column("controller's angles", angles, numbers(".0f"), "°"),
+            Column("force", readings, _force, "N"),
+        ],
+        title="Readings, in order",
+        caption="v…: held out, to judge the model",
     )
-    table.add_column("reading")
-    table.add_column("controller's angles [°]", justify="right")
-    table.add_column("force [N]", justify="right")
-    for each in result.readings:
-        angles = "  ".join(f"{degrees(angle):.0f}" for angle in each.joints)
-        anchor = "" if each.anchor is None else f"  to anchor {each.anchor}"
-        table.add_row(Text(each.label), angles, "  ".join(f"{f:.0f}" for f in each.force) + anchor)
-    return table
+
+
+def _force(reading: PlannedReading) -> str:
+    anchor = "" if reading.anchor is None else f"  to anchor {reading.anchor}"
+    return "  ".join(f"{part:.0f}" for part in reading.force) + anchor
+
+
+def readings_sheet(plan: Plan) -> Sheet:
+    """Return the list: label, angles in degrees, force in newtons, anchor, held out."""
+    readings = [] if plan.result is None else plan.result.readings
+    names = [f"joint_{j + 1} [deg]" for j in range(len(readings[0].joints) if readings else 0)]
+    return Sheet.of_rows(
+        {
+            "label": each.label,
+            **{name: round(degrees(angle), 3) for name, angle in zip(names, each.joints, strict=True)},
+            **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
+            "anchor": each.anchor,
+            "validation": int(each.validation),
+        }
+        for each in readings
+    )
+
+
+SHEETS: Final = {"readings": readings_sheet}
 
 
 def _lines(result: PlanResult) -> list[str]:
@@ -98,7 +95,3 @@ def _lines(result: PlanResult) -> list[str]:
             f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
         )
     return lines
-
-
-def _nano(value: float | None) -> str:
-    return "—" if value is None else f"{1e9 * value:.3g}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from jointstiff.schemas.program import Program, ProgramRequest, ProgramSummary
-from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.kinds.kind import Kind
 
 _EXAMPLES: Final[dict[str, Any]] = {
     "milling": {
@@ -38,17 +38,6 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     hidden="without_contents",
     filters={"robot_id": "robot"},
     examples=_EXAMPLES,
-    files=(
-        File(
-            name="points.csv",
-            operation="get_program_points",
-            description="Get all points as a table: deflection, correction, interval, residual, and what was "
-            "left alone.",
-            content="The table as CSV (RFC 4180).",
-            media_type="text/csv",
-            made_of="result",
-        ),
-    ),
     description="""Correct the targets of a robot program, so that the loaded tool is where they say.
 
 Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,

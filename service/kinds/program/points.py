@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.program import MAX_WORST, ProgramPoint, Spread
-from jointstiff.service.kinds.comparison.csv_table import guarded
 from jointstiff.service.kinds.program.path import ProgramPath
+from jointstiff.service.tables.files import guarded
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.deflection.compensation import Compensation
 from jointstiff.solver.deflection.model_error import ModelErrorBound

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rich.console import RenderableType
-from rich.text import Text
-
 from jointstiff.schemas.run.identifiability import Identifiability
 from jointstiff.schemas.run.run import RunResult
+from jointstiff.service.tables.table import Line
 
 _SIGMA = {
     "consistent": "consistent with sigma",
@@ -17,16 +15,16 @@ _SIGMA = {
 }
 
 
-def detail_lines(result: RunResult) -> list[RenderableType]:
+def detail_lines(result: RunResult) -> list[Line]:
     """Return the lines that `--details` adds below the table of joints."""
-    lines: list[RenderableType] = [Text(f"  {line}", style="yellow") for line in _suspicious(result)]
+    lines = [Line(f"  {line}", "care") for line in _suspicious(result)]
     others = (
         *_goodness(result),
         *_budget(result),
         *_complementary_stiffness(result),
         *_identifiability(result.identifiability),
     )
-    return [*lines, *(Text(f"  {line}", style="dim") for line in others)]
+    return [*lines, *(Line(f"  {line}", "dim") for line in others)]
 
 
 def _goodness(result: RunResult) -> Iterator[str]:

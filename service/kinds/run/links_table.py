@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from rich.console import RenderableType
-from rich.table import Table
-from rich.text import Text
-
-from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection
+from jointstiff.schemas.run.links import LinkCompliance, LinksResult, ModelSelection, ScoredModel
+from jointstiff.service.tables.table import Column, Line, Part, Table, number
 
 _MODEL_NAMES = {
     "joints": "joints",
@@ -18,11 +15,11 @@ _MODEL_NAMES = {
 _SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
 
 
-def links_report(links: LinksResult, selection: ModelSelection | None) -> list[RenderableType]:
+def links_report(links: LinksResult, selection: ModelSelection | None) -> list[Part]:
     """Return what bends beside the joints, in tables and lines."""
     certificate = links.certificate
     of_optimum = "of the optimum" if links.loss == "squared" else "of the optimum a target"
-    parts: list[RenderableType] = [_elements_table(links)]
+    parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links))
     if selection is not None:
@@ -35,19 +32,19 @@ def links_report(links: LinksResult, selection: ModelSelection | None) -> list[R
         (f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"),
         f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
     )
-    return parts + [Text(f"  {line}", style="dim") for line in lines]
+    return parts + [Line(f"  {line}", "dim") for line in lines]
 
 
-def links_line(links: LinksResult, selection: ModelSelection | None) -> Text:
+def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
     """Return in one line what the elastic links add to the joints."""
     scores = {}
     if selection is not None:
         losses = {**selection.losses, links.model: links.loss}
         scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
     if selection is None or not {"joints", links.model} <= set(scores):
-        return Text(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
+        return Line(f"  {_MODEL_NAMES[links.model]}: {_percent(1.0 - links.unexplained)} of the deflection")
     chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
-    return Text(
+    return Line(
         f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {_percent(scores[links.model])} of "
         f"postures left out, joints alone {_percent(scores['joints'])}"
         f"{'' if selection.simplest == links.model else chosen}"
@@ -55,37 +52,35 @@ def links_line(links: LinksResult, selection: ModelSelection | None) -> Text:
 
 
 def _elements_table(links: LinksResult) -> Table:
-    table = Table(title="Share of the measured deflection")
-    table.add_column("element")
-    table.add_column("overall", justify="right")
-    table.add_column("least", justify="right")
-    table.add_column("greatest", justify="right")
-    for element in links.elements:
-        name = element.kind if element.joint is None else element.joint
-        shares = (element.share, min(element.by_observation), max(element.by_observation))
-        label = f"link behind {name}" if element.kind == "link" else name
-        table.add_row(Text(label), *(_percent(share) for share in shares))
-    table.add_section()
-    table.add_row("unexplained", _percent(links.unexplained), "", "")
-    return table
+    elements = links.elements
+    names = [
+        f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
+    ]
+    least: list[float | None] = [min(each.by_observation) for each in elements]
+    greatest: list[float | None] = [max(each.by_observation) for each in elements]
+    return Table(
+        [
+            Column("element", [*names, "unexplained"], text=True),
+            Column("overall", [*(each.share for each in elements), links.unexplained], _percent),
+            Column("least", [*least, None], _percent),
+            Column("greatest", [*greatest, None], _percent),
+        ],
+        title="Share of the measured deflection",
+    )
 
 
 def _links_table(links: LinksResult) -> Table:
-    table = Table(
+    return Table(
+        [
+            Column("behind", [link.joint for link in links.links], text=True),
+            Column("translation", [_principal(link, "translation") for link in links.links]),
+            Column("rotation", [_principal(link, "rotation") for link in links.links]),
+            Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
+        ],
         title=f"Links, {_MODEL_NAMES[links.model]}",
         caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: number "
         "of parameters that the readings determine",
     )
-    for heading in ("behind", "translation", "rotation", "freedom"):
-        table.add_column(heading, justify="left" if heading == "behind" else "right")
-    for link in links.links:
-        table.add_row(
-            Text(link.joint),
-            _principal(link, "translation"),
-            _principal(link, "rotation"),
-            f"{link.effective_freedom:.1f} of {link.parameters}",
-        )
-    return table
 
 
 def _principal(link: LinkCompliance, kind: str) -> str:
@@ -96,24 +91,30 @@ def _principal(link: LinkCompliance, kind: str) -> str:
 
 def selection_table(selection: ModelSelection) -> Table:
     """Return models and losses beside each other."""
-    table = Table(
+    models = selection.models
+    return Table(
+        [
+            Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
+            Column("loss", [each.loss for each in models], text=True),
+            Column("compensation", [each.compensation for each in models], _percent),
+            Column("std. error", [each.standard_error for each in models], _percent),
+            Column("penalty", [each.penalty for each in models], number(".2g")),
+            Column("", [_mark(each, selection) for each in models], text=True),
+        ],
         title="Compensation of held-out configurations",
         caption="mean over the folds ± standard error; the simplest model within one standard error of the "
         "best is marked, each with its loss of least residual",
     )
-    for heading in ("model", "loss", "compensation", "std. error", "penalty", ""):
-        table.add_column(heading, justify="left" if heading in {"model", "loss", ""} else "right")
-    for scored in selection.models:
-        marks = []
-        if (scored.model, scored.loss) == (selection.chosen, selection.chosen_loss):
-            marks.append("[bold]this run[/]")
-        if scored.loss == selection.losses.get(scored.model):
-            marks += ["[green]simplest within one standard error[/]"] * (scored.model == selection.simplest)
-            marks += ["best"] * (scored.model == selection.best)
-        penalty = "—" if scored.penalty is None else f"{scored.penalty:.2g}"
-        cells = (_percent(scored.compensation), _percent(scored.standard_error), penalty, ", ".join(marks))
-        table.add_row(_MODEL_NAMES[scored.model], scored.loss, *cells)
-    return table
+
+
+def _mark(scored: ScoredModel, selection: ModelSelection) -> str:
+    """Return what distinguishes a model with a loss."""
+    is_chosen = (scored.model, scored.loss) == (selection.chosen, selection.chosen_loss)
+    marks = ["this run"] if is_chosen else []
+    if scored.loss == selection.losses.get(scored.model):
+        marks += ["simplest within one standard error"] * (scored.model == selection.simplest)
+        marks += ["best"] * (scored.model == selection.best)
+    return ", ".join(marks)
 
 
 def _percent(share: float) -> str:

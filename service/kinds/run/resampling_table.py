@@ -2,41 +2,43 @@
 
 from __future__ import annotations
 
-from rich.table import Table
-from rich.text import Text
-
 from jointstiff.schemas.run.resampling import ResampledJoint, ResamplingResult
 from jointstiff.schemas.run.run import Run
 from jointstiff.service.tables.stiffness import StiffnessUnit, rounded
+from jointstiff.service.tables.table import NO_NUMBER, Column, Table
 
 
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
     """Return a row for each joint, then the compensation on all configurations."""
     drawn = run.request.resampling
     size = f"{drawn.size} configurations drawn at random" if drawn else ""
-    table = Table(
+    moments_of = [moments(joint, unit) for joint in resampling.joints]
+    joints, compensation = resampling.joints, resampling.compensation
+    names: list[str] = [joint.name for joint in joints]
+    if compensation.mean is not None and compensation.deviation is not None:
+        names.append("compensation")
+
+    def column(name: str, values: list[str], last: float | None) -> Column:
+        whole = [] if len(names) == len(values) else [NO_NUMBER if last is None else f"{100 * last:.1f} %"]
+        return Column(name, [*values, *whole])
+
+    return Table(
+        [
+            Column("joint", names, text=True),
+            column("mean", [_rounded(mean, u) for mean, u in moments_of], compensation.mean),
+            column("deviation", [_rounded(u, u) for _, u in moments_of], compensation.deviation),
+            column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
+            column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
+            column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
+        ],
         title=f"{resampling.repetitions} fits of {size}",
         caption=f"{unit.quantity} in {unit.label}: mean and standard deviation of one fit; "
         "compensation on all",
     )
-    for heading in ("joint", "mean", "deviation", "negative", "rigid", "undetermined"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
-    for joint in resampling.joints:
-        mean, deviation = moments(joint, unit)
-        shares = (joint.share_negative, joint.share_infinite, joint.share_undetermined)
-        table.add_row(
-            Text(joint.name),
-            "—" if mean is None else rounded(mean, deviation),
-            "—" if deviation is None else rounded(deviation, deviation),
-            *(f"{100 * share:.3g} %" for share in shares),
-        )
-    compensation = resampling.compensation
-    if compensation.mean is not None and compensation.deviation is not None:
-        table.add_section()
-        table.add_row(
-            "compensation", f"{100 * compensation.mean:.1f} %", f"{100 * compensation.deviation:.1f} %"
-        )
-    return table
+
+
+def _rounded(value: float | None, uncertainty: float | None) -> str:
+    return NO_NUMBER if value is None else rounded(value, uncertainty)
 
 
 def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import degrees, sqrt
-
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
+from typing import Final
 
 from jointstiff.schemas.run.identifiability import Advice
 from jointstiff.schemas.run.joints import JointResult
@@ -15,83 +12,67 @@ from jointstiff.schemas.run.run import Run, RunResult
 from jointstiff.service.kinds.run.details import detail_lines
 from jointstiff.service.kinds.run.links_table import links_line, links_report, selection_table
 from jointstiff.service.kinds.run.resampling_table import resampling_table
-from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
-from jointstiff.service.tables.terminal import METHOD_NAMES, problem_text
-from jointstiff.service.tables.verdict import (
-    joint_reason_lines,
-    remedies,
-    to_do_lines,
-    verdict_lines,
-    warning_lines,
-)
+from jointstiff.service.tables.stiffness import StiffnessUnit
+from jointstiff.service.tables.table import Column, Line, Part, Table
+from jointstiff.service.tables.terminal import METHOD_NAMES
+from jointstiff.service.tables.verdict import joint_reason_lines
+from jointstiff.service.tables.view import Report, View
 
-_STATUSES = {
-    "uncertain": "[yellow]uncertain[/]",
-    "at_bound": "[yellow]at bound[/]",
-    "not_observable": "[dim]not observable[/]",
+_STATUSES: Final = {
+    "uncertain": Line("uncertain", "care"),
+    "at_bound": Line("at bound", "care"),
+    "not_observable": Line("not observable", "dim"),
 }
-_VERDICTS = {
-    "use": "[green]identified[/]",
-    "use_with_care": "[yellow]use with care[/]",
-    "do_not_use": "[red]do not use[/]",
+_VERDICTS: Final = {
+    "use": Line("identified", "good"),
+    "use_with_care": Line("use with care", "care"),
+    "do_not_use": Line("do not use", "bad"),
 }
 """Words for an identified joint."""
 
 
-def run_report(run: Run, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
-    """Lay out the verdict with its reasons, the joints, and at most three things to do.
-
-    Args:
-        run: with its result, or its error.
-        details: whether to add everything else that the result says.
-        unit: name of a unit of `UNITS`.
-    """
-    if run.result is None:
-        return problem_text(run.error) if run.error else Text(f"the run is {run.state}")
-    result, shown = run.result, UNITS[unit]
-    parts = [
-        *verdict_lines(result.assessment, details=details),
-        _joints_table(run, result, shown),
+def report(job: Run, result: RunResult, view: View) -> Report:
+    """Return the joints and what the fit is worth; with details all that the fit says."""
+    parts: list[Part] = [
+        _joints_table(job, result, view.unit),
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _summary(result),
     ]
-    if result.links is not None and not details:
+    evidence: list[Part] = [*detail_lines(result)] if view.details else []
+    if result.links is not None and view.details:
+        evidence += [Line(""), *links_report(result.links, result.selection)]
+    elif result.links is not None:
         parts.append(links_line(result.links, result.selection))
-    parts += warning_lines(result.assessment, result.warnings, details=details)
-    if details:
-        parts += detail_lines(result)
-    if result.links is not None and details:
-        parts += [Text(), *links_report(result.links, result.selection)]
-    elif result.selection is not None and details:
-        parts += [Text(), selection_table(result.selection)]
+    elif result.selection is not None and view.details:
+        evidence += [Line(""), selection_table(result.selection)]
     if result.resampling is not None:
-        parts += [Text(), resampling_table(run, result.resampling, shown)]
-    things = [*remedies(result.assessment), *_advised(run, result, details=details)]
-    return Group(*parts, *to_do_lines(things, details=details))
+        evidence += [Line(""), resampling_table(job, result.resampling, view.unit)]
+    return Report(parts, evidence, list(_advised(job, result, details=view.details)))
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
-    request = run.request
+    request, joints = run.request, result.joints
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
-    table = Table(
+    cells = [unit.cells(joint) for joint in joints]
+    prior = [
+        Column("prior/data", [_prior_cell(joint, known=joint.name in request.priors) for joint in joints])
+    ]
+    return Table(
+        [
+            Column("joint", [joint.name for joint in joints], text=True),
+            Column(unit.quantity, [value for value, _, _ in cells]),
+            Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
+            Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
+            *([Column("prior/data", prior)] if request.priors else []),
+            Column("verdict", joints, _verdict_cell, text=True),
+        ],
         title=f"Joint {unit.quantity}, {METHOD_NAMES[request.method]}, {request.weighting} weights, "
         f"{constraint}",
         caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label}",
     )
-    table.add_column("joint")
-    table.add_column(unit.quantity, justify="right")
-    table.add_column("std. uncertainty", justify="right")
-    table.add_column(f"{100 * request.confidence:g} % interval", justify="right")
-    if request.priors:
-        table.add_column("prior/data", justify="right")
-    table.add_column("verdict")
-    for joint in result.joints:
-        prior = [_prior_cell(joint, known=joint.name in request.priors)] if request.priors else []
-        table.add_row(Text(joint.name), *unit.cells(joint), *prior, _verdict_cell(joint))
-    return table
 
 
-def _verdict_cell(joint: JointResult) -> str:
+def _verdict_cell(joint: JointResult) -> Line:
     """Return the status, or the verdict on an identified joint."""
     return _VERDICTS[joint.verdict] if joint.status == "identified" else _STATUSES[joint.status]
 
@@ -103,7 +84,7 @@ def _prior_cell(joint: JointResult, *, known: bool) -> str:
     return "prior only" if known and joint.status != "not_observable" else "—"
 
 
-def _summary(result: RunResult) -> Text:
+def _summary(result: RunResult) -> Line:
     """Return what the fit is worth, in one line."""
     explained = (
         ""
@@ -115,7 +96,7 @@ def _summary(result: RunResult) -> Text:
         if result.sigma is None
         else f", sigma of a reading {1e6 * result.sigma:.3g} µm ({result.goodness.sigma_source})"
     )
-    return Text(f"  {explained}residual {1e6 * result.rms_residual:.3g} µm rms (3-D){sigma}")
+    return Line(f"  {explained}residual {1e6 * result.rms_residual:.3g} µm rms (3-D){sigma}")
 
 
 def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:

@@ -24,7 +24,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.inputs.files import FromFile
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.geometry.tables import geometry_report
+from jointstiff.service.kinds.report import job_report
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
@@ -113,7 +113,7 @@ def made(parts, document, **changes):
 def text_of(geometry):
     """The report of the terminal, on lines that do not wrap."""
     console = Console(file=io.StringIO(), width=400)
-    console.print(geometry_report(geometry))
+    console.print(job_report(GEOMETRY, geometry))
     return console.file.getvalue()
 
 

@@ -21,11 +21,11 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.comparison.tables import comparison_report
-from jointstiff.service.kinds.geometry.tables import geometry_report
-from jointstiff.service.kinds.pair.tables import pair_report
+from jointstiff.service.kinds.comparison import COMPARISON
+from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.pair import PAIR
+from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
-from jointstiff.service.kinds.run.tables import run_report
 from jointstiff.service.library import campaigns
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
@@ -72,7 +72,7 @@ def test_a_clean_run_is_for_use(clean):
     assert run.result.assessment.verdict == "use"
     assert run.result.assessment.reasons == []
     assert {joint.verdict for joint in run.result.joints} == {"use"}
-    assert first_line(run_report(run)) == "Use: nothing speaks against these numbers"
+    assert first_line(job_report(RUN, run)) == "Use: nothing speaks against these numbers"
 
 
 def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):
@@ -84,7 +84,7 @@ def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):
     assert (reason.action.kind, reason.action.joints) == ("exchange_columns", names[1:3])
     assert reason.weight == "do_not_use"
     assert {joint.verdict for joint in run.result.joints} == {"do_not_use"}
-    assert first_line(run_report(run)).startswith("Do not use: ")
+    assert first_line(job_report(RUN, run)).startswith("Do not use: ")
 
 
 def test_places_are_labels_of_the_set(clean):
@@ -182,7 +182,7 @@ def test_a_comparison_has_the_worst_verdict_of_its_fits(clean, exchanged):
         assert (verdict == "do_not_use") == (comparison.result.assessment.verdict == "do_not_use")
         places = [(each.code, each.where) for each in comparison.result.assessment.reasons]
         assert len(places) == len(set(places))
-    assert first_line(comparison_report(comparison)).startswith("Do not use: ")
+    assert first_line(job_report(COMPARISON, comparison)).startswith("Do not use: ")
 
 
 def test_a_comparison_without_a_fit_is_not_for_use(clean):
@@ -204,7 +204,7 @@ def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
     assert {joint.first.verdict for joint in result.joints} == {"use"}
     assert {joint.second.verdict for joint in result.joints} == {"do_not_use"}
     assert result.summary.compensation == result.compensation_second < result.compensation_first
-    assert first_line(pair_report(pair)).startswith("Do not use: ")
+    assert first_line(job_report(PAIR, pair)).startswith("Do not use: ")
 
 
 def test_a_geometry_is_assessed_by_its_findings():
@@ -214,7 +214,7 @@ def test_a_geometry_is_assessed_by_its_findings():
     worst = {finding.severity for finding in geometry.result.findings} - {"note"}
     assert (geometry.result.assessment.verdict == "use") == (not worst)
     assert len(geometry.result.assessment.reasons) == geometry.result.summary.warning_count
-    assert first_line(geometry_report(geometry)).startswith("Use")
+    assert first_line(job_report(GEOMETRY, geometry)).startswith("Use")
 
 
 def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):

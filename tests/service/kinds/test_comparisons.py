@@ -19,11 +19,13 @@ from jointstiff.schemas.run.options import RunOptions
 from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.service.jobs.parts import Parts
-from jointstiff.service.kinds.comparison.csv_table import comparison_csv
-from jointstiff.service.kinds.comparison.tables import comparison_report
+from jointstiff.service.kinds.comparison import COMPARISON
+from jointstiff.service.kinds.comparison.tables import entries_sheet
+from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run.work import run_identification
 from jointstiff.service.library import campaigns
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
@@ -218,7 +220,7 @@ def read(text):
 
 
 def test_the_table_for_spreadsheets_reads_back_as_it_was(comparison):
-    text = comparison_csv(comparison.result)
+    text = csv_text(entries_sheet(comparison))
     rows = read(text)
     assert text.count("\r\n") == text.count("\n") == len(rows) + 1
     assert len(rows) == 8 * 6
@@ -244,12 +246,20 @@ def test_a_name_is_no_formula(comparison, name):
     entry = comparison.result.entries[0]
     joint = entry.joints[1].model_copy(update={"name": name})
     entry = entry.model_copy(update={"joints": [joint], "resampling": None})
-    (row,) = read(comparison_csv(comparison.result.model_copy(update={"entries": [entry]})))
+    (row,) = read(
+        csv_text(
+            entries_sheet(
+                comparison.model_copy(
+                    update={"result": comparison.result.model_copy(update={"entries": [entry]})}
+                )
+            )
+        )
+    )
     assert row["joint"] == (name if name[0] == "a" else f"'{name}")
 
 
 def test_an_entry_without_numbers_has_a_row_that_says_why():
-    text = comparison_csv(compared(shared("fanuc_r2000ic/campaign")).result)
+    text = csv_text(entries_sheet(compared(shared("fanuc_r2000ic/campaign"))))
     rows = read(text)
     assert [row["joint"] != "" for row in rows] == [False] * 4 + [True] * 12 + [False] * 2
     assert all("needs 3 targets" in row["error"] for row in rows if not row["joint"])
@@ -258,7 +268,7 @@ def test_an_entry_without_numbers_has_a_row_that_says_why():
 
 def shown(comparison, width=80):
     console = Console(width=width, file=io.StringIO(), highlight=False)
-    console.print(comparison_report(comparison))
+    console.print(job_report(COMPARISON, comparison))
     return console.file.getvalue()
 
 

@@ -19,7 +19,7 @@ from jointstiff.schemas.run.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs.parts import Parts
 from jointstiff.service.kinds.pair import PAIR
-from jointstiff.service.kinds.pair.tables import pair_report
+from jointstiff.service.kinds.report import job_report
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.records import IdempotencyKey
 from jointstiff.service.store.store import Store
@@ -304,7 +304,7 @@ def test_shared_pair_in_a_terminal_of_80_columns(memory):
         robot_id, set_id = stored(memory, shared(f"simulated/dead_weight_{name}"), robot_id)
         ids.append(set_id)
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(pair_report(made(memory, request(*ids, ordered=True))))
+    console.print(job_report(PAIR, made(memory, request(*ids, ordered=True))))
     text = console.export_text()
     assert "(48.08 ± 0.21) %" in text
     assert max(map(len, text.splitlines())) <= 80

@@ -14,7 +14,8 @@ from support.shared_data import shared
 from jointstiff.schemas.campaign import Campaign
 from jointstiff.schemas.run.options import RunOptions
 from jointstiff.service.cli.options import UnitChoice
-from jointstiff.service.kinds.run.tables import run_report
+from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library import campaigns
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -69,7 +70,7 @@ def test_the_terminal_offers_the_units_of_the_reports():
     ],
 )
 def test_units_of_stiffness(run, unit, label, factor):
-    text = printed(run_report(run, unit=unit))
+    text = printed(job_report(RUN, run, unit=unit))
     joint = run.result.joints[1]
     value, uncertainty, low, high = numbers(text)
     assert f"interval in {label}" in text
@@ -80,7 +81,7 @@ def test_units_of_stiffness(run, unit, label, factor):
 
 
 def test_compliances_as_a_unit(run):
-    text = printed(run_report(run, unit="urad/Nm"))
+    text = printed(job_report(RUN, run, unit="urad/Nm"))
     joint = run.result.joints[1]
     value, uncertainty, low, high = numbers(text)
     u = 1e6 * joint.standard_uncertainty
@@ -92,7 +93,7 @@ def test_compliances_as_a_unit(run):
 
 
 def test_details_are_printed_on_demand(run):
-    short, whole = printed(run_report(run)), printed(run_report(run, details=True))
+    short, whole = printed(job_report(RUN, run)), printed(job_report(RUN, run, details=True))
     for text in ("observability O1", "complementary stiffness", "χ²/dof"):
         assert text not in short
         assert text in whole
@@ -101,7 +102,7 @@ def test_details_are_printed_on_demand(run):
 
 def test_at_most_three_things_to_do_and_nothing_twice(bumped):
     assert len(bumped.result.warnings) > 3
-    text = printed(run_report(bumped))
+    text = printed(job_report(RUN, bumped))
     to_do = text.split("To do\n")[1].splitlines()
     assert 0 < len(to_do) <= 3
     assert text.startswith("Do not use") or text.startswith("Use with care")
@@ -120,7 +121,7 @@ def test_a_kind_of_warnings_that_a_reason_sums_up_is_not_printed_again(bumped):
         if reason.message.startswith(warning.message)
     }
     assert summed
-    text = printed(run_report(bumped, details=True))
+    text = printed(job_report(RUN, bumped, details=True))
     for warning in bumped.result.warnings:
         if warning.code in summed:
             assert f"{warning.message}; {warning.remedy}" not in text

@@ -1,0 +1,55 @@
+"""What people read of a job of any kind: the verdict first, then the tables, warnings and things to do."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Final
+
+from rich.console import RenderableType
+
+from jointstiff.schemas.job import Job
+from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
+from jointstiff.service.tables.table import Line, Part
+from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.verdict import (
+    problem_line,
+    remedies,
+    to_do_lines,
+    verdict_lines,
+    warning_lines,
+)
+from jointstiff.service.tables.view import Report, View
+
+_DEFAULT: Final = View()
+
+
+def job_report(kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT) -> RenderableType:
+    """Lay out a job for the terminal.
+
+    Args:
+        kind: its kind.
+        job: with its result, or its error.
+        details: whether to show all that the result says.
+        unit: name of a unit of `UNITS`.
+    """
+    return printed(job_parts(kind, job, View(details, UNITS[unit])))
+
+
+def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
+    """Return what people read of a job: of its result, or why it has none."""
+    if job.result is None:
+        return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
+    result: Any = job.result
+    report: Report = import_module(f"{kind.room}.tables").report(job, result, view)
+    assessment = getattr(result, "assessment", None)
+    if assessment is None:
+        return [*report.parts, *report.evidence]
+    details, warnings = view.details, getattr(result, "warnings", ())
+    return [
+        *verdict_lines(assessment, details=details),
+        *report.parts,
+        *warning_lines(assessment, warnings, details=details),
+        *report.evidence,
+        *to_do_lines([*remedies(assessment), *report.advice], details=details),
+    ]

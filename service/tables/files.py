@@ -1,0 +1,125 @@
+"""Sheets as files: CSV, npz, xlsx and JSON. No cell is a formula."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping
+from math import isfinite
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.service.tables.table import Sheet, Value
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
+"""First characters of a text that a spreadsheet takes for a formula."""
+_WIDEST: Final = 40
+
+
+def guarded(value: Value) -> Value:
+    """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+def csv_text(sheet: Sheet, line_end: str = "\r\n") -> str:
+    """Return a sheet as CSV (RFC 4180); what there is no number for is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator=line_end)
+    writer.writerow(guarded(header) for header in sheet.columns)
+    writer.writerows(
+        zip(*(_csv_cells(column, sheet.digits) for column in sheet.columns.values()), strict=True)
+    )
+    return text.getvalue()
+
+
+def npz_bytes(sheet: Sheet) -> bytes:
+    """Return a sheet for numpy, to the last digit: `headers`, `table` (rows, columns), each text column."""
+    import numpy as np
+
+    numeric = {header: column for header, column in sheet.columns.items() if header not in sheet.texts}
+    content = io.BytesIO()
+    np.savez_compressed(
+        content,
+        allow_pickle=False,
+        headers=np.array(list(numeric)),
+        table=np.stack([np.asarray(column, dtype=float) for column in numeric.values()], axis=1),
+        **{header: np.array(sheet.columns[header]) for header in sheet.texts},
+    )
+    return content.getvalue()
+
+
+def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
+    """Return a workbook of named sheets; numbers have 16 digits."""
+    from openpyxl import Workbook
+    from openpyxl.styles import Font
+    from openpyxl.utils import get_column_letter
+
+    book = Workbook(write_only=False)
+    book.remove(book.worksheets[0])
+    for name, sheet in sheets.items():
+        page: Any = book.create_sheet(name)
+        page.append([guarded(header) for header in sheet.columns])
+        for row in zip(*sheet.columns.values(), strict=True):
+            page.append([guarded(cell) for cell in row])
+        for place, cell in enumerate(page[1], 1):
+            cell.font = Font(bold=True)
+            page.column_dimensions[get_column_letter(place)].width = min(len(str(cell.value)) + 2, _WIDEST)
+        page.freeze_panes = "B2"
+    content = io.BytesIO()
+    book.save(content)
+    return content.getvalue()
+
+
+def split_header(header: str) -> tuple[str, str]:
+    """Return name and unit of a header such as `force x [N]`; no unit is empty."""
+    name, bracket, unit = header.rpartition(" [")
+    return (name, unit.removesuffix("]")) if bracket else (header, "")
+
+
+def _csv_cells(column: Any, digits: str) -> list[Value]:  # noqa: ANN401 - a sequence or an array
+    """Return the cells of a column: NaN is an empty cell."""
+    if not digits:
+        return [guarded(value) for value in _listed(column)]
+    return [
+        format(value, digits)
+        if isinstance(value, float) and isfinite(value)
+        else None
+        if isinstance(value, float)
+        else guarded(value)
+        for value in _listed(column)
+    ]
+
+
+def _listed(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
+    array: np.ndarray[Any, Any] = column
+    return list(column) if isinstance(column, list | tuple) else list(array.tolist())
+
+
+def _finite(value: Value) -> Value:
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def json_text(sheet: Sheet) -> str:
+    """Return a sheet as JSON, column by column: `columns`, each with `name`, `unit` and `values`."""
+    columns = [
+        {"name": name, "unit": unit, "values": [_finite(value) for value in _listed(column)]}
+        for header, column in sheet.columns.items()
+        for name, unit in [split_header(header)]
+    ]
+    return json.dumps({"columns": columns})
+
+
+WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(
+    {"csv": csv_text, "npz": npz_bytes, "json": json_text}
+)
+"""Writers of one sheet, by the ending of a file's name."""
+
+
+def written(sheet: Sheet, suffix: str) -> bytes:
+    """Return a sheet as a file; `suffix` is one of `WRITERS`."""
+    content = WRITERS[suffix](sheet)
+    return content.encode() if isinstance(content, str) else content

@@ -1,0 +1,129 @@
+"""A table as data: columns of values with their units. Numbers are rounded when the table is rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+NO_NUMBER = "—"
+"""Shown where there is no number."""
+
+Style = Literal["", "title", "good", "care", "bad", "dim", "verdict_use", "verdict_care", "verdict_not"]
+Value = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text."""
+
+    text: str
+    style: Style = ""
+
+
+Show = Callable[[Any], str | Line]
+"""Rounds a value, and writes it as text."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of values, one for each row."""
+
+    name: str
+    values: Sequence[Any]  # numbers in SI units, texts, or what `show` takes
+    show: Show = str
+    unit: str = ""  # as shown
+    text: bool = False  # whether it holds text, which stands at the left
+    widest: int | None = None  # characters in a line of the terminal; longer text is folded
+
+    @property
+    def header(self) -> str:
+        """Name with its unit."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def cells(self) -> list[Line]:
+        """Return the values as they are shown."""
+        return [as_line(NO_NUMBER if value is None else self.show(value)) for value in self.values]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for people. All columns have the same number of values."""
+
+    columns: Sequence[Column]
+    title: str = ""
+    caption: str = ""
+    upright: bool = False  # whether each row is shown as a column, as where one place has many quantities
+    plain: bool = False  # whether the terminal leaves out the lines between cells
+
+    @property
+    def legend(self) -> str:
+        """Title and caption in one line."""
+        return "; ".join(text for text in (self.title, self.caption) if text).replace("\n", " ")
+
+    def head(self) -> list[str]:
+        """Return the headers as shown."""
+        if not self.upright:
+            return [column.header for column in self.columns]
+        return [self.columns[0].header, *(cell.text for cell in self.columns[0].cells())]
+
+    def rows(self) -> list[list[Line]]:
+        """Return the cells as shown, row by row."""
+        if not self.upright:
+            return [list(row) for row in zip(*(column.cells() for column in self.columns), strict=True)]
+        return [[Line(column.header), *column.cells()] for column in self.columns[1:]]
+
+    def text_columns(self) -> list[int]:
+        """Return the places of the shown columns that hold text."""
+        if self.upright:
+            return [0]
+        return [place for place, column in enumerate(self.columns) if column.text]
+
+
+Part = Table | Line
+"""A part of what people read of a job: the terminal prints the parts in order, a report sorts them."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Columns of raw values for files: their headers carry the unit, such as `force x [N]`."""
+
+    columns: Mapping[str, Any]  # by header: sequences of values, or arrays (rows,)
+    texts: frozenset[str] = field(default_factory=frozenset)  # headers of the columns that npz holds apart
+    digits: str = ""  # format of numbers in CSV, such as `.10g`; as many as read back the same without
+
+    @classmethod
+    def of_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
+        """Build a sheet of rows that have the same headers."""
+        listed = list(rows)
+        return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
+
+
+def text_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", texts: Sequence[int] = (0,)
+) -> Table:
+    """Build a table of text that is rounded already."""
+    columns = [
+        Column(name, [row[place] for row in rows], text=place in texts) for place, name in enumerate(head)
+    ]
+    return Table(columns, caption=caption)
+
+
+def as_line(shown: str | Line) -> Line:
+    """Return text as a line without a style."""
+    return shown if isinstance(shown, Line) else Line(shown)
+
+
+def number(form: str, scale: float = 1.0) -> Show:
+    """Show numbers in a unit by a format: `number(".3f", 1e3)` for metres in mm."""
+    return lambda value: format(scale * value, form)
+
+
+def numbers(form: str, scale: float = 1.0, between: str = "  ") -> Show:
+    """Show the components of a vector in a unit."""
+    return lambda values: between.join(format(scale * value, form) for value in values)
+
+
+def ends(form: str, scale: float = 1.0, between: str = " to ") -> Show:
+    """Show an interval in a unit."""
+    return lambda pair: between.join("no limit" if end is None else format(scale * end, form) for end in pair)
