@@ -9,13 +9,12 @@ from typing import Any, Final
 
 from jointstiff.schemas.comparison import Comparison, ComparisonSummary
 from jointstiff.schemas.measurement.measurement_set import MeasurementSetSummary
-from jointstiff.schemas.run.run import RunSummary
+from jointstiff.schemas.run.run import Run, RunSummary
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.report import job_report
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.client import Client
 from jointstiff.service.library.errors import RefusedError
-from jointstiff.service.library.tabled_run import TabledRun
 from jointstiff.service.server import run_server
 from jointstiff.service.tables.terminal import console, problem_text
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -81,7 +80,7 @@ def _tour(address: str, *, once: bool) -> int:
     return 0
 
 
-def _demonstration(client: Client) -> tuple[TabledRun, Comparison]:
+def _demonstration(client: Client) -> tuple[Run, Comparison]:
     """Return the run and the comparison of the example, posting what is not there."""
     campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
     request = {"measurement_set_id": _posted_set(client, campaign)}

@@ -1,4 +1,4 @@
-"""What people read of a job of any kind: the verdict first, then the tables, warnings and things to do."""
+"""Jobs of any kind for people: the verdict first, then the tables, warnings and things to do."""
 
 from __future__ import annotations
 

@@ -28,6 +28,7 @@ from jointstiff.service.kinds.execution import carry_out, new_job
 from jointstiff.service.kinds.kind import AnyRequest, Kind
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.library.results import shown
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError
 
@@ -256,7 +257,8 @@ def carried_out(
     """
     with as_campaign_error(kind.name if section is None else section):
         work = kind.work(inputs, request)
-        return carry_out(new_job(kind.message, request, work), work, on_progress)
+        job: AnyJob = carry_out(new_job(shown(kind), request, work), work, on_progress)
+        return job
 
 
 def add_campaign(inputs: FromFile, campaign: Campaign, file: str = "") -> str:

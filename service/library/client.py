@@ -4,26 +4,38 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, cast
 from uuid import uuid4
 
 import httpx
 from tenacity import RetryCallState, Retrying, retry_if_exception, stop_before_delay, wait_exponential
 
-from jointstiff.schemas.comparison import Comparison, ComparisonSummary
+from jointstiff.schemas.comparison import Comparison
+from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry.message import Geometry, GeometrySummary
+from jointstiff.schemas.geometry.message import Geometry
+from jointstiff.schemas.map import Map
 from jointstiff.schemas.measurement.measurement_set import MeasurementSet, MeasurementSetSummary
-from jointstiff.schemas.pair import Pair, PairSummary
-from jointstiff.schemas.program import Program, ProgramSummary
+from jointstiff.schemas.pair import Pair
+from jointstiff.schemas.plan import Plan
+from jointstiff.schemas.program import Program
 from jointstiff.schemas.robot import Robot, RobotSummary
-from jointstiff.schemas.run.run import RunSummary
-from jointstiff.service.library.answers import alien, no_address, problem_in, silence
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.kinds.comparison import COMPARISON
+from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.map import MAP
+from jointstiff.service.kinds.pair import PAIR
+from jointstiff.service.kinds.plan import PLAN
+from jointstiff.service.kinds.program import PROGRAM
+from jointstiff.service.kinds.run import RUN
+from jointstiff.service.library.answers import alien, no_address, problem_in, resource_in, silence
 from jointstiff.service.library.collections import Collection, Document, Jobs, plain
 from jointstiff.service.library.compensated import Programs
 from jointstiff.service.library.errors import AwayError, RefusedError
-from jointstiff.service.library.tabled_run import AnyCampaign, TabledRun, campaign_of
+from jointstiff.service.library.in_process import AnyCampaign, campaign_of
+from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems.table import http_problem
 
 PATIENCE_SECONDS: Final = 60.0
@@ -83,11 +95,13 @@ class Client:
         self.measurement_sets = Collection(
             self.send, "measurement-sets", MeasurementSet, MeasurementSetSummary
         )
-        self.runs = Jobs(self.send, "runs", TabledRun, RunSummary)
-        self.comparisons = Jobs(self.send, "comparisons", Comparison, ComparisonSummary)
-        self.pairs = Jobs(self.send, "pairs", Pair, PairSummary)
-        self.programs = Programs(self.send, "programs", Program, ProgramSummary)
-        self.geometries = Jobs(self.send, "geometries", Geometry, GeometrySummary)
+        self.runs = Jobs(self.send, RUN)
+        self.comparisons = Jobs(self.send, COMPARISON)
+        self.pairs = Jobs(self.send, PAIR)
+        self.geometries = Jobs(self.send, GEOMETRY)
+        self.plans = Jobs(self.send, PLAN)
+        self.maps = Jobs(self.send, MAP)
+        self.programs = Programs(self.send, PROGRAM)
 
     def __enter__(self) -> Client:
         return self
@@ -103,11 +117,12 @@ class Client:
         """Find out that the service is there; from now on requests are repeated while it is not."""
         self.send("GET", "/health")
 
-    def identify(self, campaign: AnyCampaign) -> TabledRun:
+    def identify(self, campaign: AnyCampaign, **options: Any) -> TabledRun:  # noqa: ANN401 - of RunOptions
         """Post a campaign and its run; return the run once it has ended.
 
         Args:
             campaign: a file, a document that was read from JSON, or a `Campaign`.
+            options: fields of `RunOptions` that replace the campaign's.
 
         Raises:
             CampaignError: the file is no campaign.
@@ -115,8 +130,39 @@ class Client:
         """
         document = plain(campaign_of(campaign))
         _, stored = self.post_campaign(document)
-        options = document.get("run", {})
-        return self.runs.wait(self.runs.create(options | {"measurement_set_id": stored.id}))
+        request = document.get("run", {}) | options | {"measurement_set_id": stored.id}
+        return cast("TabledRun", self.runs.done(request))
+
+    def compare(self, run: Run, **options: Any) -> Comparison:  # noqa: ANN401 - of ComparisonOptions
+        """Compare the methods on the measurement set of a run."""
+        return self.comparisons.done({"measurement_set_id": run.request.measurement_set_id, **options})
+
+    def pair(self, first: Run, second: Run, **options: Any) -> Pair:  # noqa: ANN401 - of PairOptions
+        """Compare two runs, each by its own options."""
+        return self.pairs.done({"first": {"run_id": first.id}, "second": {"run_id": second.id}, **options})
+
+    def geometry(self, request: Document) -> Geometry:
+        """Identify a robot's geometry from a `GeometryRequest`."""
+        return self.geometries.done(request)
+
+    def plan(self, source: Run | Robot, **options: Any) -> Plan:  # noqa: ANN401 - of PlanOptions
+        """Plan readings: to go on with the measurement set of a run, or to begin with a stored robot."""
+        if isinstance(source, Run):
+            return self.plans.done({"measurement_set_id": source.request.measurement_set_id, **options})
+        return self.plans.done({"robot_id": source.id, **options})
+
+    def predict(self, run: Run, cases: Sequence[Document], **options: Any) -> DeflectionResult:  # noqa: ANN401
+        """Predict deflections by a run; `cases` are load cases, `options` fields of `DeflectionOptions`."""
+        request = {"run_id": run.id, "cases": [plain(case) for case in cases], **options}
+        return resource_in(self.send("POST", "/v1/deflections", None, request), DeflectionResult)
+
+    def map(self, run: Run, options: Document | None = None, **fields: Any) -> Map:  # noqa: ANN401
+        """Map a work area by a run."""
+        return self.maps.done({**plain(options or {}), **fields, "run_id": run.id})
+
+    def compensate(self, run: Run, *files: str | Path, **options: Any) -> Program:  # noqa: ANN401
+        """Correct a robot program by a run; `programs.files` has what it became."""
+        return self.programs.compensate(files, {**options, "run_id": run.id})
 
     def post_campaign(self, campaign: Message | Mapping[str, Any]) -> tuple[Robot, MeasurementSet]:
         """Post the robot and the readings of a campaign; return both as they were stored."""

@@ -10,14 +10,11 @@ from urllib.parse import quote
 
 import httpx
 
-from jointstiff.schemas.comparison import Comparison
 from jointstiff.schemas.fields import Message, Page
-from jointstiff.schemas.geometry.message import Geometry
 from jointstiff.schemas.job import Progress
-from jointstiff.schemas.pair import Pair
-from jointstiff.schemas.program import Program
-from jointstiff.schemas.run.run import Run
+from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
 from jointstiff.service.library.answers import resource_in
+from jointstiff.service.library.results import shown
 
 _LOOK_SECONDS: Final = 0.2
 
@@ -25,7 +22,6 @@ Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
 Summary = TypeVar("Summary", bound=Message)
 Send = Callable[..., httpx.Response]
-Job = TypeVar("Job", bound=Run | Comparison | Pair | Geometry | Program)
 
 
 def plain(document: Document) -> dict[str, Any]:
@@ -77,12 +73,19 @@ class Collection(Generic[Resource, Summary]):
         return f"{self._path}/{quote(identifier, safe='')}"
 
 
-class Jobs(Collection[Job, Summary]):
+class Jobs(Collection[AnyJob, AnySummary]):
     """Jobs of one kind: resources that may take long; `create` returns after a second at most."""
 
     _posted_with = MappingProxyType({"wait": "1"})
 
-    def wait(self, job: Job, on_progress: Callable[[Progress], object] | None = None) -> Job:
+    def __init__(self, send: Send, kind: Kind[AnyJob, Any, AnySummary]) -> None:
+        super().__init__(send, kind.collection, shown(kind), kind.summary)
+
+    def done(self, document: Document, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
+        """Post a request, and return the job once it has ended."""
+        return self.wait(self.create(document), on_progress)
+
+    def wait(self, job: AnyJob, on_progress: Callable[[Progress], object] | None = None) -> AnyJob:
         """Wait for the end of a job; return it as it is then.
 
         Args:

@@ -3,9 +3,10 @@
     import jointstiff
 
     run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
-    run.result.joints[1].stiffness                           # [N·m/rad]
+    run.joints["joint_2"].stiffness                          # [N·m/rad]
+    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, compare, pair, geometry
 
-    with jointstiff.Client("http://127.0.0.1:8000") as client:   # against a service
+    with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
         run = client.identify("campaign.json")
 
 What is heavy is imported when it is used.
@@ -19,26 +20,44 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
-    from jointstiff.service.library.tabled_run import TabledRun, identify
+    from jointstiff.service.library.in_process import (
+        compare,
+        compensate,
+        geometry,
+        identify,
+        map,  # noqa: A004 - the kind's name
+        pair,
+        plan,
+        predict,
+    )
+    from jointstiff.service.library.results import TabledRun
 
-__all__ = ["CampaignError", "Client", "RefusedError", "TabledRun", "identify"]
+__all__ = [
+    "CampaignError",
+    "Client",
+    "RefusedError",
+    "TabledRun",
+    "compare",
+    "compensate",
+    "geometry",
+    "identify",
+    "map",
+    "pair",
+    "plan",
+    "predict",
+]
 
-_HOMES = {
-    "CampaignError": "errors",
-    "Client": "client",
-    "RefusedError": "errors",
-    "TabledRun": "tabled_run",
-    "identify": "tabled_run",
-}
+_HOMES = {"CampaignError": "errors", "Client": "client", "RefusedError": "errors", "TabledRun": "results"}
+"""Modules of the names that do not stand in `in_process`."""
 
 
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
     if name == "__version__":
         return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
-    if name not in _HOMES:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"jointstiff.service.library.{_HOMES[name]}"), name)
+    return getattr(import_module(f"jointstiff.service.library.{_HOMES.get(name, 'in_process')}"), name)
 
 
 def __dir__() -> list[str]:

@@ -18,6 +18,7 @@ from jointstiff.service.library.campaigns import (
     read_document,
 )
 from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.page import report_page
@@ -66,8 +67,17 @@ def reported(path: Path, as_pdf: bool, settings: LaboratorySettings, run: Run | 
         kind, job = found
         document = job_document(kind, job, job.model_dump_json(), settings)
     else:
-        subject = RunSubject(_model(campaign, run), campaign.measurement_set, settings)
-        document = run_document(subject, draft())
+        return reported_run(campaign, as_pdf, settings, run)
+    return _written(document, as_pdf)
+
+
+def reported_run(campaign: Campaign, as_pdf: bool, settings: LaboratorySettings, run: Run | None) -> bytes:
+    """Return the report on a campaign, which is a draft; arguments and errors as of `reported`."""
+    subject = RunSubject(_model(campaign, run), campaign.measurement_set, settings)
+    return _written(run_document(subject, draft()), as_pdf)
+
+
+def _written(document: Document, as_pdf: bool) -> bytes:
     with as_campaign_error("report"):
         return report_pdf(document) if as_pdf else report_page(document)
 

@@ -87,6 +87,7 @@ def _rich_table(table: Table) -> RichTable:
             justify="left" if place in texts else "right",
             overflow="fold" if widest else "ellipsis",
             max_width=widest,
+            no_wrap=table.plain and place not in texts,  # numbers are never cut; names are folded
         )
     for row in table.rows():
         rich.add_row(*map(_text, row))

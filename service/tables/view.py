@@ -1,4 +1,4 @@
-"""What people read of a result, and how they want to see it."""
+"""Results for people: the parts that a kind gives, and how much of them is shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jointstiff.service.tables.table import Part
 
 @dataclass(frozen=True)
 class View:
-    """How much of a job is shown, and in which unit of stiffness."""
+    """Extent of what is shown of a job, and the unit of stiffness."""
 
     details: bool = False  # whether to show all that the result says
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
@@ -19,7 +19,7 @@ class View:
 
 @dataclass(frozen=True)
 class Report:
-    """What people read of a result, beside its verdict, its warnings and the remedies of both."""
+    """Parts of a result for people, beside its verdict, its warnings and the remedies of both."""
 
     parts: Sequence[Part]  # between verdict and warnings
     evidence: Sequence[Part] = ()  # below the warnings

@@ -11,7 +11,7 @@ import pytest
 from support.in_process import Client
 from support.programs import options, path, tool_poses
 
-from jointstiff.service.reports.job import REPORTED_KINDS
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
@@ -64,7 +64,7 @@ def jobs(client):
     }
 
 
-@pytest.mark.parametrize("kind", REPORTED_KINDS)
+@pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.reported])
 def test_each_kind_has_a_report(client, jobs, kind):
     answer = client.get(f"{jobs[kind]}/report.pdf")
     assert answer.status_code == 200, answer.text

@@ -1,0 +1,173 @@
+"""Jobs in a notebook: they show themselves as the tables of the terminal, and runs give what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from io import StringIO
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+from pydantic import PrivateAttr
+from rich.console import Console
+
+from jointstiff.schemas.campaign import Campaign
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.run.joints import JointResult
+from jointstiff.schemas.run.run import Run
+from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
+from jointstiff.service.kinds.report import job_report
+from jointstiff.service.kinds.run import RUN
+from jointstiff.solver.errors import RequestError
+
+_WIDTH = 100
+
+
+class _Shown:
+    """A job that shows itself as tables: to be mixed with its message."""
+
+    declared: ClassVar[AnyKind]
+
+    def __str__(self) -> str:
+        """Return the report of the terminal as text."""
+        console = Console(file=StringIO(), width=_WIDTH, highlight=False)
+        console.print(job_report(self.declared, cast("Job", self)))
+        return cast("StringIO", console.file).getvalue()
+
+    def _repr_html_(self) -> str:
+        """Return the report of the terminal as HTML, which notebooks display."""
+        console = Console(record=True, file=StringIO(), width=_WIDTH)
+        console.print(job_report(self.declared, cast("Job", self)))
+        return console.export_html(
+            inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
+        )
+
+
+class Joints(Mapping[str, JointResult]):
+    """The joints of a run by name, in order."""
+
+    def __init__(self, joints: list[JointResult]) -> None:
+        """Hold the joints of a result."""
+        self._joints = {joint.name: joint for joint in joints}
+
+    def __getitem__(self, name: str) -> JointResult:
+        """Return a joint."""
+        return self._joints[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(self._joints)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._joints)
+
+
+class TabledRun(_Shown, Run):
+    """A run with its joints by name, as a table where it is displayed, and as a report or a model file."""
+
+    declared: ClassVar[AnyKind] = RUN
+    _campaign: Campaign | None = PrivateAttr(default=None)  # that was identified in this process
+
+    @property
+    def joints(self) -> Joints:
+        """Joints by name, such as `run.joints["joint_2"].stiffness` [N·m/rad].
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        if self.result is None:
+            reason = self.error.detail if self.error else f"the run is {self.state}"
+            raise RequestError(reason, where="run", remedy="read `run.error`")
+        return Joints(self.result.joints)
+
+    def to_frame(self) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
+        """Return a row a joint, in SI units, as a data frame of pandas, or of polars without it.
+
+        Raises:
+            ImportError: neither is installed.
+        """
+        rows = [joint.model_dump() for joint in self.joints.values()]
+        try:
+            import pandas
+
+            return pandas.DataFrame(rows).set_index("name")
+        except ImportError:
+            pass
+        try:
+            import polars
+
+            return polars.DataFrame(rows, strict=False)
+        except ImportError:
+            raise ImportError("to_frame needs pandas or polars: pip install pandas") from None
+
+    @property
+    def campaign(self) -> Campaign:
+        """Campaign that was identified in this process.
+
+        Raises:
+            RequestError: the run comes from elsewhere.
+        """
+        if self._campaign is None:
+            raise RequestError(
+                "the run does not know its campaign",
+                where="run",
+                remedy="use a run that `jointstiff.identify` returned, or the client of its service",
+            )
+        return self._campaign
+
+    @classmethod
+    def of(cls, run: Run, campaign: Campaign) -> TabledRun:
+        """Return a run that knows its campaign."""
+        tabled = cls.model_validate(dict(run))
+        tabled._campaign = campaign
+        return tabled
+
+    def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
+        """Write the report, a draft, as PDF or HTML.
+
+        Args:
+            path: file to write, ending in `.pdf` or `.html`.
+            laboratory: TOML file of the laboratory that issues it.
+
+        Raises:
+            CampaignError: the report cannot be made, or Typst is not installed.
+        """
+        from jointstiff.service.library.models import reported_run
+        from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
+
+        settings = LaboratorySettings() if laboratory is None else read_laboratory(Path(laboratory))
+        as_pdf = _suffix(path, {"pdf", "html"}) == "pdf"
+        Path(path).write_bytes(reported_run(self.campaign, as_pdf, settings, self))
+
+    def export(self, path: str | Path) -> None:
+        """Write the identified model.
+
+        Args:
+            path: file to write, ending in `.csv`, `.xlsx`, `.urdf`, `.sdf`, `.mjcf`, or `.xml` (MJCF).
+
+        Raises:
+            CampaignError: the run has no model for this format.
+        """
+        from jointstiff.service.exporting.formats import FORMATS
+        from jointstiff.service.library.models import exported
+
+        suffix = _suffix(path, {*FORMATS, "xml"})
+        Path(path).write_bytes(exported(self.campaign, cast("Any", suffix.replace("xml", "mjcf")), self))
+
+
+@cache
+def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
+    """Return the message of a kind that shows itself as tables."""
+    if kind.message is Run:
+        return cast("type[AnyJob]", TabledRun)
+    members = {"__doc__": kind.message.__doc__, "__module__": __name__, "declared": kind}
+    return cast("type[AnyJob]", type(kind.message.__name__, (_Shown, kind.message), members))
+
+
+def _suffix(path: str | Path, known: set[str]) -> str:
+    suffix = Path(path).suffix.removeprefix(".").lower()
+    if suffix not in known:
+        endings = ", ".join(f".{each}" for each in sorted(known))
+        raise ValueError(f"'{path}' must end in one of {endings}")
+    return suffix
