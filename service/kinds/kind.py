@@ -51,7 +51,7 @@ class File:
         return self.name.rpartition(".")[2]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     """A kind of work. Its room has a module `work`, and a module `tables` for people and spreadsheets.
 

@@ -161,7 +161,12 @@ def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
     """Return the message of a kind that shows itself as tables."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
-    members = {"__doc__": kind.message.__doc__, "__module__": __name__, "declared": kind}
+    members = {
+        "__doc__": kind.message.__doc__,
+        "__module__": __name__,
+        "__annotations__": {"declared": ClassVar[AnyKind]},
+        "declared": kind,
+    }
     return cast("type[AnyJob]", type(kind.message.__name__, (_Shown, kind.message), members))
 
 

@@ -74,7 +74,7 @@ class LoadMistake:
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """What cross-validation says of the best model beside joints alone, on postures left out."""
+    """Verdict of cross-validation on the best model beside joints alone, on postures left out."""
 
     model: str  #: of least error
     error: float  #: mean norm of its residuals [m]
