@@ -31,12 +31,11 @@ LIMITED_SECONDS: Final = 60.0
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
 """Memory that the child may take for a body [bytes]."""
 _PATHS: Final = frozenset(
-    f"/v1/{name}"
-    for name in ("robots", "kinematics", "measurement-sets", "imports", "geometries", "plans", "deflections")
+    f"/v1/{name}" for name in ("robots", "kinematics", "measurement-sets", "imports", "plans", "deflections")
 )
-"""Addresses whose answer does not wait for workers."""
-_ALWAYS: Final = frozenset({"/v1/geometries"})
-"""Addresses whose smallest bodies may take a minute: the fit of a sweep takes the cube of its positions."""
+"""Addresses whose large bodies are the child's."""
+_ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
+"""Addresses whose small bodies are, too: texts of others, and fits that take the cube of their positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
 _START_SECONDS: Final = 60.0
 

@@ -8,11 +8,13 @@ from urllib.parse import quote
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, File, Form, HTTPException, Query, Request, Response, UploadFile
+from fastapi.concurrency import run_in_threadpool
 from pydantic import Json
 
 from jointstiff.schemas.program import MAX_FILES, Program, ProgramForm, ProgramRequest, ProgramResult
+from jointstiff.schemas.query import WaitQuery
 from jointstiff.service.api.access import OPERATOR, VIEWER
-from jointstiff.service.api.bodies import BodyRoute, KeyText, bound_key, large_bodies
+from jointstiff.service.api.bodies import BodyRoute, Handler, KeyText, bound_key, large_bodies
 from jointstiff.service.api.imports import BINARY, named_content
 from jointstiff.service.api.jobs import AskedBy, FollowersOf, JobId, Wait, answer
 from jointstiff.service.api.parts import LOCATION, PartsOf, accepted, problems
@@ -44,7 +46,27 @@ _FileName = Annotated[
     str | None, Query(max_length=200, description="Which of its files; the first one if absent.")
 ]
 
-router = APIRouter(prefix="/v1/programs", tags=["programs"], route_class=BodyRoute)
+
+class _FollowedRoute(BodyRoute):
+    """Route of jobs that the child stores: it waits for no worker, the service does."""
+
+    def get_route_handler(self) -> Handler:
+        """Return the handler, which waits for a job that goes on."""
+        handle = super().get_route_handler()
+
+        async def handle_followed(request: Request) -> Response:
+            response = await handle(request)
+            wait = float(request.query_params.get("wait", WaitQuery().wait))
+            if response.status_code != 202 or request.app.state.limited_child is None:
+                return response
+            jobs = request.app.state.parts.jobs[Program.kind]
+            record = await run_in_threadpool(jobs.record, json.loads(bytes(response.body))["id"])
+            return await answer(jobs, record, wait, request.app.state.followers)
+
+        return handle_followed
+
+
+router = APIRouter(prefix="/v1/programs", tags=["programs"], route_class=_FollowedRoute)
 
 
 @router.post(

@@ -110,6 +110,14 @@ class Jobs:
         """
         return self._as_now(self._records.get(job_id))
 
+    def record(self, job_id: str) -> JobRecord:
+        """Return a job as it is stored.
+
+        Raises:
+            NotFoundError: there is no such job.
+        """
+        return self._records.get(job_id)
+
     def document(self, job_id: str) -> str:
         """Return the same as JSON: that of a job that has ended, as it was stored.
 

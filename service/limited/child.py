@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import resource
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from jointstiff.service.api.limited import FORWARDED, Forwarded
 from jointstiff.service.api.posture import Posture
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.queue import JobQueue
 
 
 def run_child(descriptor: int) -> None:
@@ -27,8 +28,11 @@ def run_child(descriptor: int) -> None:
     """
     connection: Connection[bytes, bytes] = Connection(descriptor)
     database, quota, memory, seconds = json.loads(connection.recv_bytes())
-    with Store.open(database, quota) as store, suppress(EOFError, BrokenPipeError):
-        app = create_app(store, posture=Posture(hosts=None))
+    with ExitStack() as stack, suppress(EOFError, BrokenPipeError):
+        store = stack.enter_context(Store.open(database, quota))
+        queue = stack.enter_context(closing(JobQueue(store, database)))
+        app = create_app(store, queue.enqueue, Posture(hosts=None))
+        app.state.is_closing = lambda: True  # the service itself waits for workers
         _limit_memory(memory)
         gc.freeze()  # libraries stay to the end
         connection.send_bytes(b"ready")

@@ -18,7 +18,7 @@ from jointstiff.service.problems.errors import FilesError
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 
-_COLUMN: Final = re.compile(r"([FM])([xyz])\s*\[\s*(.*?)\s*\]")
+_COLUMN: Final = re.compile(r"([FM])([xyz])\s*+\[\s*+([^\[\]\s]*+)\s*+\]")
 _MORE_LINES: Final = 1_000
 """Lines of a table beside two for each point. Each costs a hundred bytes and more, blank ones too."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"

@@ -11,7 +11,7 @@ from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.geometry.work import as_request_errors
 from jointstiff.service.kinds.program.frames import ProgramFrames
-from jointstiff.service.kinds.program.loads import loads_of
+from jointstiff.service.kinds.program.loads import Loads, loads_of
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.notation import Orientation
@@ -59,44 +59,71 @@ class ProgramPath:
         return _fault(self.program, int(self.targets[point]), reason, remedy)
 
 
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The v targets of all moves, one after the other, and their loads."""
+
+    targets: IndexArray  # (v,) indices of the program's targets
+    order: IndexArray  # (m,) targets that are visited, in the order of their first visits
+    number: IndexArray  # (v,) place of each visit's target among them
+    first: IndexArray  # (m,) first visit of each of them
+    loads: Loads  # of the visits
+
+    @classmethod
+    def of(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
+        """Collect the visits of a program.
+
+        Args:
+            program: the program.
+            options: that state the loads.
+            table: CSV of the load at each point, if there is one.
+
+        Raises:
+            RequestError: no move is under load, or a load does not fit the program.
+            ProgramError: there is no move, or a target has two loads.
+        """
+        visits = np.array([target for move in program.moves for target in move.targets], dtype=np.intp)
+        lines = [move.line for move in program.moves for _ in move.targets]
+        if not len(visits):
+            fault = Fault(program.sources[0].name, None, "no move was found", "send a program with moves")
+            raise ProgramError([fault])
+        order, number = _in_order(visits)
+        loads = loads_of(options, table, lines, (number + 1).tolist())
+        first = _first(number, len(order))
+        if not loads.of_visit.any():
+            raise RequestError(
+                "no move is under load",
+                where="segments",
+                remedy="give the lines of moves, or points, that have one",
+            )
+        _refuse_two_loads(program, visits, number, loads.of_visit, loads.of_visit[first])
+        return cls(visits, order, number, first, loads)
+
+
 def program_path(
-    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, table: bytes | None
+    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
 ) -> ProgramPath:
     """Return the path of a program.
 
     Args:
         program: the program.
-        options: frames, loads and start.
+        options: frames and start.
         robot: six joints.
         inverse: its kinematics.
-        table: CSV of the load at each point, if there is one.
+        visits: targets of its moves, and their loads.
 
     Raises:
         RequestError: something is not stated, or does not fit the program.
         ProgramError: targets are not reached, or their configurations are not known.
     """
     frames, stated = ProgramFrames.of(program, options), StatedConfigurations(program)
-    visits = np.array([target for move in program.moves for target in move.targets], dtype=np.intp)
-    lines = [move.line for move in program.moves for _ in move.targets]
-    if not len(visits):
-        raise ProgramError(
-            [Fault(program.sources[0].name, None, "no move was found", "send a program with moves")]
-        )
-    targets, number = _in_order(visits)
-    loads = loads_of(options, table, lines, (number + 1).tolist())
-    first = _first(number, len(targets))
-    if not loads.of_visit.any():
-        raise RequestError(
-            "no move is under load",
-            where="segments",
-            remedy="give the lines of moves, or points, that have one",
-        )
-    _refuse_two_loads(program, visits, number, loads.of_visit, loads.of_visit[first])
-    joints = _postures(program, options, frames, stated, robot, inverse, visits)
-    _refuse_two_postures(program, visits, joints, joints[first][number])
+    joints = _postures(program, options, frames, stated, robot, inverse, visits.targets)
+    _refuse_two_postures(program, visits.targets, joints, joints[visits.first][visits.number])
+    load = visits.loads.of_visit[visits.first]
     with as_request_errors("program"):
-        cases = _cases(options, frames, robot, targets, joints[first], loads.values[loads.of_visit[first]])
-    return ProgramPath(program, frames, stated, targets, cases, loads.of_visit[first] > 0)
+        wanted = joints[visits.first]
+        cases = _cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+    return ProgramPath(program, frames, stated, visits.order, cases, load > 0)
 
 
 def _in_order(visits: IndexArray) -> tuple[IndexArray, IndexArray]:

@@ -20,7 +20,7 @@ from jointstiff.service.inputs.inputs import Inputs
 from jointstiff.service.kinds.deflection.models import to_own_weight
 from jointstiff.service.kinds.deflection.work import forward_model, remarks_of
 from jointstiff.service.kinds.geometry.work import as_request_errors
-from jointstiff.service.kinds.program.path import ProgramPath, program_path
+from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path
 from jointstiff.service.kinds.program.points import Corrections, WrittenPoints
 from jointstiff.service.kinds.program.rewriting import certified, rewritten
 from jointstiff.service.kinds.work import Span, SteppedWork, pack, unpack
@@ -73,6 +73,8 @@ class ProgramWork(SteppedWork[Corrections]):
                 "no such file was sent", where="loads", remedy="send the table of loads among the files"
             )
         self._program = read_program(files, request.format, request.leave_alone)
+        table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
+        self._visits = Visits.of(self._program, request, table)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
@@ -81,9 +83,7 @@ class ProgramWork(SteppedWork[Corrections]):
 
     @cached_property
     def _path(self) -> ProgramPath:
-        named = [each for each in self._request.files if each.name == self._request.loads]
-        table = unpacked(named[0]) if named else None
-        return program_path(self._program, self._request, self._model.robot, self._inverse, table)
+        return program_path(self._program, self._request, self._model.robot, self._inverse, self._visits)
 
     @cached_property
     def _ramp(self) -> FloatArray:

@@ -101,6 +101,11 @@ def test_its_time_and_memory_are_limited(bounds, database, client, child):
     assert "the body takes more than" in answer.json()["detail"]
 
 
+def test_programs_of_any_size_are_the_childs():
+    assert limited.is_limited("/v1/programs", b"--boundary")
+    assert not limited.is_limited("/v1/programs/p/program", b"")
+
+
 def test_geometries_of_any_size_are_the_childs():
     assert limited.is_limited("/v1/geometries", b"{}")
     assert not limited.is_limited("/v1/robots", b"{}")

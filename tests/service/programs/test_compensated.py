@@ -218,9 +218,9 @@ def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
     table = packed("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n1,0,0,9\n{rest}".encode())
     asked = request("krl", program_text("krl", tool_poses(path(2)), 4), load=None, loads="loads.csv")
     robot, run = exact_run()
-    work = ProgramWork(robot, "robot", run, asked.model_copy(update={"files": [*asked.files, table]}))
+    request_with_table = asked.model_copy(update={"files": [*asked.files, table]})
     with pytest.raises(FilesError, match="more lines or cells"):
-        work.conclude(())
+        ProgramWork(robot, "robot", run, request_with_table)
 
 
 def test_moves_to_one_target_count_one_by_one():
