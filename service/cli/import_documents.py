@@ -42,7 +42,10 @@ def read_template(path: Path) -> dict[str, Any]:
         template = parse(ImportTemplate, content)
     except MalformedError as error:
         raise CampaignError(invalid_request(error.faults)) from None
-    return template.model_dump(mode="json", exclude_defaults=True)
+    known: dict[str, Any] = template.model_dump(mode="json", exclude_defaults=True)
+    if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
+        known["length_unit"] = "m"  # lengths of a template without it are in the files' unit
+    return known
 
 
 def write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import typer
 
-from jointstiff.service.cli.import_options import vector_of
+from jointstiff.service.cli.import_options import Options
+from jointstiff.service.cli.options import vector_of
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.importing import ImportPreview
     from jointstiff.schemas.imports import ImportAnswer
 
-Options = dict[str, Any]
-
+_STATES: Final = ("unloaded", "loaded", "deflection")
 _CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
     "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
@@ -46,7 +45,7 @@ def ask(answer: ImportAnswer, asked: set[str]) -> Options:
     """
     given: Options = {}
     for option in _wanted(answer):
-        for name, question in _questions(option, answer.preview):
+        for name, question in _questions(option, answer):
             if name not in asked:
                 asked.add(name)
                 _put(given, name, question())
@@ -66,14 +65,20 @@ def _wanted(answer: ImportAnswer) -> list[str]:
     return list(dict.fromkeys([*faults, *answer.missing_fields]))
 
 
-def _questions(option: str, preview: ImportPreview) -> Iterator[tuple[str, Callable[[], object]]]:
+def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield name and question of each option that settles something."""
+    preview = answer.preview
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
     elif option == "flange_targets":
         for target in preview.targets:
-            text = f"{target} in the flange frame, X,Y,Z"
+            text = f"{target} in the flange frame, X,Y,Z in mm"
             yield f"flange_targets.{target}", partial(_vector, text, None)
+    elif option == "state_words":
+        yield from _states(next(fault.words for fault in answer.faults if fault.option == option))
+    elif option == "accept_unusual":
+        doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
+        yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
     elif option == "columns":
         columns = (column for file in preview.files for column in file.columns)
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
@@ -91,10 +96,21 @@ def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
     return found
 
 
-def _vector(text: str, default: str | None) -> list[float]:
-    found: list[float] = typer.prompt(
-        text, default=default, value_proc=lambda value: vector_of(value, text), err=True
-    )
+def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Ask which of two words is without load, or what one word stands for."""
+    if len(words) > 1:
+
+        def both() -> dict[str, str]:
+            unloaded = _choice("Word for readings without load", tuple(words), words[0])
+            return {word: "unloaded" if word == unloaded else "loaded" for word in words}
+
+        yield "state_words", both
+    for word in words if len(words) == 1 else ():
+        yield f"state_words.{word}", partial(_choice, f"State that {word!r} stands for", _STATES, None)
+
+
+def _vector(text: str, default: str | None) -> tuple[float, ...]:
+    found: tuple[float, ...] = typer.prompt(text, default=default, value_proc=vector_of, err=True)
     return found
 
 
@@ -108,7 +124,7 @@ def _put(options: Options, name: str, value: object) -> None:
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     **{option: partial(_choice, *question) for option, question in _CHOICES.items()},
-    "load_point": partial(_vector, "Load point in the flange frame, X,Y,Z", "0,0,0"),
+    "load_point": partial(_vector, "Load point in the flange frame, X,Y,Z in mm", "0,0,0"),
     "force": partial(_vector, "Force on the robot in R0, X,Y,Z", None),
     "by_order": partial(typer.confirm, "Match rows without names by their order?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),

@@ -15,9 +15,15 @@ from jointstiff.service.cli.import_documents import (
     write_campaign,
     write_template,
 )
-from jointstiff.service.cli.import_options import in_options, options_for_fields, pairs_of, vector_of
-from jointstiff.service.cli.import_questions import Options, ask, ask_robot, may_ask
-from jointstiff.service.cli.options import AsJson, EncoderChoice, NamedRobot
+from jointstiff.service.cli.import_options import (
+    Options,
+    in_options,
+    options_for_fields,
+    with_import_options,
+    with_length_unit,
+)
+from jointstiff.service.cli.import_questions import ask, ask_robot, may_ask
+from jointstiff.service.cli.options import AsJson, NamedRobot
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer, ImportRequest
@@ -34,93 +40,13 @@ Files = Annotated[
         help="Files of tables or point lists: text or Excel.",
     ),
 ]
-UnitsText = Annotated[
-    str | None,
-    typer.Option(
-        metavar="length=mm,angle=deg,force=N",
-        help="Units of columns whose header has none; add moment=N.m if there are moments.",
-    ),
-]
-StateWords = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--state-word", metavar="WORD=STATE", help="Extra word for a state, such as 150kg=loaded. Repeatable."
-    ),
-]
-FlangeTargets = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--flange-target",
-        metavar="TARGET=X,Y,Z",
-        help="Target's position in the flange frame, for deflections. Repeatable.",
-    ),
-]
-Columns = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--column",
-        metavar="HEADER=MEANING",
-        help="Meaning of a header, such as 'Winkel A=J1 [deg]' or 'shift=ignore'. Repeatable.",
-    ),
-]
-Ignored = Annotated[
-    list[str] | None,
-    typer.Option("--ignore", metavar="HEADER", help="Header of a column to ignore. Repeatable."),
-]
 
 
+@with_import_options
 def import_readings(
     files: Files,
     *,
-    units: UnitsText = None,
-    point_name: Annotated[
-        str | None,
-        typer.Option(metavar="TEMPLATE", help="Template of point names, such as '{label}_{target}_{state}'."),
-    ] = None,
-    file_name: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TEMPLATE", help="Template of file names, such as '{target}_{state}', without .txt."
-        ),
-    ] = None,
-    state_words: StateWords = None,
-    delimiter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Cell delimiter: comma, semicolon, tab or whitespace.")
-    ] = None,
-    decimal_mark: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Decimal mark: point or comma.")
-    ] = None,
-    header: Annotated[
-        str | None,
-        typer.Option(metavar="'A;B;C'", help="Header for files without one, cells separated by semicolons."),
-    ] = None,
-    columns: Columns = None,
-    ignore: Ignored = None,
-    sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file.")] = None,
-    by_order: Annotated[
-        bool, typer.Option("--by-order", help="Match rows of files without names by their order.")
-    ] = False,
-    allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Skip incomplete readings, and list them.")
-    ] = False,
-    encoders: Annotated[
-        EncoderChoice | None, typer.Option(help="Encoders that close the position loop: motor or secondary.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Name of the measurement set; default: name of the first file.")
-    ] = None,
-    sigma: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of a coordinate, in the files' unit of length.")
-    ] = None,
-    load_point: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z", help="Load point in the flange frame, in the files' unit of length."),
-    ] = None,
-    force: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z", help="Force in every observation, axes of R0, if no column has it."),
-    ] = None,
-    flange_targets: FlangeTargets = None,
+    chosen: Options,
     robot: NamedRobot = None,
     about: Annotated[
         list[str] | None,
@@ -163,34 +89,10 @@ def import_readings(
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.tables.terminal import console
 
-    chosen = {
-        "units": None if units is None else pairs_of([part for part in units.split(",") if part], "--units"),
-        "columns": pairs_of(columns, "--column"),
-        "point_name": point_name,
-        "file_name": file_name,
-        "state_words": pairs_of(state_words, "--state-word"),
-        "delimiter": delimiter,
-        "decimal_mark": decimal_mark,
-        "header": None if header is None else [cell.strip() for cell in header.split(";")],
-        "ignore": ignore,
-        "sheet": sheet,
-        "by_order": by_order,
-        "allow_missing": allow_missing,
-        "encoders": encoders,
-        "name": name,
-        "noise": None if sigma is None else {"sigma": sigma},
-        "load_point": None if load_point is None else vector_of(load_point, "--load-point"),
-        "force": None if force is None else vector_of(force, "--force"),
-        "flange_targets": {
-            target: vector_of(text, "--flange-target")
-            for target, text in pairs_of(flange_targets, "--flange-target").items()
-        },
-    }
-    stated = {field: value for field, value in chosen.items() if value not in (None, {}, False)}
     try:
         noted = noted_in(about or [])
-        if template is not None:
-            stated = joined(read_template(template), stated)
+        known = {} if template is None else read_template(template)
+        stated = joined(known, with_length_unit(chosen, known))
         asking = may_ask() and not as_json
         owner = None if robot is None else _robot_of(robot)
         answer = _understood(files, stated, owner, asking=asking)
@@ -234,7 +136,7 @@ def _understood(
         given = ask(import_files(sources, _request(stated | {"show_faults": True})), asked)
         if not given:
             break
-        stated = joined(stated, given)
+        stated = joined(stated, with_length_unit(given, stated))
     try:
         answer = import_files(sources, _request(stated))
     except FilesError as error:

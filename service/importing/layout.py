@@ -437,7 +437,11 @@ def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> None:
     if grid.ended or len(rows) < 2:
         return
     *others, last = (row.cells[-1] for row in rows)
-    least = min(len(cell.replace(",", ".").partition(".")[2]) for cell in others)
+    decimals = [cell.replace(",", ".").partition(".")[2] for row in rows for cell in row.cells]
+    dropped = (
+        0 if any(part.endswith("0") and len(part) > 1 for part in decimals) else 1
+    )  # zeros at the ends of numbers
+    least = min(len(cell.replace(",", ".").partition(".")[2]) for cell in others) - dropped
     shorter = looks_like_a_number(last) and len(last.replace(",", ".").partition(".")[2]) < least
     begun = len(last) < min(map(len, others)) and any(cell.startswith(last) for cell in others)
     if shorter or begun:

@@ -119,33 +119,34 @@ def _missing(imported: Imported, request: ImportRequest) -> list[Missing]:
 
 def _unusual(imported: Imported, request: ImportRequest) -> list[str]:
     """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
-    metres = 1.0 if imported.units.get("length") == "m" else 1e-3
+    unit = imported.units.get("length", "mm")
+    stated_unit = _length_unit(imported, request)
     points = [
-        metres * hypot(*one.values["load point"][0])
+        hypot(*_converted(one.values["load point"][0], unit, "m", "load_point"))
         for one in imported.assembly.observations
         if "load point" in one.values
     ]
     if request.load_point is not None:
-        points.append(metres * _factor(imported, request) * hypot(*request.load_point))
+        points.append(hypot(*_converted(request.load_point, stated_unit, "m", "load_point")))
     far = max(points, default=0.0)
     stated = [f"the load point is {far:g} m from the flange"] if far > _FAR_LOAD_POINT else []
     return [*stated, *imported.assembly.unusual]
 
 
-def _factor(imported: Imported, request: ImportRequest) -> float:
-    """Return the factor from lengths of the request to the files' unit of length."""
-    if request.length_unit is None or request.length_unit == imported.units.get("length", "mm"):
-        return 1.0
-    return 1e-3 if request.length_unit == "mm" else 1e3
+def _length_unit(imported: Imported, request: ImportRequest) -> str:
+    """Return the unit of the lengths in the request: the files' own if it says none."""
+    return request.length_unit or imported.units.get("length", "mm")
 
 
-def _scaled(value: Any, factor: float, name: str = "") -> Any:  # noqa: ANN401 - any part of `noise`
-    """Return a part of `noise` with its lengths multiplied."""
+def _converted(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
+    """Return a part of the request with its lengths, in m or mm, in the other unit."""
     if isinstance(value, dict):
-        return {key: _scaled(part, factor, key) for key, part in value.items()}
+        return {key: _converted(part, before, after, key) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return tuple(_scaled(part, factor, name) for part in value)
-    return factor * value if name in _LENGTHS and value is not None else value
+        return tuple(_converted(part, before, after, name) for part in value)
+    if before == after or name not in _LENGTHS or value is None:
+        return value
+    return value / 1e3 if after == "m" else value * 1e3
 
 
 def _force_unit(request: ImportRequest) -> str | None:
@@ -172,20 +173,18 @@ def _document(imported: Imported, request: ImportRequest, first: str) -> Measure
         raise ImportFileError(
             Place(), "the files have forces, and `force` states another", "omit `force`", "force"
         )
-    factor = _factor(imported, request)
-    lengths = request.model_dump(include={"noise", "flange_targets", "load_point"}, exclude_unset=True)
-    noise = _scaled(lengths.get("noise"), factor)
-    point = _scaled(lengths.get("load_point"), factor, "load_point")
+    units = _length_unit(imported, request), imported.units.get("length", "mm")
+    lengths = _converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)
     try:
         return imported.document(
             name=request.name or PurePath(first).stem.strip(),
             encoders=request.encoders,
-            noise=None if noise is None else Noise.model_validate(noise),
+            noise=Noise.model_validate(lengths["noise"]) if lengths.get("noise") else None,
             flange_targets={
-                target: _scaled(place, factor, "load_point")
+                target: _converted(place, *units, "load_point")
                 for target, place in request.flange_targets.items()
             },
-            load_point=point,
+            load_point=lengths.get("load_point"),
             force=request.force,
             force_unit=_force_unit(request),
         )
@@ -242,6 +241,7 @@ def template_of(request: ImportRequest, files: Sequence[FilePreview], imported: 
         "ignore": [],
         "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
         "decimal_mark": marks.pop() if len(marks) == 1 else None,
+        "length_unit": _length_unit(imported, request),
         "name": None,
         "robot_id": None,
         "show_faults": False,

@@ -61,8 +61,8 @@ def test_shows_what_was_understood_and_writes_nothing(folder):
 
 @pytest.mark.parametrize("robot", ["campaign.json", "robot.json"])
 def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
-    point = ",".join(map(repr, robot_file["measurement_set"]["load_point"]))
-    sigma = robot_file["measurement_set"]["noise"]["sigma"]
+    point = ",".join(repr(1e3 * part) for part in robot_file["measurement_set"]["load_point"])
+    sigma = 1e3 * robot_file["measurement_set"]["noise"]["sigma"]
     options = ("--robot", robot, "--encoders", "motor", "--load-point", point, "--sigma", sigma)
     shown = run("cell.csv", *options, "--output", "new.json")
     assert shown.exit_code == 0, shown.output
@@ -163,9 +163,9 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
         line.replace(";", ";night;" if number else ";shift;", 1)
         for number, line in enumerate(text.splitlines())
     ]
-    (folder / "cell.csv").write_text("\n".join(wider))
+    (folder / "cell.csv").write_text("\n".join(wider) + "\n")
     monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
-    answers = "\n".join(["", "rad", "mm in", "m", "0,0", "0,0,0.12", "", "robot.json"]) + "\n"
+    answers = "\n".join(["", "rad", "mm in", "m", "0,0", "0,0,120", "", "robot.json"]) + "\n"
     arguments = ["import", "cell.csv", "--output", "new.json", "--save-template", "t.json"]
     shown = CliRunner().invoke(app, arguments, input=answers)
     assert shown.exit_code == 0, shown.output
@@ -201,7 +201,35 @@ def test_the_integrity_checks_are_made_before_anything_is_written(folder, robot_
     text = (folder / "cell.csv").read_text()
     swapped = text.replace("unloaded", "UN").replace("loaded", "unloaded").replace("UN", "loaded")
     (folder / "cell.csv").write_text(swapped)
-    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", "0,0,0.12")
+    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", "0,0,120")
     shown = run("cell.csv", *options)
     assert shown.exit_code == 0, shown.output
     assert "against" in shown.stdout
+
+
+def test_unknown_words_for_states_are_asked_about(folder, monkeypatch):
+    text = CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post")
+    (folder / "table.csv").write_text(text)
+    assert "'pre' and 'post' in the headers of positions may be states" in run("table.csv").stderr
+    monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
+    answers = "\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
+    shown = CliRunner().invoke(app, ["import", "table.csv", "--output", "set.json"], input=answers)
+    assert shown.exit_code == 0, shown.output
+    assert "Word for readings without load (pre, post) [pre]" in shown.output
+    assert "Is this right: the load point is 6 m from the flange?" in shown.output
+    written = json.loads((folder / "set.json").read_text())
+    assert written["load_point"] == [0, 0, 6000]
+    assert written["observations"][0]["readings"][0]["target"] == "P10"
+
+
+def test_lengths_are_in_millimetres_whatever_the_files_unit(folder):
+    (folder / "table.csv").write_text(CAMPAIGN.replace("[mm]", "[m]"))
+    arguments = ("--encoders", "motor", "--load-point", "0,0,120.5", "--sigma", "0.02", "--accept-unusual")
+    shown = run("table.csv", *arguments, "--output", "set.json", "--save-template", "t.json")
+    assert shown.exit_code == 0, shown.output
+    written = json.loads((folder / "set.json").read_text())
+    assert (written["load_point"], written["noise"]["sigma"]) == ([0, 0, 0.1205], 2e-5)
+    again = run("table.csv", "--template", "t.json", "--output", "again.json", "--sigma", "0.03")
+    assert again.exit_code == 0, again.output
+    kept = json.loads((folder / "again.json").read_text())
+    assert (kept["load_point"], kept["noise"]["sigma"]) == ([0, 0, 0.1205], pytest.approx(3e-5))

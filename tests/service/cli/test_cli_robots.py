@@ -64,7 +64,7 @@ def test_an_unclear_arm_is_refused_with_its_remedy(folder, arm, said):
 def test_a_table_and_the_name_of_an_arm_make_a_campaign(folder):
     campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
     (folder / "cell.csv").write_bytes(table_of(campaign))
-    point = ",".join(map(repr, campaign["measurement_set"]["load_point"]))
+    point = ",".join(repr(1e3 * part) for part in campaign["measurement_set"]["load_point"])
     options = ("--robot", "KUKA KR 210 R2700", "--encoders", "motor", "--load-point", point)
     about = ("--about", "serial_number=F-211034", "--about", "notes=load = 150 kg")
     when = ("--about", "measured_at=2026-11-20T14:30:00+01:00")
