@@ -89,7 +89,9 @@ def test_a_stated_sigma_is_that_of_the_uncertainties(elastic):
     assert companions == pytest.approx(sigmas[1:])  # the residuals do not exceed these
     widths = [np.ptp(effective_intervals(robot, each, 0.95).ends, axis=1) for each in found[1:]]
     assert np.all(widths[1] > 1.3 * widths[0])
-    assert estimate(robot, replace(measurements, sigma=None)).sigma < 1.5 * measurements.sigma
+    by_residuals = estimate(robot, replace(measurements, sigma=None))
+    excess = np.sqrt(found[0].chi_square / found[0].degrees_of_freedom)
+    assert by_residuals.sigma == pytest.approx(excess * measurements.sigma, rel=1e-3)
 
 
 @pytest.mark.parametrize("force", [1500.0, 150.0])
